@@ -19,6 +19,8 @@ use crate::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 /// Factor of the data's weight from one descent to the next, which starts where the one before ended: near a solution
 /// Newton's method takes whole steps.
 const SHARE_STEP: f64 = 3.0;
+/// Least weight that data begin with.
+const LEAST_SHARE: f64 = 1e-9;
 /// Largest part of the way to the border of bodies that a step goes.
 const TO_THE_BORDER: f64 = 0.99;
 /// Halvings by which the lowest point along a step is found.
@@ -91,7 +93,8 @@ pub struct PhysicalEstimate {
 /// into base parameters, `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and
 /// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
 /// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
-/// Newton's method to the lowest point along each step, with data that count more and more; each step is a least-squares problem in the coordinates of
+/// Newton's method to the lowest point along each step, with data that weigh more and more; each step is a least-squares
+/// problem in the coordinates of
 /// `directions`, solved by folding its rows into a triangular factor.
 ///
 /// # Errors
@@ -117,7 +120,7 @@ pub fn physical(
     let mut phi = problem.nominal.clone();
     // at the start, data cost no more than one row of noise does
     let residuals = problem.data_residuals(&phi);
-    problem.data_share = 1.0 / dot(&residuals, &residuals).sqrt().max(1.0);
+    problem.data_share = (1.0 / dot(&residuals, &residuals).sqrt().max(1.0)).max(LEAST_SHARE);
     let mut steps = 0;
     loop {
         let (end, settled) = problem.descend(phi, settings, &mut steps)?;

@@ -71,7 +71,7 @@ pub(super) fn arm_changes(
         found.extend(episodes(runs, Some(joint), AnomalyKind::Accuracy, "unexplained_torque", rest));
     }
     let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
-    found.extend(events(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
+    found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
     found
 }
 
