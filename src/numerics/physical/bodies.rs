@@ -94,8 +94,7 @@ pub struct PhysicalEstimate {
 /// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
 /// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
 /// Newton's method to the lowest point along each step, with data that weigh more and more; each step is a least-squares
-/// problem in the coordinates of
-/// `directions`, solved by folding its rows into a triangular factor.
+/// problem in the coordinates of `directions`, solved by folding its rows into a triangular factor.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
