@@ -58,4 +58,23 @@ impl Store {
         }
         Ok(())
     }
+
+    /// Tells a database of [`Self::fill_synthetic`] when its files were changed, by path, in microseconds since 1970.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn change_synthetic_files(&self, changed: &[(String, i64)]) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        for some in changed.chunks(CYCLES_AT_ONCE as usize) {
+            let told = sqlx::query(
+                "UPDATE source_file SET modified = told.value ->> 1 FROM json_each($1) AS told
+                 WHERE source_file.path = told.value ->> 0",
+            )
+            .bind(serde_json::json!(some).to_string())
+            .execute(&mut *transaction)
+            .await;
+            self.checked(told)?;
+        }
+        self.commit(transaction).await
+    }
 }

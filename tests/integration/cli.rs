@@ -293,6 +293,16 @@ fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
     workshop.stdout(&["benchmark", "ingest", "--file", "not-there.csv"], 74);
 }
 
+#[test]
+fn a_start_knows_the_files_that_it_left() {
+    let workshop = Workshop::new();
+    let size = ["--files", "40", "--robots", "4", "--rounds", "1", "--json"];
+    let out = workshop.stdout(&[&["benchmark", "start"][..], &size].concat(), 0);
+    let known: serde_json::Value = serde_json::from_str(&out).expect("one object");
+    assert_eq!(known["files"], 40);
+    assert!(known["rounds"][0]["known_s"].as_f64() > known["rounds"][0]["watches_s"].as_f64(), "{out}");
+}
+
 /// Which stages it prints, and that their figures are of one kind.
 #[test]
 fn the_stages_of_a_cycle_are_measured_one_by_one() {

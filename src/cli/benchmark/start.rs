@@ -2,14 +2,16 @@
 
 use std::fs::File;
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 use clap::Args;
+use jiff::Timestamp;
 use serde_json::json;
 
 use super::child_daemon::ChildDaemon;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
+use crate::ingest::bytes::fingerprint::changed_at;
 use crate::store::{SYNTHETIC_FILE_BYTES, Store, SyntheticSize};
 
 /// How often the daemon is listened to.
@@ -45,10 +47,11 @@ pub(in crate::cli) fn start(global: &Global, args: &StartArgs) -> Result<u8, Cli
     let size = SyntheticSize { robots: args.robots, runs: (args.files / args.robots).max(1), cycles: 1 };
     let files = size.robots * size.runs;
     output::print_hint(&format!("making {files} files"));
-    make_files(&folder.join("inbox"), size).map_err(|error| CliError::Io(error.to_string()))?;
+    let changed = make_files(&folder.join("inbox"), size).map_err(|error| CliError::Io(error.to_string()))?;
     runtime()?.block_on(async {
         let store = Store::open(&folder.join("armwatch.db")).await?;
         store.fill_synthetic(size, &folder.join("inbox")).await?;
+        store.change_synthetic_files(&changed).await?;
         store.close().await
     })?;
     let mut rounds = Vec::new();
@@ -72,16 +75,17 @@ pub(in crate::cli) fn start(global: &Global, args: &StartArgs) -> Result<u8, Cli
     Ok(EXIT_DONE)
 }
 
-/// Empty files of the size and age that the database is told of.
-fn make_files(inbox: &Path, size: SyntheticSize) -> std::io::Result<()> {
+/// Empty files of the size that the database is told of; by path, when each was changed, in microseconds since 1970.
+fn make_files(inbox: &Path, size: SyntheticSize) -> std::io::Result<Vec<(String, i64)>> {
     std::fs::create_dir_all(inbox)?;
-    let modified = SystemTime::UNIX_EPOCH + Duration::from_micros(1);
-    for name in size.file_names() {
-        let file = File::create_new(inbox.join(name))?;
+    let make = |name| {
+        let path = inbox.join(name);
+        let file = File::create_new(&path)?;
         file.set_len(SYNTHETIC_FILE_BYTES)?;
-        file.set_modified(modified)?;
-    }
-    Ok(())
+        let changed = Timestamp::try_from(changed_at(&file.metadata()?)).map_err(std::io::Error::other)?;
+        Ok((path.display().to_string(), changed.as_microsecond()))
+    };
+    size.file_names().map(make).collect()
 }
 
 /// Times from the start of a daemon until it watches, and until all files are known to it.

@@ -15,6 +15,11 @@ const AGAIN: usize = 4;
 /// Most quiet runs that it takes. What comes back after as many is another episode, which two quiet runs end.
 const MOST_QUIET_RUNS: usize = 32;
 
+/// Whether it is something that happens, and not a state: one that comes back is another one.
+fn is_event(kind: AnomalyKind, quantity: &str) -> bool {
+    kind == AnomalyKind::Payload || quantity == "contact"
+}
+
 /// Anomalies of one joint, detector by detector. `runs` has key and start of each entry of the history.
 pub(super) fn anomalies<Series>(
     detectors: &[&dyn Detector<Series>],
@@ -28,8 +33,8 @@ pub(super) fn anomalies<Series>(
     detectors.iter().flat_map(of_detector).collect()
 }
 
-/// Joins the verdicts of successive runs about a state into episodes; `joint` is `None` for the whole arm. What comes back
-/// soon needs more quiet runs to end.
+/// Joins the verdicts of successive runs into episodes; `joint` is `None` for the whole arm. What comes back soon needs more
+/// quiet runs to end, unless it is an event.
 pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
     joint: Option<JointIndex>,
@@ -37,26 +42,7 @@ pub(super) fn episodes(
     quantity: &'static str,
     verdicts: Vec<Verdict>,
 ) -> Vec<Anomaly> {
-    join(runs, (joint, kind, quantity), verdicts, AGAIN)
-}
-
-/// Joins verdicts about events, such as a contact or a load that is put on: one that comes back is another one.
-pub(super) fn events(
-    runs: &[(i64, Timestamp)],
-    joint: Option<JointIndex>,
-    kind: AnomalyKind,
-    quantity: &'static str,
-    verdicts: Vec<Verdict>,
-) -> Vec<Anomaly> {
-    join(runs, (joint, kind, quantity), verdicts, 1)
-}
-
-fn join(
-    runs: &[(i64, Timestamp)],
-    (joint, kind, quantity): (Option<JointIndex>, AnomalyKind, &'static str),
-    verdicts: Vec<Verdict>,
-    again: usize,
-) -> Vec<Anomaly> {
+    let again = if is_event(kind, quantity) { 1 } else { AGAIN };
     let mut found: Vec<Anomaly> = Vec::new();
     let (mut quiet, mut needed) = (0, QUIET_RUNS);
     for (place, (&(run_id, started_at), verdict)) in runs.iter().zip(verdicts).enumerate() {
@@ -121,13 +107,13 @@ mod tests {
     use crate::numerics::detect::verdict::Why;
 
     fn found(out: impl Fn(usize) -> bool, count: usize) -> Vec<(i64, i64, bool)> {
-        joined(|run| out(run).then_some(Severity::Warning), count, false)
+        joined(|run| out(run).then_some(Severity::Warning), count, AnomalyKind::Oscillation)
     }
 
     fn joined(
         out: impl Fn(usize) -> Option<Severity>,
         count: usize,
-        are_events: bool,
+        kind: AnomalyKind,
     ) -> Vec<(i64, i64, bool)> {
         let runs: Vec<(i64, Timestamp)> = (0..count as i64)
             .map(|run| (run, Timestamp::from_second(86_400 * run).expect("a time")))
@@ -145,8 +131,7 @@ mod tests {
             },
         };
         let verdicts = (0..count).map(verdict).collect();
-        let join = if are_events { events } else { episodes };
-        let all = join(&runs, None, AnomalyKind::Oscillation, "friction_swing", verdicts);
+        let all = episodes(&runs, None, kind, "any", verdicts);
         all.iter().map(|of| (of.first_run_id, of.last_run_id, of.ended)).collect()
     }
 
@@ -172,13 +157,13 @@ mod tests {
             13 => Some(Severity::Critical),
             _ => None,
         };
-        let found = joined(severity, 20, false);
+        let found = joined(severity, 20, AnomalyKind::Oscillation);
         assert_eq!(found, [(3, 3, true), (7, 7, true), (12, 13, false)]);
     }
 
     #[test]
     fn events_that_come_back_stay_events() {
-        let often = joined(|run| (run % 7 == 6).then_some(Severity::Warning), 28, true);
+        let often = joined(|run| (run % 7 == 6).then_some(Severity::Warning), 28, AnomalyKind::Payload);
         assert_eq!(often, [(6, 6, true), (13, 13, true), (20, 20, true), (27, 27, false)]);
     }
 

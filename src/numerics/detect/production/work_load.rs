@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use super::causes::LogCauses;
 use super::causes::odds::Asked;
 use crate::anomaly::{Anomaly, AnomalyKind, Severity};
-use crate::numerics::detect::episodes::events;
+use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::Verdict;
 
 /// Loads over the logs; `runs` has key and start of each.
@@ -48,5 +48,5 @@ pub(super) fn work_loads(causes: &[Option<LogCauses>], runs: &[(i64, Timestamp)]
     }
     };
     let verdicts = causes.iter().map(verdict).collect();
-    events(runs, None, AnomalyKind::Payload, "production_load_kg", verdicts)
+    episodes(runs, None, AnomalyKind::Payload, "production_load_kg", verdicts)
 }

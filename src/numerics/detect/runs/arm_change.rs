@@ -11,7 +11,7 @@ use super::arm::signal::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
 use super::arm::{ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET};
 use super::arm_cause::{ArmCause, Load, SignalFault};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
-use crate::numerics::detect::episodes::{episodes, events};
+use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::verdict::{MOST_ODDS, Verdict, Why};
 use crate::robot::JointIndex;
 
@@ -52,7 +52,7 @@ pub(super) fn arm_changes(
         ArmCause::Load(load) => Some(of_load(&load)),
         _ => None,
     });
-    let mut found = events(runs, None, AnomalyKind::Payload, "load_kg", load);
+    let mut found = episodes(runs, None, AnomalyKind::Payload, "load_kg", load);
     for joint in (0..joints).map(JointIndex::new) {
         let signal = verdicts(0.0, &|cause| match cause {
             ArmCause::TorqueSignal { joint: of, fault } if of == joint => Some(of_signal(fault)),

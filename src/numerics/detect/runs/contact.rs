@@ -22,7 +22,7 @@ use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
 use crate::anomaly::brief::JointBrief;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
-use crate::numerics::detect::episodes::events;
+use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::rate::budget::{Budget, beyond_chance};
 use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why};
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
@@ -379,7 +379,7 @@ fn anomalies(
             _ => Verdict::Quiet,
         };
         let verdicts = found.iter().zip(history).map(verdict).collect();
-        events(moments, joint, AnomalyKind::Accuracy, "contact", verdicts)
+        episodes(moments, joint, AnomalyKind::Accuracy, "contact", verdicts)
     };
     named.into_iter().flat_map(of_joint).collect()
 }
