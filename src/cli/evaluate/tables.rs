@@ -98,7 +98,7 @@ pub(super) fn as_text(scores: &[DetectorScore]) -> String {
                 ],
                 &events,
             );
-            text += "\n\nWhat is said of them, robots and alarms\n\n";
+            text += "\n\nKinds of alarms: robots by their first one, and all further ones\n\n";
             let said: Vec<Vec<String>> = own.scenarios.iter().filter(is_event).map(said_row).collect();
             text += &output::table(&["scenario", "the first alarm", "further ones"], &said);
             text += "\n\n";
@@ -119,7 +119,8 @@ pub(super) fn as_text(scores: &[DetectorScore]) -> String {
     );
     text += "\n\ndetected, joint and kind in per cent of robots with a fault; figure: the mass of a load to 15 %, the onset of a \
              step to one cycle, of alarms of the right kind; tests, days: median delay; 95 %: tests within which so many \
-             robots have an alarm; again: right alarms a robot after the first; further: alarms a robot of other joints or kinds";
+             robots have an alarm; again: right alarms a robot after the first; \
+             further: alarms a robot of other joints or kinds";
     text
 }
 

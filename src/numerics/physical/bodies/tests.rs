@@ -168,7 +168,7 @@ fn rows_that_do_not_show_the_arm_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(12))]
+    #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
     fn any_arm_is_reached_from_cylinders(robot in any_arm()) {
