@@ -18,6 +18,7 @@ use crate::robot::{JointIndex, ParameterId};
 pub mod brief;
 pub mod epoch;
 pub mod forecast;
+pub mod odds;
 pub mod peer;
 
 /// What kind of change an anomaly is.
@@ -285,9 +286,11 @@ pub struct Anomaly {
 }
 
 impl Anomaly {
-    /// Goes on with what a later run shows: all that is said is of that run, but for the beginning and the peak.
+    /// Goes on with what a later run shows: all that is said is of that run, but for the beginning and the peak. A peak in
+    /// another unit than the later run's is left behind.
     pub fn go_on(&mut self, later: Self) {
-        let (peak_value, peak_score) = match later.peak_score > self.peak_score {
+        let (peak_value, peak_score) = match later.peak_score > self.peak_score || !self.is_in_unit_of(&later)
+        {
             true => (later.peak_value, later.peak_score),
             false => (self.peak_value, self.peak_score),
         };
@@ -301,6 +304,13 @@ impl Anomaly {
             first_seen_at: self.first_seen_at,
             ..later
         };
+    }
+
+    /// Whether figures of another anomaly of this quantity are in the same unit: a torque signal has an offset in Nm, or times
+    /// the usual noise, or a gain as a fraction.
+    fn is_in_unit_of(&self, other: &Self) -> bool {
+        let unit = |of: &Self| (of.baseline == 0.0, of.threshold >= 1.0);
+        !self.quantity.ends_with("torque_signal") || unit(self) == unit(other)
     }
 }
 

@@ -3,8 +3,10 @@
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
+use super::figures::Figures;
 use super::trend::Trend;
 use crate::anomaly::Severity;
+use crate::anomaly::odds::odds_in_words;
 use crate::store::{AlarmEvent, EventKind};
 
 /// Who sends.
@@ -87,40 +89,58 @@ impl Alarm {
         format!("{severity}: {}: {kind} {happened}", self.place())
     }
 
+    /// What a technician should read. Of an alarm that is over it is what was found, without figures of the latest test
+    /// and without advice.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        if self.is_closed() {
+            format!("was: {}", finding(&self.event.message))
+        } else {
+            self.event.message.clone()
+        }
+    }
+
     /// The figures, a line each.
     #[must_use]
     pub fn details(&self) -> Vec<String> {
-        let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
+        let AlarmEvent { quantity, kind, score, threshold, value, baseline, peak_value, peak_score, .. } =
             &self.event;
-        let mut lines = vec![self.event.message.clone()];
+        let figures = Figures::new(quantity, kind, *baseline, *threshold);
+        let is_closed = self.is_closed();
+        let mut lines = vec![self.sentence()];
         let mut line = |name: &str, text: Option<String>| {
             lines.extend(text.map(|text| format!("{name}: {text}")));
         };
         line("urgency", Some(self.urgency().to_owned()));
         line("quantity", Some(quantity.clone()));
         line(
-            "latest test",
+            if is_closed { "latest test that shows it" } else { "latest test" },
             value.map(|value| match baseline {
-                Some(baseline) => format!("{}, expected {}", figure(value), figure(*baseline)),
-                None => figure(value),
+                Some(baseline) => format!("{}, expected {}", figures.value(value), figures.value(*baseline)),
+                None => figures.value(value),
             }),
         );
-        line("smoothed over 3 tests", self.trend.smoothed.map(figure));
+        // where it went is of no use to who has nothing to do
+        let trend = if is_closed { Trend::default() } else { self.trend };
+        line("smoothed over 3 tests", trend.smoothed.map(|smoothed| figures.value(smoothed)));
+        // what no figure measures is not out by one; some have no limit
+        let score = score.filter(|_| value.is_some());
+        let limit = threshold.filter(|limit| *limit != 0.0);
         line(
-            "out by",
-            score.map(|score| match threshold {
-                Some(threshold) => format!("{}, alarm from {}", figure(score), figure(*threshold)),
-                None => figure(score),
+            if is_closed { "was out by" } else { "out by" },
+            score.map(|score| match limit {
+                Some(limit) => format!("{}, alarm from {}", figures.score(score), figures.score(limit)),
+                None => figures.score(score),
             }),
         );
         line(
             "peak",
             peak_value.map(|peak| match peak_score {
-                Some(score) => format!("{}, out by {}", figure(peak), figure(*score)),
-                None => figure(peak),
+                Some(score) => format!("{}, out by {}", figures.value(peak), figures.score(*score)),
+                None => figures.value(peak),
             }),
         );
-        line("trend", self.trend.slope_30_d.map(|slope| format!("{} in 30 days", signed(slope))));
+        line("trend", trend.slope_30_d.map(|slope| format!("{} in 30 days", figures.change(slope))));
         let AlarmEvent { onset_at, onset_run_id, onset_cycle, first_seen_at, last_seen_at, .. } = &self.event;
         line(
             "onset",
@@ -131,7 +151,7 @@ impl Alarm {
             }),
         );
         line("seen", Some(format!("{} to {}", seconds(first_seen_at), seconds(last_seen_at))));
-        line("odds of this cause", self.event.odds.map(figure));
+        line("odds of this cause", self.event.odds.map(odds_in_words));
         line("why", self.event.why.clone());
         line("anomaly", Some(self.event.anomaly_id.to_string()));
         lines
@@ -148,7 +168,7 @@ impl Alarm {
             "event": event.what.name(),
             "at": event.at.to_string(),
             "title": self.title(),
-            "message": event.message,
+            "message": self.sentence(),
             "urgency": self.urgency(),
             "severity": event.severity.name(),
             "anomaly_id": event.anomaly_id,
@@ -201,11 +221,13 @@ impl Message {
         match self.alarms.as_slice() {
             [alarm] if !self.is_digest => alarm.title(),
             alarms => {
-                let open = alarms.iter().filter(|alarm| !alarm.is_closed()).count();
-                let worst =
-                    alarms.iter().filter(|alarm| !alarm.is_closed()).map(|alarm| alarm.event.severity);
-                let worst = worst.max().map(|worst| format!(", worst {worst}")).unwrap_or_default();
-                format!("digest: {open} alarms, {} ended{worst}", alarms.len() - open)
+                let latest = latest(alarms);
+                let open = latest.iter().filter(|alarm| !alarm.is_closed());
+                let worst = open.clone().map(|alarm| alarm.event.severity).max();
+                let worst = worst.map(|worst| format!(", worst {worst}")).unwrap_or_default();
+                let (open, all) = (open.count(), latest.len());
+                let noun = if open == 1 { "alarm" } else { "alarms" };
+                format!("digest: {open} {noun}, {} ended{worst}", all - open)
             }
         }
     }
@@ -242,7 +264,7 @@ impl Message {
     /// `firing` while one of its alarms is open, else `resolved`.
     #[must_use]
     pub fn status(&self) -> &'static str {
-        if self.alarms.iter().any(|alarm| !alarm.is_closed()) { "firing" } else { "resolved" }
+        if latest(&self.alarms).iter().any(|alarm| !alarm.is_closed()) { "firing" } else { "resolved" }
     }
 
     /// The largest severity of an alarm in it.
@@ -269,20 +291,27 @@ fn happened(what: EventKind) -> &'static str {
     }
 }
 
-/// A figure with four digits that count.
-fn figure(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    // between -300 and 300
-    let before_point = value.abs().log10().floor() as i32;
-    let decimals = usize::try_from(3 - before_point).unwrap_or(0).min(12);
-    let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+/// The last word on each alarm, of events in the order in which they happened.
+fn latest(events: &[Alarm]) -> Vec<&Alarm> {
+    let is_last = |place: usize, of: &Alarm| {
+        events[place + 1..].iter().all(|later| later.event.anomaly_id != of.event.anomaly_id)
+    };
+    events.iter().enumerate().filter(|(place, of)| is_last(*place, of)).map(|(_, of)| of).collect()
 }
 
-fn signed(value: f64) -> String {
-    if value > 0.0 { format!("+{}", figure(value)) } else { figure(value) }
+/// What was found, without the figures and the advice that follow it in the message of a detector: up to the first
+/// semicolon outside of brackets.
+fn finding(message: &str) -> &str {
+    let mut depth = 0_i32;
+    let end = message.char_indices().find(|(_, letter)| {
+        match letter {
+            '(' => depth += 1,
+            ')' => depth -= 1,
+            _ => {}
+        }
+        *letter == ';' && depth <= 0
+    });
+    end.map_or(message, |(place, _)| &message[..place])
 }
 
 fn seconds(time: &Timestamp) -> String {
@@ -361,8 +390,9 @@ mod tests {
             "  urgency: look before the next shift",
             "  latest test: 1.24, expected 1",
             "  smoothed over 3 tests: 1.19",
-            "  out by: 0.24, alarm from 0.05",
-            "  peak: 1.24, out by 0.24",
+            "  out by: 24 %, alarm from 5 %",
+            "  peak: 1.24, out by 24 %",
+            "  odds of this cause: 900 to 1",
             "  onset: 2026-02-25 06:00:00 UTC",
             "  seen: 2026-02-26 06:00:00 UTC to 2026-03-01 06:00:00 UTC",
             "  anomaly: 4",
@@ -376,29 +406,117 @@ mod tests {
 
     #[test]
     fn an_alarm_that_ended_keeps_its_peak_and_asks_for_nothing() {
-        let mut ended = alarm();
-        ended.event.what = EventKind::Ended;
-        ended.event.value = Some(1.01);
-        let message = message(vec![ended]);
-        assert_eq!(message.title(), "ended: TEST (Turin), joint 3: drift");
-        assert!(message.text().contains("peak: 1.24, out by 0.24"), "{}", message.text());
-        assert!(message.text().contains("urgency: nothing to do"), "{}", message.text());
-        assert_eq!(message.json()["status"], "resolved");
-        assert_eq!(message.json()["alarms"][0]["peak_value"], 1.24);
+        for (what, name) in [
+            (EventKind::Ended, "ended"),
+            (EventKind::Resolved, "resolved"),
+            (EventKind::Withdrawn, "withdrawn"),
+            (EventKind::FalseAlarm, "false alarm"),
+        ] {
+            let mut ended = alarm();
+            ended.event.what = what;
+            ended.event.value = Some(0.9964);
+            ended.event.message = "joint 2: friction jumped by +25 % between two tests; friction at equal speed and \
+                                   warmth is 12 % above the joint's baseline (limit 5 %); latest test: friction index \
+                                   0.996; check lubrication, gearbox and brake"
+                .into();
+            let message = message(vec![ended]);
+            assert_eq!(message.title(), format!("{name}: TEST (Turin), joint 3: drift"));
+            let text = message.text();
+            for expected in [
+                "  was: joint 2: friction jumped by +25 % between two tests",
+                "  urgency: nothing to do",
+                "  latest test that shows it: 0.9964, expected 1",
+                "  was out by: 24 %, alarm from 5 %",
+                "  peak: 1.24, out by 24 %",
+                "  seen: 2026-02-26 06:00:00 UTC to 2026-03-01 06:00:00 UTC",
+            ] {
+                assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
+            }
+            for advice in ["check", "latest test:", "in 30 days"] {
+                assert!(!text.contains(advice), "{advice} in\n{text}");
+            }
+            let json = message.json();
+            assert_eq!(json["status"], "resolved");
+            assert_eq!(json["alarms"][0]["peak_value"], 1.24);
+            assert_eq!(
+                json["alarms"][0]["message"],
+                "was: joint 2: friction jumped by +25 % between two tests"
+            );
+        }
     }
 
     #[test]
-    fn a_digest_counts_what_is_open_and_what_ended() {
-        let mut ended = alarm();
-        ended.event.what = EventKind::Ended;
-        let message = message(vec![alarm(), ended]);
-        assert_eq!(message.title(), "digest: 1 alarms, 1 ended, worst critical");
-        assert_eq!(message.json()["alarms"].as_array().unwrap().len(), 2);
+    fn a_finding_ends_where_figures_and_advice_begin() {
+        for (message, found) in [
+            (
+                "the torque signal has 2.5 times the usual noise; check sensor",
+                "the torque signal has 2.5 times the usual noise",
+            ),
+            (
+                "varies (joint 3 by 4 %; correlation +0.90); one cause is likelier",
+                "varies (joint 3 by 4 %; correlation +0.90)",
+            ),
+            (
+                "the test gave no result: the signal stands still",
+                "the test gave no result: the signal stands still",
+            ),
+            ("", ""),
+        ] {
+            assert_eq!(finding(message), found);
+        }
     }
 
     #[test]
-    fn figures_have_four_digits() {
-        let shown: Vec<String> = [1.0, 0.012_345_6, 123.456, 12_345.6, -0.5, 0.0].map(figure).into();
-        assert_eq!(shown, ["1", "0.01235", "123.5", "12346", "-0.5", "0"]);
+    fn a_limit_and_figures_that_there_are_not_are_left_out() {
+        let mut offset = alarm();
+        offset.event.quantity = "torque_signal".into();
+        offset.event.kind = "sensor".into();
+        (offset.event.value, offset.event.baseline) = (Some(-3.25), Some(0.0));
+        (offset.event.score, offset.event.threshold) = (Some(3.25), Some(0.0));
+        let text = message(vec![offset.clone()]).text();
+        for expected in ["  latest test: -3.25 Nm, expected 0 Nm", "  out by: 3.25 Nm"] {
+            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
+        }
+        let mut stuck = offset;
+        (stuck.event.value, stuck.event.baseline, stuck.event.peak_value) = (None, None, None);
+        (stuck.event.score, stuck.event.threshold) = (Some(1.0), Some(1.0));
+        let text = message(vec![stuck]).text();
+        assert!(!text.contains("out by") && !text.contains("latest test"), "{text}");
+    }
+
+    #[test]
+    fn a_load_is_told_in_kg_and_standard_errors_and_its_odds_in_words() {
+        let mut load = alarm();
+        (load.event.quantity, load.event.kind) = ("load_kg".into(), "payload".into());
+        (load.event.value, load.event.baseline) = (Some(0.7974), Some(0.0));
+        (load.event.score, load.event.threshold, load.event.odds) = (Some(151.0), Some(5.0), Some(1e9));
+        let text = message(vec![load]).text();
+        for expected in [
+            "  latest test: 0.7974 kg, expected 0 kg",
+            "  out by: 151 standard errors, alarm from 5 standard errors",
+            "  odds of this cause: more than a million to 1",
+        ] {
+            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
+        }
+    }
+
+    #[test]
+    fn a_digest_counts_alarms_by_their_last_word_and_not_events() {
+        let of = |anomaly_id: i64, what: EventKind| {
+            let mut alarm = alarm();
+            (alarm.event.anomaly_id, alarm.event.what) = (anomaly_id, what);
+            alarm
+        };
+        let digest =
+            message(vec![of(4, EventKind::Opened), of(5, EventKind::Opened), of(5, EventKind::Ended)]);
+        assert_eq!(digest.title(), "digest: 1 alarm, 1 ended, worst critical");
+        assert_eq!((digest.status(), digest.json()["alarms"].as_array().unwrap().len()), ("firing", 3));
+        let mut reminded = Vec::new();
+        for _ in 0..5 {
+            reminded.extend((1..=4).map(|anomaly_id| of(anomaly_id, EventKind::Overdue)));
+        }
+        assert_eq!(message(reminded).title(), "digest: 4 alarms, 0 ended, worst critical");
+        let over = message(vec![of(4, EventKind::Opened), of(4, EventKind::Ended)]);
+        assert_eq!((over.title().as_str(), over.status()), ("digest: 0 alarms, 1 ended", "resolved"));
     }
 }

@@ -124,6 +124,19 @@ mod tests {
     }
 
     #[test]
+    fn while_work_goes_on_neither_a_reminder_nor_a_worse_alarm_is_sent() {
+        let now = "2026-03-01T12:00:00Z";
+        let mut event = example(Severity::Critical, at(now));
+        event.state = "maintenance".into();
+        for what in [EventKind::Overdue, EventKind::Worse, EventKind::Reopened] {
+            event.what = what;
+            assert_eq!(fate(&route(), &event, now), Fate::Suppress, "{what:?}");
+        }
+        event.what = EventKind::Ended;
+        assert_eq!(fate(&route(), &event, now), Fate::Send { due_at: at(now), held: None });
+    }
+
+    #[test]
     fn in_quiet_hours_only_what_is_critical_goes() {
         let zone = TimeZone::get("Europe/Rome").unwrap();
         let hours =

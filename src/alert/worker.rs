@@ -13,7 +13,7 @@ use super::receiver::{Receiver, SendError};
 use super::receivers::open::open;
 use super::route::{judge, quiet_until};
 use crate::config::{AlertSettings, ReceiverSettings, Route};
-use crate::store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, Store, StoreError};
+use crate::store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Store, StoreError};
 
 /// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
 const LOOK: Duration = Duration::from_secs(2);
@@ -33,11 +33,13 @@ pub(super) struct Worker {
     /// Opened when it is needed.
     receiver: Option<Box<dyn Receiver>>,
     refreshed: Option<Instant>,
+    /// Whether it was said that the clock was ahead.
+    is_clock_said: bool,
 }
 
 /// What is known of the route from its start on.
 struct Begun {
-    route_id: i64,
+    entry: RouteEntry,
     origin: Origin,
 }
 
@@ -50,7 +52,7 @@ impl Worker {
         end: CancellationToken,
     ) -> Option<Self> {
         let route = settings.routes.get(place)?.clone();
-        Some(Self { store, settings, route, end, receiver: None, refreshed: None })
+        Some(Self { store, settings, route, end, receiver: None, refreshed: None, is_clock_said: false })
     }
 
     /// Works until the end is asked for, then sends what is due by then.
@@ -71,6 +73,10 @@ impl Worker {
             let is_last = self.end.is_cancelled();
             let pause = match self.step_if_ours(&begun).await {
                 Ok(pause) => pause,
+                Err(error @ StoreError::LeaseEnded { .. }) => {
+                    tracing::debug!(route = self.route.name, %error, "the claim on the route is lost; asking for it anew");
+                    STORE_PAUSE
+                }
                 Err(error) => {
                     tracing::warn!(route = self.route.name, %error, "nothing is sent now; trying again");
                     STORE_PAUSE
@@ -93,7 +99,7 @@ impl Worker {
         let judge = |event: &AlarmEvent| judge(&self.route, &self.settings, event, now);
         let entry = self.store.enter_route(&self.route.name, now, judge).await?;
         let origin = Origin { identity: self.store.identity().await?, link: self.settings.link.clone() };
-        let begun = Begun { route_id: entry.route_id, origin };
+        let begun = Begun { entry, origin };
         if self.route.receiver == ReceiverSettings::Log && !entry.is_new {
             self.say_open(&begun).await?;
         }
@@ -102,7 +108,7 @@ impl Worker {
 
     /// A log is read from a start on: what was open before is said once.
     async fn say_open(&mut self, begun: &Begun) -> Result<(), StoreError> {
-        let mut open = self.store.told_alarms(begun.route_id).await?;
+        let mut open = self.store.told_alarms(begun.entry.route_id).await?;
         open.retain(|event| event.state == "open");
         if !open.is_empty() {
             tracing::info!(alarms = open.len(), "open since before this start:");
@@ -113,27 +119,29 @@ impl Worker {
         Ok(())
     }
 
-    /// A route is one daemon's, where there are several: that of the one that was first, until it ends.
+    /// A route is one daemon's, where there are several: that of the one that was first, until it ends. What is done with
+    /// the route by this claim fails once the claim is lost.
     async fn step_if_ours(&mut self, begun: &Begun) -> Result<Duration, StoreError> {
         if !self.store.claim_work(ClaimKind::Route, &self.route.name).await? {
             return Ok(LOOK);
         }
-        self.step(begun).await
+        let entry = self.store.claimed(begun.entry);
+        self.step(begun, entry).await
     }
 
     /// Hands on, and sends all that is due. Gives the time after which there may be more to do.
-    async fn step(&mut self, begun: &Begun) -> Result<Duration, StoreError> {
-        let route_id = begun.route_id;
+    async fn step(&mut self, begun: &Begun, entry: RouteEntry) -> Result<Duration, StoreError> {
+        self.mend_moments(entry).await?;
         loop {
             let now = Timestamp::now();
             let judge = |event: &AlarmEvent| judge(&self.route, &self.settings, event, now);
-            if !self.store.hand_on(route_id, now, judge).await? {
+            if !self.store.hand_on(entry.route_id, now, judge).await? {
                 break;
             }
         }
         loop {
             let now = Timestamp::now();
-            let state = self.store.route_state(route_id, now - HOUR).await?;
+            let state = self.store.route_state(entry.route_id, now, HOUR).await?;
             if let Some(retry_at) = state.retry_at.filter(|at| *at > now) {
                 return Ok(until(now, retry_at));
             }
@@ -144,7 +152,7 @@ impl Worker {
             }
             if state.sent >= self.route.most_per_h {
                 let free_at = state.first_sent_at.unwrap_or(now) + HOUR;
-                let held = self.store.hold(route_id, now, free_at, Held::Flood).await?;
+                let held = self.store.hold(entry, now, free_at, Held::Flood).await?;
                 if held > 0 {
                     let most = self.route.most_per_h;
                     tracing::warn!(
@@ -155,13 +163,13 @@ impl Worker {
                     continue;
                 }
             }
-            let Some(due) = self.store.next_message(route_id, now).await? else { break };
+            let Some(due) = self.store.next_message(entry, now).await? else { break };
             let worst = due.alarms.iter().map(|alarm| alarm.severity).max();
             if let Some(until) = worst.and_then(|severity| quiet_until(&self.route, severity, now)) {
-                self.store.hold_message(&due, until, Held::Quiet).await?;
+                self.store.hold_message(entry, &due, until, Held::Quiet).await?;
                 continue;
             }
-            self.attempt(begun, &due, state.failures).await?;
+            self.attempt(begun, entry, &due, state.failures).await?;
             if self.end.is_cancelled() && state.failures > 0 {
                 break;
             }
@@ -170,11 +178,37 @@ impl Worker {
         Ok(LOOK)
     }
 
+    /// Lets nothing wait for a date that only a clock which was ahead has shown, and says so once.
+    async fn mend_moments(&mut self, entry: RouteEntry) -> Result<(), StoreError> {
+        let longest = longest_pause(self.settings.retry);
+        let ahead = self.store.mend_moments(entry, (Timestamp::now(), longest)).await?;
+        if let Some(furthest) = ahead
+            && !self.is_clock_said
+        {
+            tracing::warn!(
+                route = self.route.name,
+                "the clock was ahead when messages of this route were sent or put off, up to {furthest}: what waited for \
+                 such a moment is due now"
+            );
+        }
+        self.is_clock_said = ahead.is_some();
+        Ok(())
+    }
+
     /// Sends one message and writes down what became of it.
-    async fn attempt(&mut self, begun: &Begun, due: &DueMessage, failures: u32) -> Result<(), StoreError> {
+    async fn attempt(
+        &mut self,
+        begun: &Begun,
+        entry: RouteEntry,
+        due: &DueMessage,
+        failures: u32,
+    ) -> Result<(), StoreError> {
         let route = self.route.name.clone();
         let message = self.due_message(begun, due);
-        self.store.begin_attempt(due, Timestamp::now()).await?;
+        if !self.store.begin_attempt(entry, due, Timestamp::now()).await? {
+            tracing::debug!(route, key = message.key, "not sent: it does not wait any more");
+            return Ok(());
+        }
         let sent = self.send(&message).await;
         let now = Timestamp::now();
         let error = match sent {
@@ -183,7 +217,7 @@ impl Worker {
                 if failures > 0 {
                     tracing::info!(route, failures, "the receiver answers again");
                 }
-                return self.mark_sent(begun.route_id, due).await;
+                return self.mark_sent(entry, due).await;
             }
             Err(error) => error,
         };
@@ -200,7 +234,7 @@ impl Worker {
         };
         let detail = error.to_string();
         let limit = (now, self.settings.give_up_after);
-        let given_up = self.store.mark_failed(begun.route_id, due, &detail, again, limit).await?;
+        let given_up = self.store.mark_failed(entry, due, &detail, again, limit).await?;
         let (key, attempts) = (&message.key, due.attempts + 1);
         if given_up {
             let alarms = due.alarms.len();
@@ -220,10 +254,12 @@ impl Worker {
         Ok(())
     }
 
-    /// A message that has arrived is marked before anything else is done, or it would be sent again.
-    async fn mark_sent(&self, route_id: i64, due: &DueMessage) -> Result<(), StoreError> {
+    /// A message that has arrived is marked before anything else is done, or it would be sent again. Where the claim is
+    /// lost, the daemon that has the route sends it again.
+    async fn mark_sent(&self, entry: RouteEntry, due: &DueMessage) -> Result<(), StoreError> {
         loop {
-            match self.store.mark_sent(route_id, due, Timestamp::now()).await {
+            match self.store.mark_sent(entry, due, Timestamp::now()).await {
+                Err(error @ StoreError::LeaseEnded { .. }) => return Err(error),
                 Err(error) if !error.is_fatal() && !self.end.is_cancelled() => {
                     tracing::debug!(route = self.route.name, %error, "sent and not marked; trying again");
                     tokio::time::sleep(STORE_PAUSE).await;
@@ -241,7 +277,7 @@ impl Worker {
             return Ok(());
         }
         self.refreshed = Some(Instant::now());
-        let open = self.store.told_alarms(begun.route_id).await?;
+        let open = self.store.told_alarms(begun.entry.route_id).await?;
         if open.is_empty() {
             return Ok(());
         }
@@ -296,6 +332,12 @@ fn pause(failures: u32, (first, most): (Duration, Duration)) -> Duration {
     doubled.mul_f64(0.8 + random / 500.0)
 }
 
+/// The longest for which a message is put off without quiet hours and digests: by [`pause`], by a receiver that asks for
+/// an hour, which is the most that it is given, or by a flood.
+fn longest_pause((_, most): (Duration, Duration)) -> Duration {
+    most.mul_f64(1.2).max(HOUR.unsigned_abs())
+}
+
 fn until(now: Timestamp, moment: Timestamp) -> Duration {
     moment.duration_since(now).try_into().unwrap_or_default()
 }
@@ -318,6 +360,15 @@ mod tests {
             assert!(found.iter().all(|share| (0.799..=1.201).contains(share)), "{failures}: {found:?}");
             let spread = |share: &f64| (share * 100.0).round();
             assert!(found.iter().any(|share| spread(share) != spread(&found[0])), "no scatter: {found:?}");
+        }
+    }
+
+    #[test]
+    fn no_pause_is_longer_than_the_longest() {
+        for most in [0.05, 900.0, 86_400.0].map(Duration::from_secs_f64) {
+            let longest = longest_pause((Duration::from_millis(50), most));
+            assert!(longest >= Duration::from_secs(3600), "a flood and a receiver may ask for an hour");
+            assert!((0..200).all(|_| pause(u32::MAX, (most, most)) <= longest + Duration::from_micros(1)));
         }
     }
 }

@@ -29,6 +29,10 @@ pub struct FaultResponse {
     pub strength: usize,
     /// Change of the parameters for a fault of size 1, `[b]`, in their SI units.
     pub change: Vec<f64>,
+    /// Change of the parameters, `[b]`, that comes with a fault of this strength whatever its sign, in their SI units: the
+    /// estimate trusts joints less whose torque it does not explain, and what other joints say of the same parameters is not
+    /// quite the same. Empty where it is not known, and of the weakest fault.
+    pub shift: Vec<f64>,
     /// Torque of each joint that no parameters explain, `[n]`, root mean square as a fraction of that of the joint's torque.
     pub unexplained: Vec<f64>,
 }

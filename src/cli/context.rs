@@ -1,6 +1,6 @@
 //! What every command has: options of all commands, errors and exit statuses, the store and the runtime.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
@@ -119,12 +119,31 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
 /// write can ask.
 pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
     let store = Store::open_existing_as(&config.database, &config.cluster).await?;
-    store.ok_or_else(|| {
-        CliError::Io(format!(
-            "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
-            shown_database(&config.database)
-        ))
-    })
+    store.ok_or_else(|| no_database(config))
+}
+
+/// Opens the database of a command that changes what is stored. One in a file has to be there: for a mistyped name an
+/// empty one would be made, and then say that it does not know what was asked for.
+pub(super) async fn open_to_change(config: &Config) -> Result<Store, CliError> {
+    require_database(config)?;
+    open_store(config).await
+}
+
+/// Refuses a database in a file that is not there.
+pub(super) fn require_database(config: &Config) -> Result<(), CliError> {
+    let is_none =
+        |file: &Path| std::fs::metadata(file).map_or(true, |found| found.is_file() && found.len() == 0);
+    match config.database_file() {
+        Some(file) if is_none(file) => Err(no_database(config)),
+        _ => Ok(()),
+    }
+}
+
+fn no_database(config: &Config) -> CliError {
+    CliError::Io(format!(
+        "there is no database {}: `armwatch run` and `armwatch ingest` make it; name another one with --db",
+        shown_database(&config.database)
+    ))
 }
 
 /// Opens the database of a command that writes; makes it if there is none.

@@ -1,13 +1,13 @@
 //! `armwatch maintenance`: work on robots, which begins new baselines.
 
 use clap::Args;
-use clap::builder::NonEmptyStringValueParser;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime, shared};
+use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime, shared};
 use super::shared::moment::moment;
 use super::shared::output;
+use super::shared::said::said;
 use super::shared::user::user;
 use crate::anomaly::epoch::Maintenance;
 use crate::config::Config;
@@ -15,6 +15,10 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::Pipeline;
 use crate::robot::JointIndex;
 use crate::store::{MaintenanceRow, NewMaintenance, Store};
+
+/// Entries that say the same of the same joint and lie less than this apart are one: the command was given twice, and
+/// nobody does the same work twice within a minute.
+const SAME_WORK: SignedDuration = SignedDuration::from_mins(1);
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -30,14 +34,17 @@ Examples:
 Work on a joint, or on the whole arm without --joint, begins a new baseline: tests that start at its time or later
 are compared with the first full ones among them, and no longer with those before. Enter what changes friction,
 dynamics or sensors: gearbox, grease, brake, motor, encoder, load; not a cleaning. The history is judged again at
-once, or within a minute by a running daemon. An entry with a wrong time or joint is removed and made anew.")]
+once, or within a minute by a running daemon. An entry with a wrong time or joint is removed and made anew.
+
+Alarms of the joint that began before the work, and that are open, acknowledged or shelved, are in the state maintenance
+from then on. Without --joint, so are those of all joints and of the arm. The first test of the new baseline ends those
+that were compared with the old one. One that a later run still shows is open again.")]
 pub(super) struct MaintenanceArgs {
     /// Robot that was worked on; with --list, whose work is listed [default there: all]
     #[arg(value_name = "ROBOT", required_unless_present_any = ["list", "remove"])]
     robot: Option<String>,
     /// What was done
-    #[arg(long, value_name = "TEXT", required_unless_present_any = ["list", "remove"],
-          value_parser = NonEmptyStringValueParser::new())]
+    #[arg(long, value_name = "TEXT", required_unless_present_any = ["list", "remove"], value_parser = said)]
     what: Option<String>,
     /// The joint, from 1 [default: the whole arm]
     #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
@@ -46,7 +53,7 @@ pub(super) struct MaintenanceArgs {
     #[arg(long, value_name = "TIME", value_parser = moment)]
     at: Option<Timestamp>,
     /// Who says so [default: the user's name]
-    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     by: Option<String>,
     /// List the work that was entered, in the order of its time
     #[arg(long, conflicts_with_all = ["what", "joint", "at", "by", "remove"])]
@@ -59,7 +66,7 @@ pub(super) struct MaintenanceArgs {
 pub(super) fn maintenance(global: &Global, args: &MaintenanceArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = if args.list { open_to_read(&config).await? } else { open_store(&config).await? };
+        let store = if args.list { open_to_read(&config).await? } else { open_to_change(&config).await? };
         let done = match (args.list, args.remove) {
             (true, _) => list(global, &store, args.robot.as_deref()).await,
             (_, Some(number)) => remove(global, config, &store, number).await,
@@ -115,12 +122,7 @@ async fn enter(
     }
     let now = Timestamp::now();
     let at = args.at.unwrap_or(now);
-    if at > now {
-        return Err(CliError::Usage(format!(
-            "--at {} lies ahead; enter work once it is done, since tests before it are compared with the old baseline",
-            minute(at)
-        )));
-    }
+    check_time(at, now).map_err(CliError::Usage)?;
     let new = NewMaintenance {
         robot: robot.clone(),
         joint,
@@ -128,9 +130,16 @@ async fn enter(
         what: args.what.clone().unwrap_or_default(),
         who: Some(args.by.clone().unwrap_or_else(user)),
     };
+    let known = store.maintenance(Some(&robot)).await?;
+    if let Some(row) = known.iter().find(|row| is_same(&row.work, &new)) {
+        return Err(CliError::Usage(format!(
+            "this work is entered already, as number {}: {}; `armwatch maintenance --list {robot}` shows all",
+            row.work.maintenance_id,
+            in_words(row)
+        )));
+    }
     let number = store.enter_maintenance(&new).await?.ok_or_else(|| unknown(&robot))?;
     let outcome = judge(config, store, &robot).await?;
-    let whole = joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"));
     if global.json {
         output::json(&json!({
             "maintenance_id": number, "robot": robot, "joint": joint.map(JointIndex::number), "at": at.to_string(),
@@ -138,8 +147,9 @@ async fn enter(
         }));
     } else {
         output::line(&format!(
-            "entered      {number}: {robot}, {whole}, {} UTC: {}\n             tests from then on have a new baseline{}; \
-             `armwatch maintenance --remove {number}` takes it back",
+            "entered      {number}: {robot}, {}, {}: {}\n             tests from then on have a new baseline{}; `armwatch \
+             maintenance --remove {number}` takes it back",
+            place(joint),
             minute(at),
             new.what,
             outcome.words()
@@ -161,15 +171,45 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
         value["judged"] = outcome.is_now().into();
         output::json(&value);
     } else {
-        let what = &row.work.what;
         output::line(&format!(
-            "removed      {number}: {}, {} UTC: {what}\n             the baseline before it counts again{}",
-            row.robot,
-            minute(row.work.at),
+            "removed      {number}: {}\n             the baseline before it counts again{}",
+            in_words(&row),
             outcome.words()
         ));
     }
     Ok(EXIT_DONE)
+}
+
+/// Refuses a time at which no work on a robot was done.
+fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
+    if at < Timestamp::UNIX_EPOCH {
+        return Err(format!(
+            "--at {} lies before 1970; look at the year, which has four digits, as in 2026-03-01",
+            minute(at)
+        ));
+    }
+    if at > now {
+        return Err(format!(
+            "--at {} lies ahead; enter work once it is done, since tests before it are compared with the old baseline",
+            minute(at)
+        ));
+    }
+    Ok(())
+}
+
+/// Whether what is entered now was entered before.
+fn is_same(known: &Maintenance, new: &NewMaintenance) -> bool {
+    known.joint == new.joint && known.what == new.what && known.at.duration_since(new.at).abs() < SAME_WORK
+}
+
+fn place(joint: Option<JointIndex>) -> String {
+    joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"))
+}
+
+/// An entry for people: where, when and what.
+fn in_words(row: &MaintenanceRow) -> String {
+    let Maintenance { joint, at, what, .. } = &row.work;
+    format!("{}, {}, {}: {what}", row.robot, place(*joint), minute(*at))
 }
 
 /// Whether the history was judged with what has changed.
@@ -228,4 +268,61 @@ fn as_value(row: &MaintenanceRow) -> serde_json::Value {
 
 fn minute(time: Timestamp) -> String {
     time.strftime("%Y-%m-%d %H:%MZ").to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn time(text: &str) -> Timestamp {
+        text.parse().expect("a time")
+    }
+
+    fn work(joint: Option<usize>, at: &str) -> Maintenance {
+        let joint = joint.and_then(JointIndex::from_number);
+        Maintenance { maintenance_id: 7, joint, at: time(at), what: "gearbox changed".into(), who: None }
+    }
+
+    #[test]
+    fn work_was_done_between_1970_and_now() {
+        let now = time("2026-03-01T14:30:00Z");
+        assert_eq!((check_time(now, now), check_time(time("1998-01-01T00:00:00Z"), now)), (Ok(()), Ok(())));
+        let year = check_time(time("0020-01-01T00:00:00Z"), now);
+        assert!(year.is_err_and(|words| words.contains("before 1970") && words.contains("2026-03-01")));
+        assert!(
+            check_time(time("2026-03-01T14:31:00Z"), now).is_err_and(|words| words.contains("lies ahead"))
+        );
+    }
+
+    #[test]
+    fn the_same_work_is_known_again_and_other_work_is_not() {
+        let entered = |joint: usize, at: &str, what: &str| NewMaintenance {
+            robot: "Left".into(),
+            joint: JointIndex::from_number(joint),
+            at: time(at),
+            what: what.into(),
+            who: Some("mueller".into()),
+        };
+        let known = work(Some(3), "2026-03-01T14:30:00Z");
+        let (same, what) = ("2026-03-01T14:30:00Z", "gearbox changed");
+        assert!(is_same(&known, &entered(3, same, what)));
+        assert!(is_same(&known, &entered(3, "2026-03-01T14:30:20Z", what)));
+        assert!(!is_same(&known, &entered(4, same, what)));
+        assert!(!is_same(&known, &entered(3, same, "brake changed")));
+        assert!(!is_same(&known, &entered(3, "2026-03-02T14:30:00Z", what)));
+        // a joint is not the whole arm
+        assert!(!is_same(&work(None, same), &entered(3, same, what)));
+    }
+
+    #[test]
+    fn an_entry_says_where_when_and_what() {
+        let recorded_at = time("2026-03-02T08:00:00Z");
+        let row = |joint| MaintenanceRow {
+            robot: "Left".into(),
+            work: work(joint, "2026-03-01T14:30:00Z"),
+            recorded_at,
+        };
+        assert_eq!(in_words(&row(Some(3))), "Left, joint 3, 2026-03-01 14:30Z: gearbox changed");
+        assert_eq!(in_words(&row(None)), "Left, the whole arm, 2026-03-01 14:30Z: gearbox changed");
+    }
 }

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use serde_json::json;
 use tokio_util::sync::CancellationToken;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
 use super::shared::output;
 use crate::config::{Config, RetentionSettings, shown_database};
 use crate::pipeline::retention::{kept_since, prune as take_away};
@@ -54,18 +54,14 @@ pub(super) fn prune(global: &Global, args: &PruneArgs) -> Result<u8, CliError> {
         None => config.retention,
     };
     runtime()?.block_on(async {
-        let store = open(&config, args).await?;
+        let store = match args.dry_run {
+            true => open_to_read(&config).await?,
+            false => open_to_change(&config).await?,
+        };
         let done = work(global, args, &config, &settings, &store).await;
         store.close().await?;
         done
     })
-}
-
-async fn open(config: &Config, args: &PruneArgs) -> Result<Store, CliError> {
-    if args.dry_run || config.database_file().is_some_and(|file| !file.exists()) {
-        return open_to_read(config).await;
-    }
-    open_store(config).await
 }
 
 async fn work(

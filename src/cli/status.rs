@@ -8,13 +8,17 @@ use serde_json::{Value, json};
 
 use super::alerts::words;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
+use super::shared::joints::{named, reasons};
 use super::shared::output;
 use crate::anomaly::Severity;
 use crate::run::{RunKind, RunStatus};
 use crate::store::{
-    AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState, QuarantineRow, RunRow,
-    Store,
+    AlarmState, AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
+    QuarantineRow, RunRow, Store,
 };
+
+/// Where alarms stand that people have answered and that are not closed.
+const ANSWERED: [AlarmState; 3] = [AlarmState::Acknowledged, AlarmState::Shelved, AlarmState::Maintenance];
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -33,8 +37,10 @@ pub(super) struct StatusArgs {}
 struct Fleet {
     counts: Counts,
     health: Vec<FleetHealthRow>,
-    /// Alarms that somebody has to answer, the worst first.
+    /// Anomalies that nobody has answered, the worst first.
     open: Vec<AnomalyRow>,
+    /// How many alarms are in each of the states [`ANSWERED`].
+    answered: [usize; ANSWERED.len()],
     quarantine: Vec<QuarantineRow>,
     runs: Vec<RunRow>,
     /// Daemons of a database on a server that have a name.
@@ -70,6 +76,9 @@ fn host_in_words(row: &HostRow) -> String {
 impl Fleet {
     async fn read(store: &Store, now: Timestamp) -> Result<Self, CliError> {
         let mut open = words::all(store, now).await?;
+        let answered = ANSWERED.map(|state| {
+            open.iter().filter(|row| is_alarm(row.severity) && row.state == state.name()).count()
+        });
         open.retain(|row| row.state == "open");
         open.sort_by_key(|row| (Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id));
         let mut quarantine = store.faults().await?;
@@ -81,6 +90,7 @@ impl Fleet {
             counts: store.counts().await?,
             health: store.fleet_health().await?,
             open,
+            answered,
             quarantine,
             runs: store.runs().await?,
         })
@@ -123,7 +133,8 @@ impl Fleet {
             let hosts: Vec<String> = self.hosts.iter().map(host_in_words).collect();
             output::line(&format!("daemons     {}", hosts.join(", ")));
         }
-        output::line(&format!("alarms      {}", self.alarms_in_words()));
+        let open: Vec<Severity> = self.open.iter().map(|row| row.severity).collect();
+        output::line(&format!("alarms      {}", alarms_in_words(&open, self.answered)));
         if !self.quarantine.is_empty() {
             let count = output::counted(self.quarantine.len(), "export");
             output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
@@ -155,7 +166,7 @@ impl Fleet {
     fn print_robots(&self, robots: &[(&str, HealthStatus, Vec<&FleetHealthRow>)]) {
         let cells = |(robot, status, joints): &(&str, HealthStatus, Vec<&FleetHealthRow>)| {
             let last = joints.iter().filter_map(|row| row.last_result_at).max();
-            let changes: Vec<String> = joints.iter().map(|row| change(row)).collect();
+            let changes: Vec<String> = joints.iter().map(|row| change(row, self.calls(row))).collect();
             vec![
                 (*robot).to_owned(),
                 output::coloured(status.name()),
@@ -168,28 +179,20 @@ impl Fleet {
         output::line("");
         output::line(&table);
         for (robot, _, joints) in robots {
-            let mut reasons: Vec<&str> = joints
-                .iter()
-                .filter(|row| matches!(row.status, HealthStatus::Unknown | HealthStatus::Overdue))
-                .filter_map(|row| row.reason.as_deref())
-                .collect();
-            reasons.dedup();
-            for reason in reasons {
-                output::line(&format!("{robot}: {reason}"));
+            let is_unclear =
+                |row: &&&FleetHealthRow| matches!(row.status, HealthStatus::Unknown | HealthStatus::Overdue);
+            let unclear = joints.iter().filter(is_unclear);
+            for of in reasons(unclear.filter_map(|row| Some((row.joint, row.reason.as_deref()?)))) {
+                output::line(&format!("{robot}: {}: {}", named(&of.joints, joints.len()), of.why));
             }
         }
     }
 
-    fn alarms_in_words(&self) -> String {
-        let of = |severity: Severity| self.open.iter().filter(|row| row.severity == severity).count();
-        let counts =
-            [Severity::Critical, Severity::Warning, Severity::Info].map(|of_one| (of(of_one), of_one));
-        let words: Vec<String> = counts
-            .iter()
-            .filter(|(count, _)| *count > 0)
-            .map(|(count, severity)| format!("{count} {}", output::coloured(severity.name())))
-            .collect();
-        if words.is_empty() { "none open".into() } else { format!("{} open", words.join(", ")) }
+    /// Whether a joint has an alarm that is open, its own or one of the whole arm.
+    fn calls(&self, of: &FleetHealthRow) -> bool {
+        self.open.iter().any(|row| {
+            is_alarm(row.severity) && row.robot == of.robot && row.joint.is_none_or(|joint| joint == of.joint)
+        })
     }
 
     fn as_value(&self) -> Value {
@@ -229,10 +232,66 @@ impl Fleet {
     }
 }
 
-/// Friction of a joint against its baseline, in a width of its own.
-fn change(row: &FleetHealthRow) -> String {
+/// Whether an anomaly of this severity is an alarm; what is milder is worth knowing and calls nobody.
+fn is_alarm(severity: Severity) -> bool {
+    severity >= Severity::Warning
+}
+
+/// How many alarms are open, how many are in each state of [`ANSWERED`], and how many open anomalies are worth knowing.
+fn alarms_in_words(open: &[Severity], answered: [usize; ANSWERED.len()]) -> String {
+    let count_of = |severity: Severity| open.iter().filter(|of| **of == severity).count();
+    let counted = |count: usize, what: &str| (count > 0).then(|| format!("{count} {what}"));
+    let alarms: Vec<String> = [Severity::Critical, Severity::Warning]
+        .into_iter()
+        .filter_map(|severity| counted(count_of(severity), &output::coloured(severity.name())))
+        .collect();
+    let alarms =
+        if alarms.is_empty() { "none open".to_owned() } else { format!("{} open", alarms.join(", ")) };
+    let answered: Vec<String> = ANSWERED
+        .into_iter()
+        .zip(answered)
+        .filter_map(|(state, count)| {
+            let word = if state == AlarmState::Maintenance { "in maintenance" } else { state.name() };
+            counted(count, word)
+        })
+        .collect();
+    let answered =
+        (!answered.is_empty()).then(|| format!("{} (`armwatch alerts list`)", answered.join(", ")));
+    let remarks = counted(count_of(Severity::Info), "worth knowing");
+    [Some(alarms), answered, remarks].into_iter().flatten().collect::<Vec<_>>().join("; ")
+}
+
+/// Friction of a joint against its baseline, in a width of its own; marked where an alarm of it is open.
+fn change(row: &FleetHealthRow, is_marked: bool) -> String {
     let change =
         row.friction_index.map_or_else(|| "?".to_owned(), |index| format!("{:+.0}", 100.0 * (index - 1.0)));
-    let mark = if row.open_anomalies > 0 { "!" } else { " " };
+    let mark = if is_marked { "!" } else { " " };
     format!("{change:>4}{mark}")
+}
+
+#[cfg(test)]
+mod tests {
+    use anstream::adapter::strip_str;
+
+    use super::*;
+
+    #[test]
+    fn alarms_are_counted_by_what_is_asked_of_people() {
+        use Severity::{Critical, Info, Warning};
+        let cases: [(&[Severity], [usize; 3], &str); 6] = [
+            (&[], [0, 0, 0], "none open"),
+            (&[Critical, Warning, Warning], [0, 0, 0], "1 critical, 2 warning open"),
+            (&[Warning, Warning, Info, Info], [0, 0, 0], "2 warning open; 2 worth knowing"),
+            (&[Info], [0, 0, 0], "none open; 1 worth knowing"),
+            (&[], [2, 1, 0], "none open; 2 acknowledged, 1 shelved (`armwatch alerts list`)"),
+            (
+                &[Critical, Info],
+                [0, 0, 3],
+                "1 critical open; 3 in maintenance (`armwatch alerts list`); 1 worth knowing",
+            ),
+        ];
+        for (open, answered, words) in cases {
+            assert_eq!(strip_str(&alarms_in_words(open, answered)).to_string(), words);
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
+use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
 use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
@@ -80,7 +80,7 @@ enum RowsArg {
 pub(super) fn verify(global: &Global, args: &VerifyArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
-        let store = if args.store { open_store(&config).await? } else { open_to_read(&config).await? };
+        let store = if args.store { open_to_change(&config).await? } else { open_to_read(&config).await? };
         let done = verify_stored(global, args, config.analysis.estimator, &store).await;
         store.close().await?;
         done

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -15,6 +15,10 @@ use crate::store::Store;
 /// Time between two looks. What is removed in one leaves room for what comes until the next.
 const LOOK: Duration = Duration::from_secs(24 * 3600);
 
+/// Age of the latest export from which on the clock of a start is doubted: a machine that starts without a network may be
+/// years ahead, and what is removed then does not come back.
+const DOUBTFUL: SignedDuration = SignedDuration::from_hours(31 * 24);
+
 /// Takes away factors that have had their time, as `[retention]` says.
 #[derive(Debug)]
 pub struct Pruning {
@@ -22,7 +26,8 @@ pub struct Pruning {
 }
 
 impl Pruning {
-    /// Looks now and once a day, by the configuration in force then, until `stop` is cancelled.
+    /// Looks now and once a day, by the configuration in force then, until `stop` is cancelled. Where the latest export came more
+    /// than a month ago by the clock, the first look waits for a day.
     #[must_use]
     pub fn start(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) -> Self {
         Self { task: tokio::spawn(look(store, configs, stop)) }
@@ -37,6 +42,16 @@ impl Pruning {
 }
 
 async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: CancellationToken) {
+    if let Some(latest) = doubtful(&store, Timestamp::now()).await {
+        tracing::warn!(
+            %latest,
+            "by the clock of this machine the latest export came more than a month ago: is the clock right? Factors that have had \
+             their time are removed in a day, or now with `armwatch prune`"
+        );
+        if waited(&stop).await {
+            return;
+        }
+    }
     loop {
         let kept = kept_since(&configs.borrow().retention, Timestamp::now());
         match prune(&store, &kept, &stop).await {
@@ -53,9 +68,46 @@ async fn look(store: Store, configs: watch::Receiver<Arc<Config>>, stop: Cancell
             }
             Err(error) => tracing::warn!(%error, "old factors stay for now; looking again tomorrow"),
         }
-        tokio::select! {
-            () = stop.cancelled() => return,
-            () = tokio::time::sleep(LOOK) => {}
+        if waited(&stop).await {
+            return;
         }
+    }
+}
+
+/// Waits for the next look; whether an end is asked for.
+async fn waited(stop: &CancellationToken) -> bool {
+    tokio::select! {
+        () = stop.cancelled() => true,
+        () = tokio::time::sleep(LOOK) => false,
+    }
+}
+
+/// When the latest export came, where that makes the clock `now` doubtful.
+async fn doubtful(store: &Store, now: Timestamp) -> Option<Timestamp> {
+    match store.last_entered_at().await {
+        Ok(latest) => latest.filter(|latest| now.duration_since(*latest) > DOUBTFUL),
+        Err(error) => {
+            tracing::debug!(%error, "the time of the latest export is not known");
+            None
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_clock_far_ahead_of_the_latest_export_is_doubted() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = Store::open(&folder.path().join("fleet.db")).await.expect("a database");
+        let in_days = |days: i64| Timestamp::now() + SignedDuration::from_hours(24 * days);
+        assert_eq!(doubtful(&store, in_days(400)).await, None, "nothing was stored, nothing can be lost");
+        let size = crate::store::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
+        store.fill_synthetic(size, std::path::Path::new("/inbox")).await.expect("a history");
+        // entered at the beginning of 1970
+        let entered = Timestamp::from_microsecond(1).expect("a time");
+        assert_eq!(doubtful(&store, in_days(0)).await, Some(entered));
+        assert_eq!(doubtful(&store, entered + SignedDuration::from_hours(30 * 24)).await, None);
     }
 }

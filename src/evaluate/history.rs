@@ -259,6 +259,7 @@ fn response(arm: &Arm<'_>, draws: &mut Draws) -> ChannelResponse {
                 fault,
                 // the drawn weights do not answer to faults
                 strength: 0,
+                shift: Vec::new(),
                 unexplained: (0..n).map(left).collect(),
                 change: change.iter().map(|of| of * (1.0 + RESPONSE_ERROR * draws.normal())).collect(),
             });

@@ -1,7 +1,7 @@
 //! Recordings of ordinary work: windows held against the parameters of the robot's tests.
 
 use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::context::{Pipeline, PipelineError};
@@ -148,10 +148,10 @@ pub(super) async fn settle(
 ) -> Result<Vec<Settled>, PipelineError> {
     let estimator = estimator.of_factors();
     let windows = store.production_windows(robot_id, estimator).await?;
-    if windows.is_empty() {
-        return Ok(Vec::new());
-    }
-    let tests = store.reference_tests(robot_id).await?;
+    let Some(from) = windows.iter().map(|window| window.started_at).min() else { return Ok(Vec::new()) };
+    let models: BTreeSet<i64> = windows.iter().map(|window| window.robot_model_id).collect();
+    let models = Vec::from_iter(models);
+    let tests = store.reference_tests(robot_id, from, &models, MOST_REFERENCES).await?;
     let mut candidates: HashMap<i64, Option<Arc<Reference>>> = HashMap::new();
     let mut due: BTreeMap<i64, BTreeMap<u32, Arc<Reference>>> = BTreeMap::new();
     for window in windows {

@@ -55,6 +55,7 @@ static ASSETS: &[Asset] = &assets![
     "main.js",
     "part.js",
     "plot.js",
+    "quantities.js",
     "robot.js",
     "run.js",
     "spark.js",
@@ -177,5 +178,27 @@ mod tests {
         files.sort_unstable();
         served.sort_unstable();
         assert_eq!(files, served);
+    }
+
+    #[test]
+    fn every_quantity_that_a_detector_names_has_a_label_and_a_form_on_the_page() {
+        let list = |text: &'static str, begin: &str, end: &str| -> &'static str {
+            let (_, rest) = text.split_once(begin).expect("the list");
+            rest.split_once(end).expect("its end").0
+        };
+        let detectors = list(include_str!("../numerics/detect/window.rs"), "const QUANTITIES", "];");
+        let mut known: Vec<&str> = detectors.split('"').skip(1).step_by(2).collect();
+        let page = list(include_str!("page/quantities.js"), "const QUANTITIES = {", "};");
+        let mut told: Vec<&str> = Vec::new();
+        for (name, said) in page.lines().filter_map(|line| line.trim().split_once(": [")) {
+            let [_, label, forms] = said.splitn(3, '"').collect::<Vec<_>>()[..] else {
+                panic!("{name}: {said}")
+            };
+            assert!(!label.is_empty() && forms.matches(", ").count() == 2, "{name}: {said}");
+            told.push(name);
+        }
+        known.sort_unstable();
+        told.sort_unstable();
+        assert_eq!(told, known);
     }
 }

@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
-use super::snapshot::{is_ours, partial_of, place, remove};
+use super::snapshot::{is_ours, partial_of, place, remove, remove_abandoned};
 
 /// What a backup holds, after it was looked through.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,7 +44,7 @@ impl Store {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
         let partial = partial_of(target);
-        remove(&partial).map_err(failed)?;
+        remove_abandoned(target);
         let found = self.written_and_checked(&partial, target).await;
         if found.is_err() {
             // what is half is of no use
@@ -52,7 +52,11 @@ impl Store {
         }
         let (rows, is_compared) = found?;
         let target = target.to_owned();
-        let placed = tokio::task::spawn_blocking(move || place(&partial, &target)).await;
+        let placed = tokio::task::spawn_blocking(move || {
+            // a copy that has no place is of no use either
+            place(&partial, &target).inspect_err(|_| drop(remove(&partial)))
+        })
+        .await;
         let bytes = placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)?;
         Ok(Backup { bytes, rows, is_compared })
     }

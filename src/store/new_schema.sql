@@ -1,4 +1,4 @@
--- made from migrations 25030137aea9e248d48db010525a4b7cbb09e26a815910b855250459076c30fe
+-- made from migrations 1c819899b1e7a319bc389433f2a985ac30eb0a1ce5678d89b5f6c54cdf78547c
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -1813,17 +1813,6 @@ FROM host_session AS latest
 WHERE latest.kind = 'daemon'
   AND latest.host_session_id = (SELECT max(own.host_session_id) FROM host_session AS own
                                 WHERE own.host = latest.host AND own.kind = 'daemon');
-CREATE TABLE settled_history (
-    settled_history_id INTEGER PRIMARY KEY AUTOINCREMENT,
-    robot_id           INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
-    tests              INTEGER NOT NULL CHECK (tests > 0),
-    -- Start of the latest test that it follows from, microseconds since 1970.
-    follows_until      INTEGER NOT NULL,
-    basis              INTEGER NOT NULL,
-    numbers            BLOB NOT NULL,
-    UNIQUE (robot_id, tests)
-) STRICT;
-CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until);
 CREATE INDEX anomaly_by_settled_history ON anomaly (settled_history_id) WHERE settled_history_id IS NOT NULL;
 CREATE INDEX anomaly_not_settled ON anomaly (robot_id, anomaly_id) WHERE settled_history_id IS NULL;
 CREATE TRIGGER settled_history_goes_with_new_test AFTER INSERT ON run
@@ -1975,6 +1964,74 @@ SELECT run.run_id,
         WHERE host_session.host_session_id = run.host_session_id) AS host
 FROM run
 JOIN robot USING (robot_id);
+CREATE TABLE settled_history (
+    settled_history_id INTEGER PRIMARY KEY AUTOINCREMENT,
+    robot_id           INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
+    kind               TEXT NOT NULL CHECK (kind IN ('test', 'production')),
+    runs               INTEGER NOT NULL CHECK (runs > 0),
+    -- Start of the latest run that it follows from, microseconds since 1970.
+    follows_until      INTEGER NOT NULL,
+    basis              INTEGER NOT NULL,
+    numbers            BLOB NOT NULL,
+    UNIQUE (robot_id, kind, runs)
+) STRICT;
+CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until);
+CREATE TRIGGER settled_history_goes_with_new_log AFTER INSERT ON production_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_changed_log AFTER UPDATE ON production_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_log AFTER DELETE ON production_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_changed_work_run AFTER UPDATE OF robot_id, kind, status, started_at ON run
+WHEN 'complete' IN (OLD.status, NEW.status) AND 'production' IN (OLD.kind, NEW.kind)
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+END;
+CREATE TRIGGER settled_history_goes_with_work_run AFTER DELETE ON run
+WHEN OLD.status = 'complete' AND OLD.kind = 'production'
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+END;
+CREATE TRIGGER settled_history_goes_with_error_of_test AFTER UPDATE OF relative_rmsd ON run_joint_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = NEW.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_test_without_error AFTER DELETE ON run_joint_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = OLD.run_id);
+END;
+CREATE TRIGGER settled_history_goes_with_test_with_error AFTER INSERT ON run_joint_summary
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = NEW.run_id);
+END;
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

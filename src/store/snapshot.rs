@@ -6,7 +6,9 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
+use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
@@ -35,8 +37,10 @@ const LEFT_OUT: [&str; 11] = [
 #[cfg(feature = "postgres")]
 const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL TABLES IN SCHEMA armwatch";
 
-/// What a copy is called until it is whole.
+/// End of the name that a copy has until it is whole.
 const PARTIAL: &str = ".partial";
+/// A copy that nobody has written to for so long has lost its writer.
+const ABANDONED: Duration = Duration::from_secs(86_400);
 
 impl Store {
     /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has.
@@ -58,7 +62,7 @@ impl Store {
         if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(failed)?;
         }
-        remove(&partial).map_err(failed)?;
+        remove_abandoned(target);
         let copied = copy(&self.path, &partial).await;
         if let Err(error) = copied {
             // what is half is of no use
@@ -66,16 +70,43 @@ impl Store {
             return Err(StoreError::from_sqlx(target, &error));
         }
         let (partial, target) = (partial.clone(), target.to_owned());
-        let placed = tokio::task::spawn_blocking(move || place(&partial, &target)).await;
+        let placed = tokio::task::spawn_blocking(move || {
+            // a copy that has no place is of no use either
+            place(&partial, &target).inspect_err(|_| drop(remove(&partial)))
+        })
+        .await;
         placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)
     }
 }
 
-/// Name of a copy until it is whole.
+/// Name of a copy until it is whole, beside the target: each writer has its own, so that two at once do not take each other's for
+/// theirs.
 pub(super) fn partial_of(target: &Path) -> PathBuf {
     let mut partial = target.as_os_str().to_owned();
-    partial.push(PARTIAL);
+    partial.push(format!(".{}-{}{PARTIAL}", std::process::id(), Timestamp::now().as_nanosecond()));
     PathBuf::from(partial)
+}
+
+/// Removes copies for `target` whose writers ended before they were whole; those stay that this user may not remove.
+pub(super) fn remove_abandoned(target: &Path) {
+    let Some(name) = target.file_name() else { return };
+    let name = name.to_string_lossy();
+    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let other = entry.file_name();
+        let other = other.to_string_lossy();
+        let rest = other.strip_prefix(&*name).and_then(|rest| rest.strip_suffix(PARTIAL));
+        let is_partial = rest.is_some_and(|rest| {
+            rest.is_empty()
+                || rest.starts_with('.') && rest[1..].bytes().all(|of| of.is_ascii_digit() || of == b'-')
+        });
+        // one that goes meanwhile is as good as removed
+        let Ok(metadata) = entry.metadata() else { continue };
+        let is_old = metadata.modified().is_ok_and(|at| at.elapsed().is_ok_and(|age| age > ABANDONED));
+        if is_partial && is_old && metadata.is_file() {
+            let _ = remove(&entry.path());
+        }
+    }
 }
 
 /// Whether nothing lies at `target` but an earlier copy.

@@ -6,6 +6,9 @@ use sqlx::AssertSqlSafe;
 
 use super::error::StoreError;
 use super::handle::Store;
+use super::results::production_evidence::packed;
+use crate::analysis::work_evidence::{DEVIATION, JointEvidence, PRODUCTS};
+use crate::robot::JointIndex;
 
 const STATEMENTS: &str = include_str!("synthetic.sql");
 
@@ -24,6 +27,8 @@ pub struct SyntheticSize {
     pub runs: u32,
     /// Cycles of each test.
     pub cycles: u32,
+    /// Logs of ordinary work behind each test.
+    pub logs: u32,
 }
 
 impl SyntheticSize {
@@ -36,6 +41,29 @@ impl SyntheticSize {
     }
 }
 
+/// Evidence of a log in which six joints move, each in its own way: of no cause more than of another.
+fn evidence() -> Vec<JointEvidence> {
+    let rows = 400;
+    let of_joint = |joint: usize| {
+        let mut products = [0.0; PRODUCTS];
+        for row in 0..rows {
+            // what lies along each direction, and the deviation, Nm
+            let wave = |of: usize| (0.02 * (row * (3 + of)) as f64 + (joint * of) as f64).sin();
+            let along: [f64; DEVIATION + 1] = std::array::from_fn(|of| match of {
+                DEVIATION => 0.1 * wave(of),
+                _ => (1.0 + joint as f64) * wave(of),
+            });
+            for a in 0..=DEVIATION {
+                for b in a..=DEVIATION {
+                    products[JointEvidence::index(a, b)] += along[a] * along[b] / rows as f64;
+                }
+            }
+        }
+        JointEvidence { joint: JointIndex::new(joint), windows: 1, samples: rows, products }
+    };
+    (0..6).map(of_joint).collect()
+}
+
 impl Store {
     /// Fills a database without runs with a history of this size, whose files lie in `inbox`.
     ///
@@ -43,11 +71,15 @@ impl Store {
     /// [`StoreError::Refused`] for a database with runs; others of the database.
     pub async fn fill_synthetic(&self, size: SyntheticSize, inbox: &Path) -> Result<(), StoreError> {
         let runs = size.robots * size.runs;
-        let at_once = (CYCLES_AT_ONCE / size.cycles).max(1);
+        let at_once = (CYCLES_AT_ONCE / (size.cycles + size.logs)).max(1);
+        let evidence: String = packed(&evidence()).iter().map(|byte| format!("{byte:02x}")).collect();
         for first in (0..runs).step_by(at_once as usize) {
             let statements = STATEMENTS
                 .replace(":robots", &size.robots.to_string())
+                .replace(":runs", &runs.to_string())
                 .replace(":cycles", &size.cycles.to_string())
+                .replace(":logs", &size.logs.to_string())
+                .replace(":evidence", &format!("x'{evidence}'"))
                 .replace(":first", &first.to_string())
                 .replace(":last", &(first + at_once).min(runs).to_string())
                 .replace(":inbox", &inbox.display().to_string().replace('\'', "''"));

@@ -1,7 +1,9 @@
 -- A history that nobody recorded, for measurements of the time that questions about a long one take: `:robots` robots of
 -- `:runs` tests each with `:cycles` cycles and six joints, one test a day from 2020 on, their files in the folder `:inbox`.
 -- Figures are near one another and stand for nothing. Of the tests, counted from 0 over all robots, day by day, those from
--- `:first` to before `:last`.
+-- `:first` to before `:last`. Behind each test are `:logs` logs of ordinary work of a window each, the keys of whose runs
+-- and cycles follow those of all `:runs` tests; `:evidence` is what such a log leaves of the torque, as it is stored. Where there are logs,
+-- cycles of tests have factors for 120 days and windows for 7, as far as questions ask whether there are some.
 CREATE TEMP TABLE size (robots INTEGER, cycles INTEGER, joints INTEGER);
 INSERT INTO size VALUES (:robots, :cycles, 6);
 CREATE TEMP TABLE of_run (run_id INTEGER PRIMARY KEY, robot INTEGER, at INTEGER);
@@ -46,6 +48,31 @@ INSERT INTO run_friction_index SELECT run_id, joint, 1 + (run_id * 7919 % 1000) 
     1.0, 0 FROM of_run CROSS JOIN joints;
 INSERT INTO parameter_statistic SELECT run_id, model_parameter_id, w, 1.0, 0.9, 1.1, 0.1, 0.1, 0.01, cycles FROM
     of_run CROSS JOIN model_parameter CROSS JOIN (SELECT 'after_5' AS w UNION ALL SELECT 'all') CROSS JOIN size;
+CREATE TEMP TABLE of_log (run_id INTEGER PRIMARY KEY, cycle_id INTEGER, test INTEGER, robot INTEGER, at INTEGER, started_at INTEGER);
+INSERT INTO of_log WITH RECURSIVE n (k) AS (SELECT 1 WHERE :logs > 0 UNION ALL SELECT k + 1 FROM n WHERE k < :logs)
+    SELECT :runs + (run_id - 1) * :logs + k, :runs * cycles + (run_id - 1) * :logs + k, run_id, robot, at,
+    1577836800000000 + at * 86400000000 + k * 86400000000 / (:logs + 1) FROM of_run CROSS JOIN n CROSS JOIN size;
+INSERT INTO run (run_id, robot_id, model, robot_model_id, started_at, source_name, source_path, source_bytes,
+    content_hash, rows, sample_rate_hz, cycles_stored, cycles_total, status, kind, ingested_at)
+    SELECT run_id, robot, 'er3a', 1, started_at, format('S%03d_%06d_%02d.csv', robot, at, run_id % :logs), ':inbox/' ||
+    format('S%03d_%06d_%02d.csv', robot, at, run_id % :logs), 1000, CAST(format('%032d', run_id) AS BLOB), 1000, 250.0,
+    1, 1, 'complete', 'production', 1 FROM of_log;
+INSERT OR IGNORE INTO factor_layout SELECT 1, 1, '[]' WHERE :logs > 0;
+INSERT INTO cycle (cycle_id, run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, samples,
+    estimator, factors_gone) SELECT cycle_id, run_id, 1, started_at, 290.0, 72500, 250.0, 10.0, 'complete', 2000,
+    'weighted', CASE WHEN at < :runs / robots - 7 THEN 'joined' END FROM of_log CROSS JOIN size;
+INSERT INTO cycle_factor_layout SELECT cycle_id, 1 FROM of_log CROSS JOIN size WHERE at >= :runs / robots - 7;
+UPDATE cycle SET factors_gone = 'removed' FROM of_cycle JOIN of_run USING (run_id) CROSS JOIN size
+    WHERE cycle.cycle_id = of_cycle.cycle_id AND :logs > 0 AND at < :runs / robots - 120;
+INSERT INTO cycle_factor_layout SELECT cycle_id, 1 FROM of_cycle JOIN of_run USING (run_id) CROSS JOIN size
+    WHERE :logs > 0 AND at >= :runs / robots - 120;
+INSERT INTO production_check (cycle_id, joint, reference_run_id, moving_relative_rmsd, samples, moving_samples,
+    friction_excess, friction_share, settled, estimator) SELECT cycle_id, joint, test, 0.06 + (cycle_id * 7919 % 1000) *
+    1e-6, 2000, 1500, (cycle_id * 104729 % 1000) * 1e-5, 0.1, 1, 'weighted' FROM of_log CROSS JOIN joints;
+INSERT INTO production_summary SELECT run_id, test, joint, 1, 0.06 + (cycle_id * 7919 % 1000) * 1e-6, (cycle_id * 104729
+    % 1000) * 1e-5, 0.1 FROM of_log CROSS JOIN joints;
+INSERT INTO log_evidence SELECT run_id, test, :evidence FROM of_log;
+DROP TABLE temp.of_log;
 DROP TABLE temp.size;
 DROP TABLE temp.of_run;
 DROP TABLE temp.of_cycle;

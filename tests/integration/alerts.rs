@@ -79,6 +79,8 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     let why = ["--why", "gearbox is ordered", "--by", "mueller"];
     let known = workshop.stdout(&[&["alerts", "ack", id][..], &why].concat(), 0);
     assert!(known.starts_with("acknowledged  anomaly") && known.contains("by mueller: gearbox"), "{known}");
+    let status = workshop.stdout(&["status"], 0);
+    assert!(status.contains("; 1 acknowledged (`armwatch alerts list`)"), "{status}");
     assert!(refused(&workshop, &["alerts", "ack", id]).contains("is acknowledged already"));
     ingest(&workshop, &exports[8..]);
     let told = json(&workshop.stdout(&["alerts", "show", id, "--json"], 0));
@@ -96,9 +98,10 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     let past = refused(&workshop, &["alerts", "shelve", id, "--until", "2026-01-01"]);
     assert!(past.contains("has passed"), "{past}");
     assert!(refused(&workshop, &["alerts", "shelve", id]).contains("--until"));
-    let shelved = json(&workshop.stdout(&["alerts", "shelve", id, "--until", "2090-01-01", "--json"], 0));
-    assert_eq!(shelved["shelved_until"].as_str(), Some("2090-01-01T00:00:00Z"));
-    assert!(workshop.stdout(&["alerts", "list"], 0).contains("shelved until 2090-01-01 00:00Z"));
+    let shelved =
+        json(&workshop.stdout(&["alerts", "shelve", id, "--until", "2090-01-01T06:00", "--json"], 0));
+    assert_eq!(shelved["shelved_until"].as_str(), Some("2090-01-01T06:00:00Z"));
+    assert!(workshop.stdout(&["alerts", "list"], 0).contains("shelved until 2090-01-01 06:00Z"));
 
     workshop.stdout(&["alerts", "false-alarm", id, "--why", "other gripper"], 0);
     let closed =
@@ -116,6 +119,30 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
         ["acknowledged", "shelved", "false_alarm", "acknowledged", "resolved"],
         "{deeds:?}"
     );
+}
+
+#[test]
+fn a_command_that_changes_what_is_stored_makes_no_database() {
+    let workshop = Workshop::new();
+    let commands: [&[&str]; 10] = [
+        &["alerts", "ack", "1"],
+        &["alerts", "resolve", "1"],
+        &["alerts", "shelve", "1", "--days", "1"],
+        &["alerts", "false-alarm", "1"],
+        &["alerts", "test"],
+        &["maintenance", "Left", "--what", "grease"],
+        &["maintenance", "--remove", "1"],
+        &["ingest", "--again", "1"],
+        &["quarantine", "dismiss", "1", "--reason", "old"],
+        &["prune"],
+    ];
+    for command in commands {
+        let output = workshop.run(&[command, &["--db", "gone/fleet.db"]].concat());
+        assert_eq!(output.status.code(), Some(74), "{command:?}: {}", text(&output.stdout));
+        let said = text(&output.stderr);
+        assert!(said.contains("there is no database gone/fleet.db"), "{command:?}: {said}");
+        assert!(!workshop.path("gone").exists(), "{command:?}");
+    }
 }
 
 #[test]

@@ -222,22 +222,55 @@ fn an_alarm_is_answered_and_its_history_says_who_did_it() {
     served.end();
 }
 
+#[test]
+fn the_fleet_counts_alarms_and_what_is_worth_knowing_apart_and_in_all_places_alike() {
+    let served = Served::new(true);
+    small_anomaly(&served.workshop, 1, "warning");
+    small_anomaly(&served.workshop, 2, "info");
+    let counted = |of: &Value| ["open_anomalies", "open_alarms", "open_infos"].map(|name| of[name].as_i64());
+    let fleet = served.get("/v1/fleet").json();
+    assert_eq!(counted(&fleet["counts"]), [Some(2), Some(1), Some(1)], "{fleet}");
+    assert_eq!(counted(&fleet["robots"][0]), [Some(2), Some(1), Some(1)], "{fleet}");
+    let joints = &fleet["robots"][0]["joints"];
+    assert_eq!(counted(&joints[0]), [Some(1), Some(1), Some(0)], "{fleet}");
+    assert_eq!(counted(&joints[1]), [Some(1), Some(0), Some(1)], "{fleet}");
+    served.end();
+}
+
+#[test]
+fn work_puts_the_alarms_of_its_joint_into_maintenance_and_says_who_entered_it() {
+    let served = Served::new(true);
+    small_anomaly(&served.workshop, 1, "warning");
+    small_anomaly(&served.workshop, 2, "warning");
+    let work = json!({"who": "Lena", "what": "gearbox changed", "joint": 1});
+    assert_eq!(served.post("/v1/robots/A/maintenance", &work).status, 201);
+    // the daemon may have judged the robot again by now, and what was only written by hand is withdrawn then
+    let history = served.get("/v1/views/anomaly_history?what=maintenance").json();
+    let rows = history["rows"].as_array().expect("rows");
+    let told = |row: &Value| [&row["anomaly_id"], &row["who"], &row["why"]].map(Value::to_string).join(" ");
+    assert_eq!(rows.iter().map(told).collect::<Vec<_>>(), ["1 \"Lena\" \"gearbox changed\""]);
+    served.end();
+}
+
 fn small_alarm(workshop: &Workshop) {
+    small_anomaly(workshop, 1, "warning");
+}
+
+/// As conclusions write one.
+fn small_anomaly(workshop: &Workshop, joint: u8, severity: &str) {
     use sqlx::Connection;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     runtime.block_on(async {
         let url = format!("sqlite://{}", workshop.path("armwatch.db").display());
         let mut connection = sqlx::SqliteConnection::connect(&url).await.expect("a connection");
-        sqlx::raw_sql(
+        let statement = format!(
             "INSERT INTO anomaly (robot_id, joint, kind, quantity, severity, score, threshold, value, baseline, first_run_id,
                                   last_run_id, first_seen_at, last_seen_at, state, message)
-             SELECT robot_id, 1, 'drift', 'friction_index', 'warning', 0.1, 0.05, 1.1, 1.0, run_id, run_id, started_at,
-                    started_at, 'open', 'joint 1: friction is 10 % above its baseline'
-             FROM run LIMIT 1",
-        )
-        .execute(&mut connection)
-        .await
-        .expect("an alarm");
+             SELECT robot_id, {joint}, 'drift', 'friction_index', '{severity}', 0.1, 0.05, 1.1, 1.0, run_id, run_id,
+                    started_at, started_at, 'open', 'joint {joint}: friction is 10 % above its baseline'
+             FROM run LIMIT 1"
+        );
+        sqlx::raw_sql(sqlx::AssertSqlSafe(statement)).execute(&mut connection).await.expect("an anomaly");
     });
 }
 

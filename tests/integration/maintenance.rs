@@ -33,33 +33,61 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
     assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2"]);
     let before = workshop.dump();
     let start = workshop.query("SELECT started_at FROM runs WHERE run_id = 4").remove(0);
-    let entered = workshop.stdout(
-        &[
-            "maintenance",
-            "Left",
-            "--joint",
-            "3",
-            "--what",
-            "gearbox changed",
-            "--at",
-            &start,
-            "--by",
-            "mueller",
-        ],
-        0,
-    );
+    let work = ["Left", "--joint", "3", "--what", "gearbox changed", "--at", &start, "--by", "mueller"];
+    let work = [&["maintenance"][..], &work].concat();
+    let entered = workshop.stdout(&work, 0);
     assert!(entered.starts_with("entered      1: Left, joint 3, "), "{entered}");
+    assert!(entered.contains("Z: gearbox changed\n"), "{entered}");
     assert!(entered.contains("the history is judged with it"), "{entered}");
     assert_eq!(baselines(&workshop, 3), ["0 first_test 1,2", "1 maintenance 4,5"]);
     assert_eq!(baselines(&workshop, 2), ["0 first_test 1,2"]);
     assert_eq!(workshop.query("SELECT history - concluded FROM robot"), ["0"]);
+    let again = workshop.run(&work);
+    assert_eq!(again.status.code(), Some(2));
+    assert!(
+        text(&again.stderr).contains("entered already, as number 1: Left, joint 3, "),
+        "{}",
+        text(&again.stderr)
+    );
     let listed: Value =
         serde_json::from_str(&workshop.stdout(&["maintenance", "--list", "Left", "--json"], 0))
             .expect("JSON");
     assert_eq!((&listed["joint"], &listed["by"]), (&3.into(), &"mueller".into()));
     let removed = workshop.stdout(&["maintenance", "--remove", "1"], 0);
+    assert!(removed.starts_with("removed      1: Left, joint 3, "), "{removed}");
+    assert!(removed.contains("Z: gearbox changed\n"), "{removed}");
     assert!(removed.contains("the baseline before it counts again"), "{removed}");
     assert_eq!(workshop.dump(), before);
+}
+
+#[test]
+fn work_silences_the_alarms_of_its_joint_until_the_entry_is_taken_back() {
+    let workshop = Workshop::new();
+    let fault = ["--fault", "wear:joint=3,from=5,rate=0.08"];
+    let shape = ["--runs", "8", "--cycles", "2", "--name", "R01", "--seed", "11"];
+    workshop.simulate("exports", &[&shape[..], &fault].concat());
+    workshop.stdout(&["ingest", "exports"], 0);
+    let open = "SELECT anomaly_id FROM anomalies WHERE joint = 3 AND state = 'open' ORDER BY anomaly_id";
+    let ids = workshop.query(open);
+    assert!(!ids.is_empty());
+    let others = "SELECT anomaly_id, state FROM anomalies WHERE joint <> 3 OR joint IS NULL ORDER BY 1";
+    let before = workshop.query(others);
+    workshop
+        .stdout(&["maintenance", "R01", "--joint", "3", "--what", "gearbox changed", "--by", "mueller"], 0);
+    let listed = workshop.stdout(&["alerts", "list", "--state", "maintenance", "--json"], 0);
+    let mut found: Vec<String> = listed
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).expect("JSON")["anomaly_id"].to_string())
+        .collect();
+    found.sort_by_key(|id| id.parse::<i64>().ok());
+    assert_eq!(found, ids, "{listed}");
+    let last = "SELECT what || ' ' || coalesce(who, '') || ' ' || coalesce(why, '') FROM anomaly_history
+                WHERE joint = 3 ORDER BY anomaly_event_id DESC LIMIT 1";
+    assert_eq!(workshop.query(last), ["maintenance mueller gearbox changed"]);
+    assert_eq!(workshop.query(others), before, "work on joint 3 alone");
+    workshop.stdout(&["maintenance", "--remove", "1"], 0);
+    assert_eq!(workshop.query(open), ids);
+    assert_eq!(workshop.query(last), ["reopened  "]);
 }
 
 #[test]
@@ -70,11 +98,14 @@ fn what_cannot_be_entered_is_told_with_its_remedy() {
     let nothing = workshop.stdout(&["maintenance", "--list"], 0);
     assert!(nothing.contains("no work was entered"), "{nothing}");
     let robot = "Left";
-    let refused: [(&[&str], &str); 6] = [
+    let refused: [(&[&str], &str); 9] = [
         (&["maintenance", "Nobody", "--what", "grease"], "no export of a robot \"Nobody\" is stored"),
         (&["maintenance", robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
         (&["maintenance", robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
         (&["maintenance", robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),
+        (&["maintenance", robot, "--what", "grease", "--at", "0020-01-01"], "lies before 1970"),
+        (&["maintenance", robot, "--what", "  "], "it is empty"),
+        (&["maintenance", robot, "--what", "grease", "--by", " "], "it is empty"),
         (&["maintenance", "--remove", "7"], "no work has the number 7"),
         (&["maintenance", robot], "--what"),
     ];

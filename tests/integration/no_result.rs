@@ -64,6 +64,23 @@ fn a_stuck_channel_leaves_every_joint_unknown_and_is_named() {
     let message = workshop.query("SELECT message FROM anomalies").remove(0);
     assert!(message.contains("joint 4: the torque signal stands at 0"), "{message}");
 
+    // six joints with one reason are a line, whatever was known of each before
+    let status = workshop.stdout(&["status"], 0);
+    let told = "R01: all joints: the latest test gave no result: all 2 cycles were refused: joint 4: the torque signal";
+    assert!(status.contains(told), "{status}");
+    assert_eq!(status.matches("the latest test gave no result").count(), 1, "{status}");
+    assert!(!status.contains("known last"), "{status}");
+
+    // its page says that reason in its conclusions and among what is not known
+    workshop.stdout(&["report", "R01", "-o", "report.html"], 0);
+    let page = fs::read_to_string(workshop.path("report.html")).expect("a page");
+    assert_eq!(page.matches("The latest test gave no result: all 2 cycles were refused").count(), 2);
+    assert!(page.contains("Known last: friction index ") && page.contains("All joints"));
+    assert!(page.contains("Run 7, the latest test, has no parameters"));
+    for wrong in ["There is no baseline of earlier tests", "- where - is usual", "furthest out -"] {
+        assert!(!page.contains(wrong), "{wrong}");
+    }
+
     // the same export again is no better
     let again = workshop.stdout(&["ingest", stuck.to_str().expect("a path")], 1);
     assert!(again.contains("known") && again.contains("joint 4: the torque signal stands at 0"), "{again}");

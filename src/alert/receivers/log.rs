@@ -20,10 +20,10 @@ fn log(alarm: &Alarm) {
     let (robot, joint, kind) = (&event.robot, event.joint, &event.kind);
     let (quantity, anomaly_id, what) = (&event.quantity, event.anomaly_id, event.what.name());
     let (severity, score) = (event.severity.name(), event.score);
-    let text = &event.message;
+    let text = alarm.sentence();
     match event.severity {
         _ if alarm.is_closed() => {
-            tracing::info!(robot, joint, kind, quantity, severity, score, anomaly_id, what, "{what}: {text}");
+            tracing::info!(robot, joint, kind, quantity, severity, score, anomaly_id, what, "{what}; {text}");
         }
         Severity::Info => {
             tracing::info!(robot, joint, kind, quantity, severity, score, anomaly_id, what, "{text}")

@@ -1,10 +1,8 @@
 //! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
 
-use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
+use clap::builder::PossibleValuesParser;
 use clap::{Args, Subcommand};
 use jiff::Timestamp;
-use jiff::civil::Date;
-use jiff::tz::TimeZone;
 
 use super::act::{self, Deed};
 use super::list::{self, Wanted};
@@ -12,8 +10,10 @@ use super::severity::severity;
 use super::show;
 use super::test::{self, TestArgs};
 use crate::anomaly::{AnomalyKind, Severity};
-use crate::cli::context::{CliError, Global, open_store, open_to_read, runtime};
+use crate::cli::context::{CliError, Global, open_to_change, open_to_read, runtime};
+use crate::cli::shared::moment::moment;
 use crate::cli::shared::plot::PlotFile;
+use crate::cli::shared::said::said;
 use crate::store::AlarmState;
 
 #[derive(Debug, Args)]
@@ -63,17 +63,18 @@ Examples:
 Examples:
   armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
   armwatch alerts shelve 4 --until 2026-09-01 --why \"works holidays\"
-  armwatch alerts shelve 4 --until 2026-09-01T06:00:00Z
+  armwatch alerts shelve 4 --until 2026-09-01T06:00
 
-Shelving ends at that time, or before if the severity rises. The anomaly is open then. Dates begin at midnight UTC.")]
+Shelving ends at that time, or before if the severity rises. The anomaly is open then. Dates begin at midnight UTC; times
+are UTC too, unless they have an offset, as 2026-09-01T06:00:00+02:00 has.")]
     Shelve(ShelveArgs),
     /// Say that the cause is gone
     #[command(after_help = "\
 Examples:
   armwatch alerts resolve 4 --why \"gearbox changed\"
 
-If a later test still shows it, the anomaly is open again. After a repair, `armwatch maintenance` begins a new
-baseline, which resolves it too.")]
+If a later test still shows it, the anomaly is open again. After a repair, enter the work with `armwatch maintenance`
+instead. It begins a new baseline and puts earlier alarms into the state maintenance.")]
     Resolve(DeedArgs),
     /// Say that nothing was wrong
     #[command(after_help = "\
@@ -122,10 +123,10 @@ struct DeedArgs {
     #[arg(required = true, value_name = "ID")]
     ids: Vec<i64>,
     /// Why, for those who read the history later
-    #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
+    #[arg(long, value_name = "TEXT", value_parser = said)]
     why: Option<String>,
     /// Who says so [default: the user's name]
-    #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
+    #[arg(long, value_name = "NAME", value_parser = said)]
     by: Option<String>,
 }
 
@@ -133,23 +134,12 @@ struct DeedArgs {
 struct ShelveArgs {
     #[command(flatten)]
     deed: DeedArgs,
-    /// Until this time or date, UTC
+    /// Until this time, UTC: a date, a date with time, or RFC 3339 with an offset
     #[arg(long, value_name = "TIME", value_parser = moment, required_unless_present = "days")]
     until: Option<Timestamp>,
     /// For so many days from now on
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(1..=3650), conflicts_with = "until")]
     days: Option<i64>,
-}
-
-/// A time with its zone, or a date, which begins at midnight UTC.
-fn moment(text: &str) -> Result<Timestamp, String> {
-    if let Ok(time) = text.parse::<Timestamp>() {
-        return Ok(time);
-    }
-    let midnight = |date: Date| date.to_zoned(TimeZone::UTC).map(|zoned| zoned.timestamp());
-    text.parse::<Date>()
-        .and_then(midnight)
-        .map_err(|_| "write a date such as 2026-09-01, or a time such as 2026-09-01T06:00:00Z".to_owned())
 }
 
 pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, CliError> {
@@ -159,7 +149,7 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
         let store = match args.command {
             AlertsCommand::List(_) | AlertsCommand::Show(_) => open_to_read(&config).await?,
             _ => {
-                let store = open_store(&config).await?;
+                let store = open_to_change(&config).await?;
                 store.end_shelving(now).await?;
                 store
             }
@@ -200,13 +190,42 @@ fn deed(args: &DeedArgs) -> Deed<'_> {
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
 
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(subcommand)]
+        command: AlertsCommand,
+    }
+
+    fn parsed(line: &[&str]) -> Result<AlertsCommand, String> {
+        let words: Vec<&str> = std::iter::once("alerts").chain(line.iter().copied()).collect();
+        Line::try_parse_from(words).map(|line| line.command).map_err(|error| error.to_string())
+    }
+
     #[test]
-    fn a_date_begins_at_midnight_utc_and_a_time_needs_its_zone() {
-        let time = |text: &str| moment(text).map(|time| time.to_string());
-        assert_eq!(time("2026-09-01").as_deref(), Ok("2026-09-01T00:00:00Z"));
-        assert_eq!(time("2026-09-01T06:00:00+02:00").as_deref(), Ok("2026-09-01T04:00:00Z"));
-        assert!(time("tomorrow").is_err() && time("2026-13-01").is_err());
+    fn the_end_of_shelving_keeps_its_time_of_day() {
+        let until = |text: &str| match parsed(&["shelve", "4", "--until", text]) {
+            Ok(AlertsCommand::Shelve(args)) => args.until.map(|until| until.to_string()),
+            _ => None,
+        };
+        assert_eq!(until("2026-09-01").as_deref(), Some("2026-09-01T00:00:00Z"));
+        assert_eq!(until("2027-01-01T06:00").as_deref(), Some("2027-01-01T06:00:00Z"));
+        assert_eq!(until("2026-09-01T06:00:00+02:00").as_deref(), Some("2026-09-01T04:00:00Z"));
+        assert_eq!((until("tomorrow"), until("2026-13-01")), (None, None));
+    }
+
+    #[test]
+    fn a_name_or_reason_of_spaces_is_refused() {
+        for option in ["--by", "--why"] {
+            let refused = parsed(&["ack", "4", option, " "]).map(drop);
+            assert!(refused.is_err_and(|words| words.contains("it is empty")), "{option}");
+        }
+        match parsed(&["ack", "4", "--by", " mueller "]) {
+            Ok(AlertsCommand::Ack(args)) => assert_eq!(args.by.as_deref(), Some("mueller")),
+            other => panic!("{other:?}"),
+        }
     }
 }

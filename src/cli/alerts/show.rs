@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::words::{as_value, figure, find, minute, name, place, state};
 use crate::anomaly::AnomalyKind;
 use crate::anomaly::forecast::{Crossing, Forecast, Trend};
+use crate::anomaly::odds::odds_in_words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
@@ -80,32 +81,25 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     fact(
         "score",
         format!(
-            "{} latest, {} at its peak; limit {}",
+            "{} latest, {} at its peak{}",
             figure(row.score),
             figure(row.peak_score),
-            figure(row.threshold)
+            row.threshold
+                .filter(|limit| *limit != 0.0)
+                .map(|limit| format!("; limit {}", figure(Some(limit))))
+                .unwrap_or_default()
         ),
     );
     match row.odds {
         Some(odds) => {
-            fact("cause", format!("{}, odds {} against all others together", row.kind, odds_text(odds)))
+            fact("cause", format!("{}, odds {} against all others together", row.kind, odds_in_words(odds)))
         }
         None => fact("cause", format!("{}; other causes were not compared", row.kind)),
     }
     for rejected in &row.alternatives {
-        fact("rather than", format!("{}, odds {}", rejected.cause, odds_text(rejected.odds)));
+        fact("rather than", format!("{}, odds {}", rejected.cause, odds_in_words(rejected.odds)));
     }
     lines
-}
-
-/// Odds as people say them. Beyond a million nobody tells one from another, and no model is so good.
-fn odds_text(odds: f64) -> String {
-    match odds {
-        1e6.. => "more than a million to 1".into(),
-        1.0.. => format!("{odds:.0} to 1"),
-        1e-6.. => format!("1 to {:.0}", odds.recip()),
-        _ => "less than 1 to a million".into(),
-    }
 }
 
 /// The forecast of the joint, of an anomaly of its friction that the latest test still shows.
@@ -256,21 +250,6 @@ mod tests {
     use jiff::civil::date;
 
     use super::*;
-
-    #[test]
-    fn odds_are_said_as_people_say_them() {
-        let said = [28_089.7, 1.4, 0.5, 1e-3, 1e9, 1e-30, 0.0].map(odds_text);
-        let expected = [
-            "28090 to 1",
-            "1 to 1",
-            "1 to 2",
-            "1 to 1000",
-            "more than a million to 1",
-            "less than 1 to a million",
-            "less than 1 to a million",
-        ];
-        assert_eq!(said, expected);
-    }
 
     #[test]
     fn a_forecast_names_the_limits_that_are_ahead() {

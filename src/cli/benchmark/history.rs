@@ -11,11 +11,13 @@ use super::shipped_queries::shipped_queries;
 use crate::analysis::Estimator;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::detect::runs::window::Lengths;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::Lengths;
 use crate::pipeline::conclude::windows::judged;
+use crate::pipeline::conclude::work::judged_work;
 use crate::pipeline::context::PipelineError;
 use crate::pipeline::friction::planned;
+use crate::run::RunKind;
 use crate::store::{Store, SyntheticSize};
 
 /// A query that took longer is not asked a second time.
@@ -53,6 +55,9 @@ pub(in crate::cli) struct HistoryArgs {
     /// Cycles of each test
     #[arg(long, default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=100))]
     cycles: u32,
+    /// Logs of ordinary work behind each test, of a window each
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=144))]
+    logs: u32,
     /// Make the database there and keep it; one that is there already is asked as it is
     #[arg(long, value_name = "FILE")]
     keep: Option<PathBuf>,
@@ -70,7 +75,7 @@ pub(in crate::cli) fn history(global: &Global, args: &HistoryArgs) -> Result<u8,
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let path = args.keep.clone().unwrap_or_else(|| folder.path().join("history.db"));
-    let size = SyntheticSize { robots: args.robots, runs: args.runs, cycles: args.cycles };
+    let size = SyntheticSize { robots: args.robots, runs: args.runs, cycles: args.cycles, logs: args.logs };
     let (made, bytes, conclusion, queries) = runtime()?.block_on(async {
         let is_there = path.exists();
         let store = Store::open(&path).await?;
@@ -113,7 +118,10 @@ async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<Asked>, Cl
 /// What a conclusion asks of the database, and what else takes time in it.
 struct Conclusion {
     asked: Vec<Asked>,
-    detectors: Asked,
+    /// Those of tests, and those of ordinary work.
+    detectors: [Asked; 2],
+    /// Logs of ordinary work that were judged, the first time and then.
+    logs: [usize; 2],
     /// Tests whose cycles were read, the first time and then.
     read: [usize; 2],
     /// Tests that the detectors had.
@@ -133,8 +141,8 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
     ];
     let settings = DetectSettings::default();
     let mut times = [[Duration::ZERO; 7]; 2];
-    let mut detectors = [Duration::ZERO; 2];
-    let (mut read, mut judged_tests) = ([0; 2], [0; 2]);
+    let (mut detectors, mut of_work) = ([Duration::ZERO; 2], [Duration::ZERO; 2]);
+    let (mut read, mut judged_tests, mut judged_logs) = ([0; 2], [0; 2], [0; 2]);
     for turn in 0..2 {
         let times = &mut times[turn];
         let mut began = Instant::now();
@@ -158,15 +166,20 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         if let Some(plan) = &friction.known {
             conclusion.keep_friction_plan(plan, BASELINE_RUNS).await?;
         }
-        let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::default()).await?;
+        let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::OF_TESTS).await?;
         lap(5);
         conclusion.summarise_settled_logs().await?;
-        conclusion.production_summaries().await?;
-        conclusion.reconcile(&found.findings, &found.settled).await?;
-        conclusion.settle_withdrawn(&found.at).await?;
+        let work = judged_work(&mut conclusion, Estimator::Weighted, &settings, &Lengths::OF_LOGS).await?;
+        (of_work[turn], judged_logs[turn]) = (work.computing, work.logs);
+        let mut findings = found.findings.clone();
+        findings.anomalies.extend(work.anomalies);
+        conclusion.reconcile(&findings, &[&found.settled[..], &work.settled].concat()).await?;
+        conclusion.settle_withdrawn(RunKind::Test, &found.at).await?;
+        conclusion.settle_withdrawn(RunKind::Production, &work.at).await?;
         conclusion.commit(history).await?;
         lap(6);
         times[5] = times[5].saturating_sub(found.computing);
+        times[6] = times[6].saturating_sub(of_work[turn]);
         (detectors[turn], read[turn], judged_tests[turn]) = (found.computing, found.read, found.tests);
     }
     let [first, then] = times;
@@ -177,9 +190,15 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         first,
         then,
     };
-    let [first, then] = detectors;
-    let detectors = Asked { collection: "conclusion", question: "detectors".into(), first, then };
-    Ok(Conclusion { asked: asked.map(row).collect(), detectors, read, judged: judged_tests })
+    let detectors = [("detectors of tests", detectors), ("detectors of ordinary work", of_work)]
+        .map(|(name, [first, then])| row((name, (first, then))));
+    Ok(Conclusion {
+        asked: asked.map(row).collect(),
+        detectors,
+        logs: judged_logs,
+        read,
+        judged: judged_tests,
+    })
 }
 
 fn report(
@@ -191,7 +210,7 @@ fn report(
     mut queries: Vec<Asked>,
 ) {
     let ms = |time: Duration| (time.as_secs_f64() * 1e5).round() / 100.0;
-    let Conclusion { asked: conclusion, detectors, read, judged } = conclusion;
+    let Conclusion { asked: conclusion, detectors, logs: judged_logs, read, judged } = conclusion;
     let together = |of: fn(&Asked) -> Duration| ms(conclusion.iter().map(of).sum());
     let (first, then) = (together(|asked| asked.first), together(|asked| asked.then));
     queries.sort_by_key(|asked| asked.then);
@@ -199,7 +218,7 @@ fn report(
     let p95 =
         |of: &[&Asked]| of.get((of.len() * 95).div_ceil(100).saturating_sub(1)).map(|asked| ms(asked.then));
     let all: Vec<&Asked> = queries.iter().collect();
-    let SyntheticSize { robots, runs, cycles } = size;
+    let SyntheticSize { robots, runs, cycles, logs } = size;
     let joint_cycles = 6 * u64::from(robots) * u64::from(runs) * u64::from(cycles);
     if global.json {
         let rows = |asked: &[Asked]| -> Vec<_> {
@@ -207,14 +226,15 @@ fn report(
             asked.iter().map(row).collect()
         };
         return output::json(&json!({
-            "robots": robots, "runs": runs, "cycles": cycles, "joint_cycles": joint_cycles, "bytes": bytes,
+            "robots": robots, "runs": runs, "cycles": cycles, "logs": logs, "joint_cycles": joint_cycles, "bytes": bytes,
             "made_s": made.as_secs_f64(), "conclusion": rows(conclusion), "conclusion_first_ms": first,
-            "conclusion_then_ms": then, "detectors": rows(std::slice::from_ref(detectors)), "tests_read": read, "tests_judged": judged,
+            "conclusion_then_ms": then, "detectors": rows(detectors), "tests_read": read, "tests_judged": judged, "logs_judged": judged_logs,
             "queries": rows(&queries), "queries_p95_ms": p95(&all),
         }));
     }
     output::line(&format!(
-        "{robots} robots, {runs} tests of each with {cycles} cycles, {joint_cycles} joint-cycles: {:.0} MB, made in {:.0} s",
+        "{robots} robots, {runs} tests of each with {cycles} cycles, {joint_cycles} joint-cycles, {logs} logs behind each test: {:.0} MB, \
+         made in {:.0} s",
         bytes as f64 / 1e6,
         made.as_secs_f64()
     ));
@@ -222,11 +242,11 @@ fn report(
         |of: &Asked| vec![of.question.clone(), format!("{:.1}", ms(of.first)), format!("{:.1}", ms(of.then))];
     let mut rows: Vec<Vec<String>> = conclusion.iter().map(row).collect();
     rows.push(vec!["together".into(), format!("{first:.1}"), format!("{then:.1}")]);
-    rows.push(row(detectors));
+    rows.extend(detectors.iter().map(row));
     output::line(&output::table(&["conclusion of one robot", "first_ms", "then_ms"], &rows));
     output::line(&format!(
-        "cycles of {} tests were read the first time, then of {}; {} tests were judged, then {}",
-        read[0], read[1], judged[0], judged[1]
+        "cycles of {} tests were read the first time, then of {}; {} tests and {} logs were judged, then {} and {}",
+        read[0], read[1], judged[0], judged_logs[0], judged[1], judged_logs[1]
     ));
     let rows: Vec<Vec<String>> = queries.iter().rev().take(SLOWEST).map(row).collect();
     output::line(&output::table(&["shipped queries, the slowest", "first_ms", "then_ms"], &rows));

@@ -44,7 +44,8 @@ pub(in crate::cli) fn start(global: &Global, args: &StartArgs) -> Result<u8, Cli
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let folder = folder.path().canonicalize().map_err(|error| CliError::Io(error.to_string()))?;
-    let size = SyntheticSize { robots: args.robots, runs: (args.files / args.robots).max(1), cycles: 1 };
+    let size =
+        SyntheticSize { robots: args.robots, runs: (args.files / args.robots).max(1), cycles: 1, logs: 0 };
     let files = size.robots * size.runs;
     output::print_hint(&format!("making {files} files"));
     let changed = make_files(&folder.join("inbox"), size).map_err(|error| CliError::Io(error.to_string()))?;

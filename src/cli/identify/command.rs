@@ -5,7 +5,7 @@ use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
 use crate::analysis::{Estimator, TorqueRmsd};
-use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_store, open_to_read, runtime};
+use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
 use crate::config::Config;
@@ -26,7 +26,7 @@ pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u
     check(args, estimator)?;
     runtime()?.block_on(async {
         let store = match args.save {
-            Some(_) => open_store(&config).await?,
+            Some(_) => open_to_change(&config).await?,
             None => open_to_read(&config).await?,
         };
         let done = identify_stored(global, args, (estimator, cycles), &config, &store).await;

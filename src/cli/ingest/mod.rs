@@ -14,7 +14,9 @@ use tokio_util::sync::CancellationToken;
 use self::progress::ProgressLine;
 use self::tally::Tally;
 use self::words::{print, print_conclusions};
-use super::context::{CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store_until, runtime, shared};
+use super::context::{
+    CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store_until, require_database, runtime, shared,
+};
 use super::shared::{output, paths, reweight};
 use crate::analysis::finding::FindingKind;
 use crate::daemon;
@@ -68,6 +70,9 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     let mut config = global.read_config()?;
     config.analysis.accept = config.analysis.accept.union(args.accept.iter().copied().collect());
     let exports = find_exports(&args.paths)?;
+    if !args.again.is_empty() {
+        require_database(&config)?;
+    }
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_STOPPED) };

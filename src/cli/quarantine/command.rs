@@ -9,11 +9,12 @@ use tokio_util::sync::CancellationToken;
 
 use super::story;
 use crate::cli::context::{
-    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, open_to_read, runtime, shared,
+    CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_to_change, open_to_read, runtime, shared,
 };
 use crate::cli::ingest;
 use crate::cli::quarantine::story::ExportState;
 use crate::cli::shared::output;
+use crate::cli::shared::said::said;
 use crate::cli::shared::user::user;
 use crate::config::Config;
 use crate::daemon;
@@ -108,10 +109,10 @@ file stays where it is.")]
         #[arg(value_name = "RUN_ID|FILE")]
         which: String,
         /// Why nothing is to be done
-        #[arg(long, value_name = "TEXT", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        #[arg(long, value_name = "TEXT", value_parser = said)]
         reason: String,
         /// Who says so [default: the user's name]
-        #[arg(long, value_name = "NAME", value_parser = clap::builder::NonEmptyStringValueParser::new())]
+        #[arg(long, value_name = "NAME", value_parser = said)]
         by: Option<String>,
     },
 }
@@ -124,7 +125,7 @@ pub(in crate::cli) fn quarantine(global: &Global, args: &QuarantineArgs) -> Resu
                 open_to_read(&config).await?
             }
             QuarantineCommand::Retry { .. } | QuarantineCommand::Dismiss { .. } => {
-                open_store(&config).await?
+                open_to_change(&config).await?
             }
         };
         let done = match &args.command {

@@ -1,15 +1,19 @@
 //! What one should read first: joints, alarms, and what is not known.
 
+use std::collections::BTreeSet;
+
 use jiff::Timestamp;
 
 use super::cells::{change, figure, percent};
 use crate::anomaly::Severity;
 use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::cli::alerts::words;
+use crate::cli::shared::joints::{apart, named, reasons};
 use crate::cli::shared::life::standing;
 use crate::report::figure::{Level, Standing};
 use crate::report::page::{Block, Finding};
-use crate::store::{AnomalyRow, FleetHealthRow, SeriesRun};
+use crate::robot::JointIndex;
+use crate::store::{AnomalyRow, FleetHealthRow, HealthStatus, SeriesRun};
 
 /// States of an anomaly that nobody has to look at any more.
 const SETTLED: [&str; 2] = ["resolved", "false_alarm"];
@@ -19,8 +23,28 @@ pub(super) fn is_unsettled(row: &AnomalyRow) -> bool {
     !SETTLED.contains(&row.state.as_str())
 }
 
-/// A joint as the fleet's health has it.
-pub(super) fn of_health(row: &FleetHealthRow) -> Finding {
+/// The joints of a robot as the fleet's health has them; a reason that several of them have stands before them, once.
+pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let mut told: BTreeSet<JointIndex> = BTreeSet::new();
+    for status in HealthStatus::WORST_FIRST {
+        let of_status = rows.iter().filter(|row| row.status == status);
+        let said = reasons(of_status.filter_map(|row| Some((row.joint, row.reason.as_deref()?))));
+        for shared in said.into_iter().filter(|of| of.joints.len() > 1) {
+            findings.push(Finding {
+                standing: standing(status),
+                title: capital(&named(&shared.joints, rows.len())),
+                words: vec![sentence(apart(shared.why).0)],
+            });
+            told.extend(shared.joints);
+        }
+    }
+    findings.extend(rows.iter().map(|row| of_health(row, told.contains(&row.joint))));
+    findings
+}
+
+/// A joint as the fleet's health has it; where its reason is told already, only what was known of it before.
+fn of_health(row: &FleetHealthRow, is_told: bool) -> Finding {
     let mut words = Vec::new();
     if let Some(index) = row.friction_index {
         let quantity = match row.friction_quantity.as_deref() {
@@ -39,7 +63,9 @@ pub(super) fn of_health(row: &FleetHealthRow) -> Finding {
             percent(Some(relative))
         ));
     }
-    words.extend(row.reason.as_deref().map(sentence));
+    let reason = row.reason.as_deref();
+    let reason = if is_told { reason.and_then(|reason| apart(reason).1) } else { reason };
+    words.extend(reason.map(sentence));
     words.extend(row.forecast.as_ref().and_then(forecast));
     Finding { standing: standing(row.status), title: format!("Joint {}", row.joint), words }
 }
@@ -91,20 +117,14 @@ pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> Finding {
 
 /// An anomaly with its figures.
 pub(super) fn of_anomaly(row: &AnomalyRow) -> Finding {
-    let value = |value: Option<f64>| figure(value);
     let mut words = vec![sentence(&row.message)];
+    let figures = figures(row).map(|figures| format!(" {figures}.")).unwrap_or_default();
     words.push(format!(
-        "Number {}; {}; since {}, seen last {}. {}: {} where {} is usual; score {}, an alarm from {}; furthest out {}.",
+        "Number {}; {}; since {}, seen last {}.{figures}",
         row.anomaly_id,
         words::state(row),
         words::minute(row.onset_at.unwrap_or(row.first_seen_at)),
         words::minute(row.last_seen_at),
-        row.quantity,
-        value(row.value),
-        value(row.baseline),
-        value(row.score),
-        value(row.threshold),
-        value(row.peak_value),
     ));
     if !row.alternatives.is_empty() {
         let causes: Vec<&str> = row.alternatives.iter().map(|of| of.cause.as_str()).collect();
@@ -112,6 +132,21 @@ pub(super) fn of_anomaly(row: &AnomalyRow) -> Finding {
     }
     let title = format!("{}, {}", capital(&row.kind), words::place(row));
     Finding { standing: of_severity(row.severity), title, words }
+}
+
+/// The figures of an anomaly that has a value; one of a channel or a whole recording has none.
+fn figures(row: &AnomalyRow) -> Option<String> {
+    let known = |value: Option<f64>| value.filter(|value| value.is_finite());
+    let value = known(row.value)?;
+    let usual = known(row.baseline).map(|usual| format!(" where {} is usual", figure(Some(usual))));
+    let mut parts = vec![format!("{}: {}{}", row.quantity, figure(Some(value)), usual.unwrap_or_default())];
+    if let Some(score) = known(row.score) {
+        let limit = known(row.threshold).filter(|limit| *limit != 0.0);
+        let limit = limit.map(|limit| format!(", an alarm from {}", figure(Some(limit))));
+        parts.push(format!("score {}{}", figure(Some(score)), limit.unwrap_or_default()));
+    }
+    parts.extend(known(row.peak_value).map(|peak| format!("furthest out {}", figure(Some(peak)))));
+    Some(parts.join("; "))
 }
 
 /// Alarms that somebody has to look at, the worst first, or a sentence that there are none.
@@ -172,7 +207,6 @@ pub(super) fn made(now: Timestamp) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::JointIndex;
 
     fn run(index: Option<f64>, rmsd: Option<f64>) -> SeriesRun {
         SeriesRun {
@@ -197,6 +231,89 @@ mod tests {
         let levels: Vec<Level> =
             worst_first(vec![known, unknown]).into_iter().map(|of| of.standing.level).collect();
         assert_eq!(levels, [Level::Unknown, Level::Usual]);
+    }
+
+    fn health(number: usize, status: HealthStatus, reason: &str) -> FleetHealthRow {
+        FleetHealthRow {
+            robot: "R01".into(),
+            joint: JointIndex::new(number - 1),
+            last_run_at: Timestamp::UNIX_EPOCH,
+            moving_relative_rmsd: None,
+            friction_index: None,
+            open_anomalies: 0,
+            status,
+            last_result_at: None,
+            reason: Some(reason.to_owned()),
+            expected_by: None,
+            friction_quantity: None,
+            forecast: None,
+        }
+    }
+
+    #[test]
+    fn a_reason_of_several_joints_is_told_once_with_what_was_known_of_each() {
+        let refused = "the latest test gave no result: the torque is wrong";
+        let rows = [1, 2].map(|number| {
+            health(number, HealthStatus::Unknown, &format!("{refused}; known last: friction index {number}"))
+        });
+        let told = of_joints(&rows);
+        let shown: Vec<(&str, &[String])> =
+            told.iter().map(|of| (of.title.as_str(), of.words.as_slice())).collect();
+        let expected: [(&str, &[String]); 3] = [
+            ("All joints", &["The latest test gave no result: the torque is wrong.".to_owned()]),
+            ("Joint 1", &["Known last: friction index 1.".to_owned()]),
+            ("Joint 2", &["Known last: friction index 2.".to_owned()]),
+        ];
+        assert_eq!(shown, expected);
+        // alone it stands with its joint
+        let alone = of_joints(&rows[..1]);
+        assert_eq!(alone.len(), 1);
+        assert_eq!(
+            alone[0].words,
+            [format!("{}; known last: friction index 1.", sentence(refused).trim_end_matches('.'))]
+        );
+    }
+
+    #[test]
+    fn an_anomaly_without_figures_shows_none() {
+        let mut row = AnomalyRow {
+            anomaly_id: 1,
+            robot: "R01".into(),
+            run_id: Some(7),
+            cycle: Some(1),
+            joint: Some(JointIndex::new(3)),
+            kind: "sensor".into(),
+            quantity: "torque_signal".into(),
+            severity: Severity::Warning,
+            score: Some(1.0),
+            threshold: Some(1.0),
+            value: None,
+            baseline: None,
+            first_seen_at: Timestamp::UNIX_EPOCH,
+            last_seen_at: Timestamp::UNIX_EPOCH,
+            state: "open".into(),
+            message: "the torque signal stands".into(),
+            last_run_id: Some(7),
+            peak_value: None,
+            peak_score: Some(1.0),
+            onset_at: None,
+            onset_run_id: None,
+            onset_cycle: None,
+            odds: None,
+            alternatives: Vec::new(),
+            shelved_until: None,
+            ended: false,
+            provisional: false,
+        };
+        let told = of_anomaly(&row);
+        assert_eq!(told.words[1], "Number 1; open; since 1970-01-01 00:00Z, seen last 1970-01-01 00:00Z.");
+        row.value = Some(1.2);
+        assert_eq!(figures(&row).as_deref(), Some("torque_signal: 1.200; score 1.000, an alarm from 1.000"));
+        row.baseline = Some(1.0);
+        row.peak_value = Some(1.3);
+        let all =
+            "torque_signal: 1.200 where 1.000 is usual; score 1.000, an alarm from 1.000; furthest out 1.300";
+        assert_eq!(figures(&row).as_deref(), Some(all));
     }
 
     #[test]

@@ -6,9 +6,10 @@ use jiff::Timestamp;
 use serde_json::Value;
 
 use super::cells::{change, count, figure, minute, number, percent, rows, table, text, whole, words};
-use super::findings::{is_unsettled, made, of_health, open_alarms, sentence, worst_first};
+use super::findings::{is_unsettled, made, of_joints, open_alarms, sentence, worst_first};
 use crate::cli::alerts;
 use crate::cli::context::CliError;
+use crate::cli::shared::joints::{named, reasons};
 use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::plot::{index_limits, rmsd_limits};
 use crate::config::Config;
@@ -199,7 +200,7 @@ fn conclusions(of: &Stored<'_>) -> Section {
     ])];
     blocks.push(Block::Text(in_words(of)));
     if !of.life.health.is_empty() {
-        blocks.push(Block::Findings(worst_first(of.life.health.iter().map(of_health).collect())));
+        blocks.push(Block::Findings(worst_first(of_joints(&of.life.health))));
     }
     let open: Vec<&AnomalyRow> = of.anomalies.iter().filter(|row| is_unsettled(row)).collect();
     if !open.is_empty() {
@@ -223,8 +224,8 @@ fn in_words(of: &Stored<'_>) -> String {
                 says what there is instead."
             .into();
     }
-    let named = |status: HealthStatus| -> Vec<String> {
-        of.life.health.iter().filter(|row| row.status == status).map(|row| row.joint.to_string()).collect()
+    let of_status = |status: HealthStatus| -> Vec<JointIndex> {
+        of.life.health.iter().filter(|row| row.status == status).map(|row| row.joint).collect()
     };
     let said = [
         (HealthStatus::Critical, "look before the next shift"),
@@ -236,11 +237,10 @@ fn in_words(of: &Stored<'_>) -> String {
     ];
     let parts: Vec<String> = said
         .into_iter()
-        .map(|(status, meaning)| (named(status), status, meaning))
+        .map(|(status, meaning)| (of_status(status), status, meaning))
         .filter(|(joints, ..)| !joints.is_empty())
         .map(|(joints, status, meaning)| {
-            let noun = if joints.len() == 1 { "joint" } else { "joints" };
-            format!("{noun} {}: {} ({meaning})", joints.join(", "), status.name())
+            format!("{}: {} ({meaning})", named(&joints, of.life.health.len()), status.name())
         })
         .collect();
     sentence(&parts.join("; "))
@@ -399,6 +399,13 @@ fn parameters(of: &Stored<'_>) -> Section {
             ),
         ]);
     }
+    if cells.is_empty() {
+        let nothing = format!(
+            "Run {latest}, the latest test, has no parameters, since no cycle of it gave any: there is nothing to compare \
+             with the baseline. The page of an earlier run, `armwatch report RUN`, has those of that run."
+        );
+        return Section { heading, blocks: vec![Block::Text(nothing)] };
+    }
     let compared = format!("{changed} of {} parameters", cells.len());
     let header =
         ["joint", "parameter", "unit", "baseline", "latest test", "change", "spread", "change in spreads"];
@@ -533,12 +540,15 @@ fn maintenance(of: &Stored<'_>) -> Section {
 fn unknowns(of: &Stored<'_>) -> Section {
     let mut unknown: Vec<Vec<Cell>> = Vec::new();
     let mut say = |what: String, why: String| unknown.push(vec![words(what), words(sentence(&why))]);
-    for row in &of.life.health {
+    let joints = of.life.health.len();
+    for status in HealthStatus::WORST_FIRST {
         let is_unknown =
-            matches!(row.status, HealthStatus::Unknown | HealthStatus::Learning | HealthStatus::Overdue);
-        if is_unknown || row.friction_index.is_none() {
-            let why = row.reason.clone().unwrap_or_else(|| "no reason is stored".into());
-            say(format!("joint {}: {}", row.joint, row.status.name()), why);
+            matches!(status, HealthStatus::Unknown | HealthStatus::Learning | HealthStatus::Overdue);
+        let of_status = of.life.health.iter().filter(|row| row.status == status);
+        let gaps = of_status.filter(|row| is_unknown || row.friction_index.is_none());
+        let said = gaps.map(|row| (row.joint, row.reason.as_deref().unwrap_or("no reason is stored")));
+        for alike in reasons(said) {
+            say(format!("{}: {}", named(&alike.joints, joints), status.name()), alike.why.to_owned());
         }
     }
     let mapped: BTreeSet<JointIndex> = of.sources.iter().map(|source| source.joint).collect();
@@ -548,13 +558,13 @@ fn unknowns(of: &Stored<'_>) -> Section {
         .filter(|row| !text(row, "remark").is_empty())
         .map(|row| (count(row, "joint"), text(row, "remark")))
         .collect();
-    for row in of.life.health.iter().filter(|row| !mapped.contains(&row.joint)) {
+    let unmapped = of.life.health.iter().filter(|row| !mapped.contains(&row.joint)).map(|row| {
         let number = i64::try_from(row.joint.number()).unwrap_or_default();
-        let why = remarks
-            .get(&number)
-            .copied()
-            .unwrap_or("too few tests of six cycles or more with friction stages");
-        say(format!("joint {}: friction at equal warmth", row.joint), why.to_owned());
+        let few = "too few tests of six cycles or more with friction stages";
+        (row.joint, remarks.get(&number).copied().unwrap_or(few))
+    });
+    for alike in reasons(unmapped) {
+        say(format!("{}: friction at equal warmth", named(&alike.joints, joints)), alike.why.to_owned());
     }
     for source in &of.sources {
         for line in source.remarks.as_deref().unwrap_or_default().lines() {

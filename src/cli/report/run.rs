@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde_json::Value;
 
 use super::cells::{count, figure, minute, number, percent, rows, table, text, whole, words};
-use super::findings::{is_unsettled, made, of_health, of_run, open_alarms, sentence, worst_first};
+use super::findings::{is_unsettled, made, of_joints, of_run, open_alarms, sentence, worst_first};
 use crate::analysis::measurements::CyclePoint;
 use crate::analysis::{Decay, Estimate, FrictionPoint, Rmsd, RmsdScope, WarmUpFit};
 use crate::cli::alerts;
@@ -75,7 +75,7 @@ pub(super) async fn page(
     let seen: Vec<&AnomalyRow> = anomalies.iter().filter(|row| is_seen_in(row, run)).collect();
     let evidence = store.evidence(&run.robot).await?;
     let findings: Vec<Finding> = if is_latest(run, runs) {
-        life.health.iter().map(of_health).collect()
+        of_joints(&life.health)
     } else {
         evidence.iter().filter(|of| of.run_id == run.run_id).map(|of| of_run(of, &seen)).collect()
     };

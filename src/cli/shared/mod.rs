@@ -1,6 +1,7 @@
 //! What several commands use: output, plots, chosen cycles, loads.
 
 pub(super) mod moment;
+pub(super) mod said;
 pub(super) mod output;
 pub(super) mod paths;
 pub(super) mod rows;
@@ -10,6 +11,7 @@ pub(super) mod selection;
 pub(super) mod position_columns;
 pub(super) mod cycle;
 pub(super) mod levels;
+pub(super) mod joints;
 pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;

@@ -149,6 +149,31 @@ mod tests {
     }
 
     #[test]
+    fn a_torque_signal_whose_noise_becomes_an_offset_has_the_peak_of_the_offset() {
+        let runs = [0, 1, 2].map(|run| (run, Timestamp::from_second(86_400 * run).expect("a time")));
+        let out = |score, threshold, value, baseline| Verdict::Out {
+            severity: Severity::Warning,
+            score,
+            threshold,
+            value,
+            baseline,
+            message: String::new(),
+            why: Why::default(),
+        };
+        let peak = |verdicts| {
+            let found = episodes(&runs, None, AnomalyKind::Sensor, "torque_signal", verdicts);
+            found.iter().map(|of| (of.peak_value, of.peak_score)).collect::<Vec<_>>()
+        };
+        // four times the usual noise, then -0.5 and -0.3 Nm
+        assert_eq!(
+            peak(vec![out(4.0, 1.5, 4.0, 1.0), out(0.5, 0.0, -0.5, 0.0), out(0.3, 0.0, -0.3, 0.0)]),
+            [(-0.5, 0.5)]
+        );
+        // a gain of -8 % and one of +5 %
+        assert_eq!(peak(vec![out(0.08, 0.03, 0.92, 1.0), out(0.05, 0.03, 1.05, 1.0)]), [(0.92, 0.08)]);
+    }
+
+    #[test]
     fn something_worse_is_another_episode() {
         let severity = |run: usize| match run {
             3 | 7 => Some(Severity::Info),

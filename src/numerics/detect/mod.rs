@@ -5,5 +5,6 @@ pub mod rate;
 pub mod control_chart;
 mod detector;
 mod episodes;
+pub mod window;
 pub mod runs;
 pub mod production;

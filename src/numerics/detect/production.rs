@@ -13,6 +13,7 @@ mod load_change;
 mod test_deviation;
 mod torque_signal;
 mod work_load;
+pub mod window;
 
 use jiff::Timestamp;
 

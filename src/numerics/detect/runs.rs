@@ -113,7 +113,7 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             let Some(part) = parts.of(places) else { continue };
             let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
             let series =
-                JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings).among(peers);
+                JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings).among(peers);
             let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));
@@ -126,8 +126,8 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
     let mut needs = Vec::new();
     for places in &of_arm {
         let Some(part) = parts.of(places) else { continue };
-        let mut found = arm_changes(&part.arm, joints, &part.moments);
-        found.extend(common_changes(&part.friction, &part.arm, &part.moments));
+        let mut found = arm_changes(&part.arm, &part.faults, joints, &part.moments);
+        found.extend(common_changes(&part.friction, &part.faults, &part.moments));
         let mut asked = |at: usize| needs.push(places[at]);
         found.extend(contacts(&part.runs, &part.causes, &part.moments, settings, &mut asked));
         if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {

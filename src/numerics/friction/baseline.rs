@@ -12,7 +12,8 @@
 use super::held_map::{HeldMap, Zero, held_record};
 use super::map::{FittedMap, fit_map, published};
 use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of};
-use super::run_effects::{JointScales, PriorScales, RunEffect, run_effects, start_decay};
+use super::run_effects::{JointScales, PriorScales, RunEffect, run_effects};
+use super::run_points::start_decay;
 use super::run_record::{
     FULL_RUN_POINTS, activities, known_speed, level_mean, level_points, speed_fractions, timeline,
 };

@@ -16,6 +16,7 @@ mod thermal_source;
 mod law;
 pub mod map;
 mod effect_layout;
+mod run_points;
 mod run_effects;
 pub mod record;
 mod jump;

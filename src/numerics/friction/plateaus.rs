@@ -39,6 +39,10 @@ const VERTICAL_TOLERANCE: f64 = 0.02;
 /// parallel, which harms their coefficients but not their sum inside the travel.
 const MAX_GRAVITY_CONDITION: f64 = 1e6;
 
+/// The same of the fit in which the torque's own constant is told from the load: with less travel than some 0.2 rad either way,
+/// that constant would be noise, and the load takes it.
+const MAX_OFFSET_CONDITION: f64 = 200.0;
+
 /// Friction points of a cycle, and what is missing.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionPoints {
@@ -282,7 +286,9 @@ fn remove_gravity<'a>(
     if !carries_gravity(robot, filtered, joint, tested[tested.len() / 2]) {
         return Ok((Box::new(move |row| tau[row]), GravityRemoval::AxisVertical));
     }
-    if let Some([by_sine, by_cosine]) = fit_gravity(robot, filtered, joint, tested) {
+    let fitted = fit_gravity(robot, filtered, joint, tested, true)
+        .or_else(|| fit_gravity(robot, filtered, joint, tested, false));
+    if let Some([by_sine, by_cosine]) = fitted {
         let q = &filtered.q[j];
         let (sine, cosine) = gravity_columns(robot.joints[j].kind);
         let load = move |row: usize| by_sine * sine(q[row]) + by_cosine * cosine(q[row]);
@@ -334,24 +340,29 @@ fn gravity_columns(kind: JointKind) -> (Shape, Shape) {
 }
 
 /// Least squares of [5.3] over the moving rows of the joint's friction stage:
-/// `tau = I_m qdd - mPx sin(theta) - mPy cos(theta) + f1 sign(qd) + .. + f4 qd³`. Returns the two
-/// load coefficients, or `None` where the motion does not tell them apart.
+/// `tau = I_m qdd - mPx sin(theta) - mPy cos(theta) + f1 sign(qd) + .. + f4 qd³`, and a constant where `with_offset`: an
+/// offset of the torque signal, which is no load and stays in the torque. Returns the two load coefficients, or `None`
+/// where the motion does not tell them apart.
 fn fit_gravity(
     robot: &Robot,
     filtered: &FilteredSignals,
     joint: JointIndex,
     tested: &[usize],
+    with_offset: bool,
 ) -> Option<[f64; 2]> {
     let j = joint.index();
     let description = &robot.joints[j];
     let (sine, cosine) = gravity_columns(description.kind);
     let loads = match description.kind {
         JointKind::Revolute => 2,
+        // its load is a constant itself
+        JointKind::Prismatic if with_offset => return None,
         JointKind::Prismatic => 1,
     };
     let moving: Vec<usize> =
         tested.iter().copied().filter(|&row| filtered.qd[j][row].abs() > description.low_speed).collect();
-    let columns = 1 + loads + 4;
+    let friction = 1 + loads;
+    let columns = friction + 4 + usize::from(with_offset);
     let mut factor = TriangularFactor::new(columns);
     let rows = Mat::from_fn(moving.len(), columns + 1, |i, column| {
         let row = moving[i];
@@ -361,11 +372,13 @@ fn fit_gravity(
             1 => sine(q),
             c if c == loads && loads == 2 => cosine(q),
             c if c == columns => filtered.tau[j][row],
-            c => FrictionModel::POLYNOMIAL.columns(qd)[c - 1 - loads],
+            c if c == friction + 4 => 1.0,
+            c => FrictionModel::POLYNOMIAL.columns(qd)[c - friction],
         }
     });
     factor.fold(rows.as_ref());
-    let solved = factor.solve(MAX_GRAVITY_CONDITION, |i| i.to_string()).ok()?;
+    let most = if with_offset { MAX_OFFSET_CONDITION } else { MAX_GRAVITY_CONDITION };
+    let solved = factor.solve(most, |i| i.to_string()).ok()?;
     Some([solved.theta[1], if loads == 2 { solved.theta[2] } else { 0.0 }])
 }
 
@@ -471,6 +484,19 @@ pub(in crate::numerics::friction) mod tests {
         let found = points(&robot, &stage(&robot, &levels, true, |q| 11.0 * q.cos() - 4.0 * q.sin()));
         assert_friction(&robot, &found, &levels);
         assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::Fitted));
+    }
+
+    #[test]
+    fn an_offset_of_the_torque_is_no_load() {
+        let robot = one_joint(true);
+        let load = |q: f64| 11.0 * q.cos() - 4.0 * q.sin() + 3.0;
+        let found = points(&robot, &stage(&robot, &[2, 4, 6], true, load));
+        let mean =
+            |level: &[FrictionPoint]| level.iter().map(|of| of.torque).sum::<f64>() / level.len() as f64;
+        let mut by_level = found.points.clone();
+        by_level.sort_by(|a, b| a.speed_fraction.total_cmp(&b.speed_fraction));
+        let offsets: Vec<f64> = by_level.chunks(2).map(mean).collect();
+        assert!(offsets.len() == 3 && offsets.iter().all(|of| (of - 3.0).abs() < 0.03), "{offsets:?}");
     }
 
     #[test]

@@ -5,14 +5,15 @@
 //!
 //! `tau = tau_map(l, x + ambient + d_slow(t) start_slow + d_fast(t) start_fast) (1 + wear + level(l))`
 //!
-//! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start ([`start_decay`]). All joints
+//! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start ([`start_decay`](super::run_points::start_decay)). All joints
 //! of a run are solved for together, because one ambient effect is common to them. Each effect has a normal prior
 //! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::map::{FittedMap, point_deficits};
+use super::map::FittedMap;
 use super::record::{JointRecord, ThermalSensor};
+use super::run_points::{RunPoints, run_points, scatter};
 use crate::analysis::Estimate;
 use crate::numerics::friction::effect_layout::{EffectLayout, JointLayout};
 
@@ -44,8 +45,6 @@ const LEVEL_SCALE: ScaleBounds = ScaleBounds { largest: 0.005, smallest: 0.0003 
 const MIN_EFFECTIVE_DOF: f64 = 0.01;
 /// Least effective degrees of freedom over all runs from which a prior scale is estimated.
 const MIN_SCALE_DOF: f64 = 0.5;
-/// Least scatter of a point, as a fraction of friction.
-const MIN_SCATTER: f64 = 1e-4;
 /// Least friction of a linearisation, as a fraction of the map's.
 const MIN_FRICTION: f64 = 0.2;
 
@@ -66,14 +65,6 @@ pub(super) struct RunEffect {
     pub ambient: Estimate,
     /// Thermal deficit at the start beyond the predicted one, slow and fast part.
     pub start: [f64; 2],
-}
-
-/// What a thermal deficit of one at the start of a run, in the slow or in the fast part, adds to the mixed deficit
-/// `seconds` later: `share exp(-seconds / T)` for each part.
-pub(super) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2] {
-    let heating = fit.law.rates().heating;
-    let share = [fit.law.share, 1.0 - fit.law.share];
-    std::array::from_fn(|part| share[part] * (-seconds / heating[part]).exp())
 }
 
 /// Random effects of all runs by joint, and the prior scales estimated with them.
@@ -189,7 +180,7 @@ impl PriorScales {
 
     fn initial(records: &[JointRecord], by_joint: &[Vec<RunPoints>]) -> Self {
         let joint = |(record, runs): (&JointRecord, &Vec<RunPoints>)| JointScales {
-            scatter: scatter(runs, record.levels.len()),
+            scatter: scatter(runs, record.levels.len(), LEVEL_SCALE.largest),
             level: LEVEL_SCALE.largest,
             start: START_SCALE.largest,
             own_ambient: matches!(record.sensor, ThermalSensor::Motor(_))
@@ -232,28 +223,6 @@ impl EmpiricalScale {
             (self.squares / self.effective_dof).sqrt().clamp(bounds.smallest, bounds.largest)
         }
     }
-}
-
-/// Points of one joint in one run.
-struct RunPoints {
-    points: Vec<RunPoint>,
-    /// Whether they enter the map.
-    in_map: bool,
-    /// Slope of the map over the thermal deficit at the largest speed, as a fraction of warm friction.
-    top_slope: f64,
-}
-
-/// A point with the values of the map at it.
-struct RunPoint {
-    level: usize,
-    /// Measured friction, Nm.
-    torque: f64,
-    /// Friction of the map, Nm.
-    predicted: f64,
-    /// Slope of the map over the thermal deficit, Nm.
-    slope: f64,
-    /// Result of [`start_decay`] at the time of the point.
-    decay: [f64; 2],
 }
 
 /// Posterior of the effects of one run.
@@ -305,6 +274,8 @@ impl RunScales {
 /// the effects before and with the scales that follow from them.
 fn solve_run(joints: &[&RunPoints], scales: &PriorScales, layout: &EffectLayout) -> RunSolution {
     let mut adapted = RunScales::initial(scales);
+    let weights: Vec<f64> =
+        joints.iter().zip(&scales.joints).map(|(points, of)| points.weight(&of.scatter)).collect();
     let mut solution = RunSolution {
         effects: DVector::zeros(layout.size),
         covariance: DMatrix::zeros(layout.size, layout.size),
@@ -314,7 +285,7 @@ fn solve_run(joints: &[&RunPoints], scales: &PriorScales, layout: &EffectLayout)
         let mut equations = NormalEquations::zeros(layout.size);
         equations.add_priors(joints, scales, &adapted, layout, &solution.effects);
         for (j, points) in joints.iter().enumerate() {
-            equations.add_points(points, &scales.joints[j], layout.joints[j], &solution.effects);
+            equations.add_points(points, &scales.joints[j], weights[j], layout.joints[j], &solution.effects);
         }
         let Some(factor) = equations.information.cholesky() else { break };
         solution = RunSolution {
@@ -385,11 +356,12 @@ impl NormalEquations {
     ///
     /// With the extra deficit `e = ambient + d_slow start_slow + d_fast start_fast`, its value `e0` so far, friction
     /// `f = predicted + slope e0` and `s = slope / f`, each point gives the equation
-    /// `tau / f - 1 + s e0 = wear + level + s e`.
+    /// `tau / f - 1 + s e0 = wear + level + s e`, with `weight` times its usual weight.
     fn add_points(
         &mut self,
         points: &RunPoints,
         scales: &JointScales,
+        weight: f64,
         layout: JointLayout,
         effects: &DVector<f64>,
     ) {
@@ -410,7 +382,7 @@ impl NormalEquations {
                 (fast, slope * fast_decay),
                 (layout.level(p.level), 1.0),
             ];
-            self.add_row(&row, target, scales.scatter[p.level].powi(-2));
+            self.add_row(&row, target, weight * scales.scatter[p.level].powi(-2));
         }
     }
 
@@ -472,16 +444,6 @@ fn joint_scales(
     }
 }
 
-impl RunPoints {
-    /// Levels with points, rising and each once.
-    fn levels(&self) -> impl Iterator<Item = usize> {
-        let mut levels: Vec<usize> = self.points.iter().map(|p| p.level).collect();
-        levels.sort_unstable();
-        levels.dedup();
-        levels.into_iter()
-    }
-}
-
 /// Effects of a run on a joint, with wear as the data alone estimate it.
 ///
 /// With the posterior mean `w` and variance `v` under the prior scale `s`, the data have the information
@@ -506,51 +468,11 @@ fn run_effect(points: &RunPoints, run: &RunSolution, layout: &EffectLayout, join
     }
 }
 
-/// Points of a joint by run, with the values of its map.
-fn run_points(record: &JointRecord, fit: &FittedMap, starts: &[f64]) -> Vec<RunPoints> {
-    let top = record.levels.len() - 1;
-    let top_slope = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
-    let empty = || RunPoints { points: Vec::new(), in_map: false, top_slope };
-    let mut runs: Vec<RunPoints> = starts.iter().map(|_| empty()).collect();
-    for (p, x) in record.points.iter().zip(point_deficits(record, &fit.law)) {
-        let run = &mut runs[p.run];
-        run.points.push(RunPoint {
-            level: p.level,
-            torque: p.torque,
-            predicted: fit.warm[p.level] + fit.cold[p.level] * fit.law.mixed(x),
-            slope: fit.cold[p.level],
-            decay: start_decay(fit, p.time - starts[p.run]),
-        });
-        run.in_map |= p.in_map;
-    }
-    runs
-}
-
-/// Standard deviation of the points of each level about a smooth curve, as a fraction of friction.
-///
-/// It follows from second differences inside runs, which neither warm-up nor a constant offset affects:
-/// `var(y[i-1] - 2 y[i] + y[i+1]) = 6 sigma²`.
-fn scatter(runs: &[RunPoints], levels: usize) -> Vec<f64> {
-    (0..levels)
-        .map(|level| {
-            let (mut squares, mut count) = (0.0, 0.0);
-            for run in runs {
-                let of_level = run.points.iter().filter(|p| p.level == level);
-                let relative: Vec<f64> = of_level.map(|p| p.torque / p.predicted).collect();
-                for w in relative.windows(3) {
-                    squares += (w[0] - 2.0 * w[1] + w[2]).powi(2) / 6.0;
-                    count += 1.0;
-                }
-            }
-            if count > 0.0 { (squares / count).sqrt().max(MIN_SCATTER) } else { LEVEL_SCALE.largest }
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::numerics::friction::effect_layout::JointLayout;
+    use crate::numerics::friction::run_points::RunPoint;
 
     /// A run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
     fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {

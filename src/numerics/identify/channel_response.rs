@@ -5,7 +5,8 @@
 //! `A⁻¹ sum_i w_i W_iᵀ f_i` into the parameters, with `A = sum_i w_i W_iᵀ W_i` over the joints' rows `W_i` and weights
 //! `w_i`, and leave the rest unexplained. Stored parameters of later tests can so be compared with each fault without any
 //! row. The weights are one over the variance of a joint's residuals. A fault adds to it, so the answer is computed for
-//! some strengths of the fault ([`STRENGTHS`]), with the weights that go with each.
+//! some strengths of the fault ([`STRENGTHS`]), with the weights that go with each. These weights move the parameters by
+//! themselves as well, by what the joints' rows say otherwise than each other of the same parameters.
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatRef, Side};
@@ -130,6 +131,8 @@ struct Normal {
 struct Answer {
     /// To the parameters, `[b]`.
     change: Vec<f64>,
+    /// What the weights alone do to them, `[b]`; empty where these are the usual ones.
+    shift: Vec<f64>,
     /// Torque of each joint that is left unexplained, root mean square, Nm (N), `[n]`.
     left: Vec<f64>,
 }
@@ -184,6 +187,7 @@ impl Sums {
                         fault,
                         strength,
                         unexplained: self.joints.iter().zip(&answer.left).map(relative).collect(),
+                        shift: answer.shift,
                         change: answer.change,
                     });
                 }
@@ -205,6 +209,7 @@ impl Sums {
     ) -> Option<Answer> {
         let mut answer = self.solved(usual, first, of);
         let Some(deviations) = deviations.filter(|_| times > 0.0) else { return Some(answer) };
+        let mut settled = None;
         for _ in 0..ROUNDS {
             let most =
                 answer.left.iter().zip(deviations).map(|(left, usual)| left / usual).fold(0.0, f64::max);
@@ -213,6 +218,12 @@ impl Sums {
             let next = weights(deviations, size, &answer.left);
             let Some(normal) = self.normal(&next).filter(|_| size < MOST_SIZE) else { break };
             answer = self.solved(&normal, &next, of);
+            settled = Some((normal, next));
+        }
+        // the other faults are known by their direction alone
+        if let Some((normal, next)) = settled.filter(|_| of.0 == ChannelFault::TorqueOffset) {
+            let [now, before] = [self.fitted(&normal, &next), self.fitted(usual, first)];
+            answer.shift = now.iter().zip(before).map(|(now, before)| now - before).collect();
         }
         Some(answer)
     }
@@ -235,23 +246,40 @@ impl Sums {
         Some(Normal { factor: normal.llt(Side::Lower).ok()?, scale })
     }
 
-    fn solved(&self, normal: &Normal, weights: &[f64], (fault, joint): (ChannelFault, usize)) -> Answer {
+    /// The parameters that fit the torque under these weights, `[b]`.
+    fn fitted(&self, normal: &Normal, weights: &[f64]) -> Vec<f64> {
+        // of the faults, the gain of a joint is its torque
+        let all = (0..self.joints.len()).map(|joint| (joint, 0));
+        self.parameters(normal, &self.right(weights, all))
+    }
+
+    /// Products of the weighted rows with one fault's torque of each of these joints.
+    fn right(&self, weights: &[f64], faults: impl Iterator<Item = (usize, usize)>) -> Mat<f64> {
         let mut right = Mat::<f64>::zeros(self.b, 1);
+        for (i, fault) in faults {
+            let of = &self.joints[i];
+            for (k, &column) in of.columns.iter().enumerate() {
+                right[(column, 0)] += weights[i] * of.with_fault[(k, fault)];
+            }
+        }
+        right
+    }
+
+    /// Solves the normal equations, `[b]`.
+    fn parameters(&self, normal: &Normal, right: &Mat<f64>) -> Vec<f64> {
+        let scaled = Mat::from_fn(self.b, 1, |k, _| right[(k, 0)] * normal.scale[k]);
+        let solved = normal.factor.solve(scaled);
+        (0..self.b).map(|k| solved[(k, 0)] * normal.scale[k]).collect()
+    }
+
+    fn solved(&self, normal: &Normal, weights: &[f64], (fault, joint): (ChannelFault, usize)) -> Answer {
         let place = |i: usize| match fault {
             ChannelFault::TorqueGain => (i == joint).then_some(0),
             ChannelFault::TorqueOffset => (i == joint).then_some(1),
             ChannelFault::PositionOffset => Some(2 + joint),
         };
-        for (i, (of, weight)) in self.joints.iter().zip(weights).enumerate() {
-            let Some(fault) = place(i) else { continue };
-            for (k, &column) in of.columns.iter().enumerate() {
-                right[(column, 0)] += weight * of.with_fault[(k, fault)];
-            }
-        }
-        let scale = &normal.scale;
-        (0..self.b).for_each(|k| right[(k, 0)] *= scale[k]);
-        let solved = normal.factor.solve(right);
-        let change: Vec<f64> = (0..self.b).map(|k| solved[(k, 0)] * scale[k]).collect();
+        let faults = (0..self.joints.len()).filter_map(|i| Some((i, place(i)?)));
+        let change = self.parameters(normal, &self.right(weights, faults));
         let left = |(i, of): (usize, &JointSums)| {
             let felt = of.felt(&change);
             let taken = &of.gram * &felt;
@@ -262,7 +290,7 @@ impl Sums {
             of.mean_square((fault + squares).max(0.0)).sqrt()
         };
         let left = self.joints.iter().enumerate().map(left).collect();
-        Answer { change, left }
+        Answer { change, shift: Vec::new(), left }
     }
 }
 
@@ -328,5 +356,38 @@ mod tests {
             worst = missed.iter().copied().fold(1.0, f64::min).max(worst);
         }
         assert!(worst < 0.15, "{worst}");
+    }
+
+    /// The torque of joint 3 reads 5 % too much throughout, so that the joints say something else of the same masses. An offset
+    /// of joint 2 takes that joint's weight.
+    #[test]
+    fn weights_move_parameters_by_what_joints_say_otherwise() {
+        let mut original = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
+        original.torque[2].iter_mut().for_each(|of| *of *= 1.05);
+        let (before, response) = analysed(&original);
+        let mut changed = original.clone();
+        let size = 6.0;
+        changed.torque[1].iter_mut().for_each(|of| *of += size);
+        let (after, _) = analysed(&changed);
+        let missed = |of: &FaultResponse, part: f64| {
+            let (mut error, mut all) = (0.0, 0.0);
+            for (k, (after, before)) in after.iter().zip(&before).enumerate() {
+                let change = (after.value - before.value) / before.std_error;
+                let predicted = size * of.change[k] + part * of.shift.get(k).copied().unwrap_or(0.0);
+                error += (change - predicted / before.std_error).powi(2);
+                all += change * change;
+            }
+            (error / all).sqrt()
+        };
+        let own = |of: &&FaultResponse| of.fault == ChannelFault::TorqueOffset && of.joint.index() == 1;
+        let response = response.expect("a response");
+        let of_part = |part: f64| response.faults.iter().filter(own).map(|of| missed(of, part)).collect();
+        let [without, with]: [Vec<f64>; 2] = [0.0, 1.0].map(of_part);
+        println!("missed of the change: {without:.3?} without the shift, {with:.3?} with it");
+        let least = |of: &[f64]| of.iter().copied().fold(1.0, f64::min);
+        assert!(least(&with) < 0.5 * least(&without), "{with:?} {without:?}");
+        // what the other faults and the weakest one do is a direction alone
+        let has_shift = |of: &&FaultResponse| !of.shift.is_empty();
+        assert!(response.faults.iter().filter(has_shift).all(|of| of.strength > 0));
     }
 }

@@ -13,13 +13,14 @@
 use std::collections::HashSet;
 
 use super::windows::{judged, release};
+use super::work::judged_work;
 use crate::numerics::analyse_run::warm_up_fits_on;
-use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::runs::window::Lengths;
+use crate::numerics::detect::window::Lengths;
 use crate::numerics::friction::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
+use crate::run::RunKind;
 use crate::store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
@@ -141,20 +142,24 @@ impl Pipeline {
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
         let settings = &self.config.detect;
         let known = Some(&known).filter(|_| now != history);
-        let judged = judged(&mut conclusion, known, &peers, settings, &Lengths::default()).await?;
+        let judged = judged(&mut conclusion, known, &peers, settings, &Lengths::OF_TESTS).await?;
+        let estimator = self.config.analysis.estimator.of_factors();
+        let work = judged_work(&mut conclusion, estimator, settings, &Lengths::OF_LOGS).await?;
         tracing::debug!(
             robot = robot.name,
             tests = judged.tests,
             read = judged.read,
-            settled = judged.settled.len(),
-            computing_ms = judged.computing.as_secs_f64() * 1e3,
+            logs = work.logs,
+            settled = judged.settled.len() + work.settled.len(),
+            computing_ms = (judged.computing + work.computing).as_secs_f64() * 1e3,
             "judged"
         );
         let mut findings = judged.findings.clone();
-        let logs = conclusion.production_summaries().await?;
-        findings.anomalies.extend(detect_production(&logs, settings));
-        let reconciled = conclusion.reconcile(&findings, &judged.settled).await?;
-        conclusion.settle_withdrawn(&judged.at).await?;
+        findings.anomalies.extend(work.anomalies);
+        let settled = [&judged.settled[..], &work.settled].concat();
+        let reconciled = conclusion.reconcile(&findings, &settled).await?;
+        conclusion.settle_withdrawn(RunKind::Test, &judged.at).await?;
+        conclusion.settle_withdrawn(RunKind::Production, &work.at).await?;
         release(&mut conclusion, &judged).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;

@@ -5,3 +5,4 @@ pub mod in_brief;
 pub mod isolation;
 pub mod open_test;
 pub mod windows;
+pub mod work;

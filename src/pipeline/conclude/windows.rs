@@ -8,8 +8,10 @@ use jiff::Timestamp;
 use super::in_brief::detected;
 use crate::anomaly::peer::Peer;
 use crate::anomaly::{Anomaly, Findings, RunSummary};
-use crate::numerics::detect::runs::window::{Lengths, Settled, basis};
+use crate::numerics::detect::runs::window::basis;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::{Lengths, Settled};
+use crate::run::RunKind;
 use crate::store::{ConclusionTransaction, StoreError};
 
 /// What a history says, and what it took.
@@ -45,7 +47,7 @@ pub async fn judged(
     lengths: &Lengths,
 ) -> Result<Judged, StoreError> {
     let basis = basis(settings, peers, lengths);
-    let mut judged = Judged { at: conclusion.settled(basis).await?, ..Judged::default() };
+    let mut judged = Judged { at: conclusion.settled(RunKind::Test, basis).await?, ..Judged::default() };
     loop {
         let most = lengths.most_behind(&judged.at);
         let (mut tests, left_out) = window(conclusion, &judged.at, most, known).await?;
@@ -60,7 +62,7 @@ pub async fn judged(
             return Ok(judged);
         }
         let (next, ended) = judged.at.next(&tests, &anomalies, lengths);
-        let key = conclusion.keep_settled(&next, basis).await?;
+        let key = conclusion.keep_settled(RunKind::Test, &next, basis).await?;
         judged.settled.push((key, ended));
         judged.at = next;
     }

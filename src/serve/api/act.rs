@@ -133,7 +133,8 @@ pub async fn on_anomaly(
 
 /// Enter work on a robot
 ///
-/// A new baseline begins.
+/// A new baseline begins. Anomalies of the joint, or without one of the whole robot, that began before and are open,
+/// acknowledged or shelved are in maintenance then.
 #[utoipa::path(
     post, path = "/v1/robots/{robot}/maintenance", tag = "Actions", operation_id = "enterWork",
     params(("robot" = String, Path, description = "Name of the robot")),

@@ -59,8 +59,12 @@ pub struct FleetCounts {
     quarantined_runs: u64,
     /// Cycles
     cycles: u64,
-    /// Open alarms of severity warning or critical
-    open_anomalies: usize,
+    /// Open anomalies of all severities: alarms, and what is worth knowing
+    open_anomalies: u64,
+    /// Open alarms: anomalies of severity warning or critical
+    open_alarms: u64,
+    /// Open anomalies of severity info, which are worth knowing
+    open_infos: u64,
 }
 
 /// From which change of friction on a joint is in alarm
@@ -87,8 +91,12 @@ pub struct FleetRobot {
     last_result_at: Option<String>,
     /// When the next test is overdue, UTC
     expected_by: Option<String>,
-    /// Open anomalies
-    open_anomalies: i64,
+    /// Open anomalies of all severities: alarms, and what is worth knowing
+    open_anomalies: u64,
+    /// Open alarms: anomalies of severity warning or critical
+    open_alarms: u64,
+    /// Open anomalies of severity info, which are worth knowing
+    open_infos: u64,
     /// Its joints
     joints: Vec<FleetJoint>,
 }
@@ -112,8 +120,12 @@ pub struct FleetJoint {
     warning_by: Option<String>,
     /// Day by which the limit of a critical alarm is expected
     critical_by: Option<String>,
-    /// Open anomalies
-    open_anomalies: i64,
+    /// Open anomalies of the joint and of the whole arm, of all severities
+    open_anomalies: u64,
+    /// Those of severity warning or critical, which are alarms
+    open_alarms: u64,
+    /// Those of severity info, which are worth knowing
+    open_infos: u64,
     /// Friction indices of its latest 30 tests, the oldest first
     history: Vec<Option<f64>>,
 }
@@ -172,33 +184,95 @@ pub async fn fleet(
 /// The fleet as it is stored; time and limits are left open.
 async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
     let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
-    let (counts, robots, anomalies, live) =
-        tokio::try_join!(counts, robots_with_joints(store), anomalies(store), live(store))?;
-    let alarms =
-        anomalies.iter().filter(|row| row.text("state") == "open" && row.text("severity") != "info").count();
+    let (counts, read, mut anomalies, live) =
+        tokio::try_join!(counts, robot_rows(store), anomalies(store), live(store))?;
+    // before the list is cut, so that all that is told is counted in the same rows
+    let open = OpenByPlace::of(&anomalies);
+    anomalies.truncate(ANOMALIES);
+    let robots = robots_with_joints(read, &open);
+    let sum = |of: fn(&FleetRobot) -> u64| -> u64 { robots.iter().map(of).sum() };
     let Counts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } = counts;
-    Ok(Fleet {
-        now: String::new(),
-        counts: FleetCounts {
-            robots: robots.len(),
-            streaming_runs,
-            complete_runs,
-            quarantined_runs,
-            cycles,
-            open_anomalies: alarms,
-        },
-        limits: FleetLimits { drift_warning_fraction: 0.0, drift_critical_fraction: 0.0 },
-        robots,
-        anomalies,
-        live,
-    })
+    let counts = FleetCounts {
+        robots: robots.len(),
+        streaming_runs,
+        complete_runs,
+        quarantined_runs,
+        cycles,
+        open_anomalies: sum(|robot| robot.open_anomalies),
+        open_alarms: sum(|robot| robot.open_alarms),
+        open_infos: sum(|robot| robot.open_infos),
+    };
+    let limits = FleetLimits { drift_warning_fraction: 0.0, drift_critical_fraction: 0.0 };
+    Ok(Fleet { now: String::new(), counts, limits, robots, anomalies, live })
 }
 
-async fn robots_with_joints(store: &Store) -> Result<Vec<FleetRobot>, Refusal> {
+/// Open anomalies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Open {
+    /// Of severity warning or critical.
+    alarms: u64,
+    /// Of severity info.
+    infos: u64,
+}
+
+impl Open {
+    fn all(self) -> u64 {
+        self.alarms + self.infos
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { alarms: self.alarms + other.alarms, infos: self.infos + other.infos }
+    }
+}
+
+/// Open anomalies by robot and joint; those of the whole arm have no joint.
+#[derive(Debug, Default)]
+struct OpenByPlace(HashMap<String, HashMap<Option<i64>, Open>>);
+
+impl OpenByPlace {
+    fn of(anomalies: &[Row]) -> Self {
+        let mut found = Self::default();
+        for row in anomalies.iter().filter(|row| row.text("state") == "open") {
+            let joint = row.number("joint").map(|_| row.whole("joint"));
+            let of_robot = found.0.entry(row.text("robot").to_owned()).or_default();
+            let open = of_robot.entry(joint).or_default();
+            match row.text("severity") {
+                "info" => open.infos += 1,
+                _ => open.alarms += 1,
+            }
+        }
+        found
+    }
+
+    fn robot(&self, robot: &str) -> Open {
+        let of_robot = self.0.get(robot).into_iter().flat_map(HashMap::values);
+        of_robot.fold(Open::default(), |all, open| all.and(*open))
+    }
+
+    /// Of the joint and of the whole arm, as the view `fleet_health` counts them.
+    fn joint(&self, robot: &str, joint: i64) -> Open {
+        let of = |joint: Option<i64>| self.0.get(robot).and_then(|of| of.get(&joint)).copied();
+        of(Some(joint)).unwrap_or_default().and(of(None).unwrap_or_default())
+    }
+}
+
+/// What is read of robots: their friction indices, the rows of the view `fleet_health`, and their list.
+struct RobotRows {
+    indices: Table,
+    health: Vec<Row>,
+    listed: Table,
+}
+
+async fn robot_rows(store: &Store) -> Result<RobotRows, Refusal> {
     let indices = async { store.recent_indices(TESTS).await.map_err(Refusal::unanswered) };
     let listed = async { store.robot_list().await.map_err(Refusal::unanswered) };
     let (indices, health, listed) =
         tokio::try_join!(indices, rows(store, "fleet_health", &[], Some("joint")), listed)?;
+    Ok(RobotRows { indices, health, listed })
+}
+
+fn robots_with_joints(read: RobotRows, open: &OpenByPlace) -> Vec<FleetRobot> {
+    let RobotRows { indices, health, listed } = read;
     let mut histories = histories(&indices);
     let mut joints: HashMap<String, Vec<Row>> = HashMap::new();
     for row in health {
@@ -213,6 +287,7 @@ async fn robots_with_joints(store: &Store) -> Result<Vec<FleetRobot>, Refusal> {
         };
         let of_joint = |row: &Row| {
             let joint = row.whole("joint");
+            let open = open.joint(&name, joint);
             FleetJoint {
                 joint,
                 status: row.text("status").to_owned(),
@@ -222,22 +297,27 @@ async fn robots_with_joints(store: &Store) -> Result<Vec<FleetRobot>, Refusal> {
                 trend: row.maybe("trend"),
                 warning_by: row.maybe("warning_by"),
                 critical_by: row.maybe("critical_by"),
-                open_anomalies: row.whole("open_anomalies"),
+                open_anomalies: open.all(),
+                open_alarms: open.alarms,
+                open_infos: open.infos,
                 history: histories.remove(&(name.clone(), joint)).unwrap_or_default(),
             }
         };
+        let of_robot = open.robot(&name);
         FleetRobot {
             model: row.maybe("model"),
             status: row.text("status").to_owned(),
             last_run_at: latest("last_run_at"),
             last_result_at: latest("last_result_at"),
             expected_by: latest("expected_by"),
-            open_anomalies: row.whole("open_anomalies"),
+            open_anomalies: of_robot.all(),
+            open_alarms: of_robot.alarms,
+            open_infos: of_robot.infos,
             joints: joints.iter().map(of_joint).collect(),
             robot: name,
         }
     };
-    Ok(listed.objects().filter_map(Row::of).map(robot).collect())
+    listed.objects().filter_map(Row::of).map(robot).collect()
 }
 
 /// Friction indices by robot and joint, the oldest first.
@@ -255,7 +335,7 @@ fn shown(index: f64) -> f64 {
     (index * 1e4).round() / 1e4
 }
 
-/// Anomalies that are not settled, the worst first, then the newest.
+/// All anomalies that are not settled, the worst first, then the newest.
 async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
     let severity =
         |row: &Row| ["critical", "warning"].iter().position(|of| row.text("severity") == *of).unwrap_or(2);
@@ -266,7 +346,6 @@ async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
     found.sort_by_key(|row| {
         (severity(row), Reverse(row.text("last_seen_at").to_owned()), row.whole("anomaly_id"))
     });
-    found.truncate(ANOMALIES);
     Ok(found)
 }
 
@@ -296,4 +375,29 @@ async fn rows(
     };
     let table = store.rows_of_view(view, &wanted).await.map_err(Refusal::unanswered)?;
     Ok(table.objects().filter_map(Row::of).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn alarms_and_what_is_worth_knowing_are_counted_apart_and_sum_up() {
+        let rows = [
+            json!({"robot": "A", "joint": 1, "severity": "critical", "state": "open"}),
+            json!({"robot": "A", "joint": 1, "severity": "info", "state": "open"}),
+            json!({"robot": "A", "joint": null, "severity": "warning", "state": "open"}),
+            json!({"robot": "A", "joint": 2, "severity": "warning", "state": "maintenance"}),
+            json!({"robot": "B", "joint": 2, "severity": "info", "state": "open"}),
+        ];
+        let rows: Vec<Row> = rows.into_iter().filter_map(Row::of).collect();
+        let open = OpenByPlace::of(&rows);
+        assert_eq!(open.robot("A"), Open { alarms: 2, infos: 1 });
+        assert_eq!(open.joint("A", 1), Open { alarms: 2, infos: 1 });
+        assert_eq!(open.joint("A", 2), Open { alarms: 1, infos: 0 }, "that of the whole arm");
+        assert_eq!((open.robot("B"), open.robot("B").all()), (Open { alarms: 0, infos: 1 }, 1));
+        assert_eq!(open.robot("C"), Open::default());
+    }
 }

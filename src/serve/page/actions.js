@@ -46,7 +46,7 @@ export function maintenanceForm(robot, joints, done) {
 export function askMaintenance(anomaly, joints, done) {
   return ask({
     title: "Enter work that was done",
-    intro: `${anomaly.robot}, ${jointName(anomaly.joint)}. From this work on, a new baseline is learnt.`,
+    intro: `${anomaly.robot}, ${jointName(anomaly.joint)}. From this work on, a new baseline is learnt. Alarms of this place from before are silent, in maintenance, until tests show whether they are gone.`,
     fields: maintenanceFields(joints, anomaly.joint, true), submit: "Enter the work",
     onsubmit: (values) => enter(anomaly.robot, values),
   }).then((entered) => { if (entered) done(); });

@@ -1,45 +1,19 @@
 import { askAction, askMaintenance } from "./actions.js";
 import { get, view } from "./api.js";
 import { h } from "./dom.js";
-import { ago, change, digits, finding, fixed, isNumber, likelihood, moment, percent, sentence } from "./format.js";
+import { ago, clauses, finding, isNumber, likelihood, moment, percent, sentence } from "./format.js";
 import { robotLink } from "./fleet.js";
 import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
+import { figure, limitAndScore, quantityName } from "./quantities.js";
 import { badge, jointName, kindName, stateName } from "./status.js";
 
-const QUANTITIES = {
-  friction_index: "friction index", warm_friction_nm: "warm friction", excitation_friction_nm: "friction of the excitation",
-  moving_relative_rmsd: "relative RMSD, moving", friction_swing: "swing of friction", warm_up_time_ratio: "warm-up time, ratio to the usual",
-  common_friction_ratio: "friction common to all joints, ratio", load_kg: "load", torque_signal: "torque signal", inertial_parameters: "inertial parameters",
-  friction_of_model_nm: "friction against other arms", rmsd_of_model: "RMSD against other arms", position_offset_rad: "position offset",
-  production_friction: "friction in production", production_relative_rmsd: "relative RMSD in production",
-};
 const EVENTS = {
   opened: "Opened", worse: "Worse", corrected: "Corrected to another kind", ended: "Ended: later tests no longer show it", reopened: "Opened again",
-  withdrawn: "Withdrawn", unshelved: "No longer shelved", acknowledged: "Acknowledged", shelved: "Shelved", maintenance: "Work entered",
+  withdrawn: "Withdrawn", unshelved: "No longer shelved", acknowledged: "Acknowledged", shelved: "Shelved", maintenance: "Work entered: in maintenance",
   resolved: "Resolved", false_alarm: "Marked as a false alarm", overdue: "Overdue",
 };
-
-/** A figure of an alarm in the unit of its quantity. */
-function figure(one, value) {
-  if (!isNumber(value)) return "not known";
-  switch (one.quantity) {
-    case "friction_index": return `${fixed(value, 3)} (${change(value)})`;
-    case "moving_relative_rmsd": case "friction_swing": case "production_relative_rmsd": case "rmsd_of_model": return percent(value);
-    case "load_kg": return `${digits(value, 3)} kg`;
-    case "position_offset_rad": return `${digits(value, 3)} rad`;
-    case "warm_friction_nm": case "excitation_friction_nm": case "friction_of_model_nm": return `${digits(value, 3)} Nm`;
-    default: return digits(value, 3);
-  }
-}
-
-function threshold(one) {
-  if (!isNumber(one.threshold)) return ["not known", ""];
-  const fraction = ["drift", "step", "accuracy"].includes(one.kind) || one.quantity === "friction_swing" || one.quantity === "common_friction_ratio" || one.quantity === "moving_relative_rmsd";
-  const form = (value) => (fraction ? percent(value) : `${digits(value, 3)}${one.quantity === "load_kg" ? " standard errors" : ""}`);
-  return [form(one.threshold), isNumber(one.score) ? `score ${form(one.score)}${one.kind === "drift" || one.kind === "step" ? ", smoothed over the tests" : ""}` : ""];
-}
 
 function fact(name, value, more) {
   return h("div", null, h("dt", null, name), h("dd", null, value, more ? h("small", null, more) : null));
@@ -101,9 +75,9 @@ export function mount({ main, argument, title }) {
     title: "Figures", load: row,
     draw: (one) => {
       if (!one) return empty("No figures.");
-      const [limit, score] = threshold(one);
+      const [limit, score] = limitAndScore(one);
       return h("dl", { class: "facts" },
-        fact("Latest value", figure(one, one.value), QUANTITIES[one.quantity] ?? one.quantity), fact("Baseline", figure(one, one.baseline).replace(/ \(.*/, "")),
+        fact("Latest value", figure(one, one.value), quantityName(one.quantity, one.kind)), fact("Baseline", figure(one, one.baseline).replace(/ \([^()]*%\)$/, "")),
         fact("Most extreme value", figure(one, one.peak_value)), fact("Limit", limit, score),
         fact("Onset", one.onset_at ? moment(one.onset_at) : "not known", one.onset_cycle ? `cycle ${one.onset_cycle} of this test` : null),
         fact("First test that shows it", moment(one.first_seen_at), one.run_id ? h("a", { href: `#/run/${one.run_id}` }, `run ${one.run_id}`) : null),
@@ -135,7 +109,7 @@ export function mount({ main, argument, title }) {
       const drawn = limitsOf({ limits }, [one], one.joint);
       return [
         ["friction_index", "warm_friction_nm", "excitation_friction_nm"].includes(one.quantity) ? null
-          : h("p", { class: "part-note" }, `The alarm is about the ${QUANTITIES[one.quantity] ?? one.quantity}. The curve is the friction index of the joint, for comparison.`),
+          : h("p", { class: "part-note" }, `The alarm is about the ${quantityName(one.quantity, one.kind)}. The curve is the friction index of the joint, for comparison.`),
         indexPlot({ rows, joint: one.joint, limits: drawn, marks, title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
         drawn.length ? h("p", { class: "part-note" }, "The limit is that of the index smoothed over the tests; points are single tests.") : null,
       ];
@@ -168,7 +142,7 @@ export function mount({ main, argument, title }) {
 
 /** What follows the finding in its message: figures and advice. */
 function more(message) {
-  return (message ?? "").split("; ").slice(1).map((text) => `${sentence(text)}.`);
+  return clauses(message).slice(1).map((text) => `${sentence(text)}.`);
 }
 
 function rmsdPlot(rows, runs, marks, one, owned) {

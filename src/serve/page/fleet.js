@@ -13,7 +13,7 @@ const idle = globalThis.requestIdleCallback ? (work) => requestIdleCallback(work
 // Browsers need not lay out far rows of a long list.
 const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
-const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_anomalies - a.open_anomalies || furthest(b) - furthest(a)
+const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
   || names.compare(a.robot, b.robot);
 const ORDERS = {
   worst: ["Worst first", worstFirst],
@@ -62,7 +62,8 @@ function robotRow(robot, range, now) {
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || "model not recognised"),
-        robot.open_anomalies ? h("span", null, plural(robot.open_anomalies, "open alarm")) : null),
+        robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
+        robot.open_infos ? h("span", { class: "muted" }, `${count(robot.open_infos)} worth knowing`) : null),
       test,
       late ? h("p", { class: "late" }, "Test overdue: expected by ", moment(robot.expected_by, "day")) : null),
     robot.joints.length
@@ -124,7 +125,8 @@ export function mount({ main, query, choose, title }) {
 
   function drawHead() {
     const of = data.counts;
-    if (differs("totals", of)) replace(totals, total("Robots", of.robots), total("Open alarms", of.open_anomalies, null, of.open_anomalies > 0),
+    if (differs("totals", of)) replace(totals, total("Robots", of.robots), total("Open alarms", of.open_alarms, null, of.open_alarms > 0),
+      of.open_infos ? total("Worth knowing", of.open_infos) : null,
       total("In quarantine", of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total("Live tests", of.streaming_runs, "#/ingest"));
     const now = Date.parse(data.now);
     const minute = Math.floor(now / 60_000);
@@ -227,7 +229,7 @@ export function mount({ main, query, choose, title }) {
     try {
       const fresh = await get("v1/fleet");
       if (gone) return;
-      if (data && fresh.counts.open_anomalies > data.counts.open_anomalies) announce(`A new alarm. ${plural(fresh.counts.open_anomalies, "open alarm")}.`);
+      if (data && fresh.counts.open_alarms > data.counts.open_alarms) announce(`A new alarm. ${plural(fresh.counts.open_alarms, "open alarm")}.`);
       data = fresh;
       draw();
     } catch (error) {

@@ -58,9 +58,14 @@ export function sentence(text) {
   return text ? text[0].toUpperCase() + text.slice(1) : "";
 }
 
+/** The clauses of a message: the finding, then figures and advice. A semicolon inside brackets parts nothing. */
+export function clauses(message) {
+  return (message ?? "").split(/; (?![^()]*\))/);
+}
+
 /** The finding of an alarm, without the joint, which stands beside it, and without figures and advice that follow. */
 export function finding(message) {
-  return sentence((message ?? "").replace(/^joint \d+: /, "").split("; ")[0]);
+  return sentence(clauses((message ?? "").replace(/^joint \d+: /, ""))[0]);
 }
 
 function utcTitle(text) {
@@ -102,6 +107,6 @@ export function likelihood(odds) {
   const word = share > 0.999 ? "almost certain" : share > 0.95 ? "very likely" : share > 0.66 ? "likely"
     : share > 0.33 ? "as likely as not" : share > 0.05 ? "unlikely" : share > 0.001 ? "very unlikely" : "almost excluded";
   const figure = odds >= 1e6 ? "more than a million to 1" : odds >= 1 ? `${digits(odds, 2)} to 1`
-    : odds > 1e-6 ? `1 to ${digits(1 / odds, 2)}` : "1 to more than a million";
+    : odds >= 1e-6 ? `1 to ${digits(1 / odds, 2)}` : "less than 1 to a million";
   return `${word} (${figure})`;
 }

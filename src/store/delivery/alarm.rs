@@ -132,6 +132,11 @@ async fn series(
     executor: impl EngineExecutor<'_>,
     event: &AlarmEvent,
 ) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
+    // the swing of an RMSD, and a step inside a test that is told as a ratio, are no values that tests have
+    let is_ratio = event.kind == "step" && event.baseline == Some(1.0) && event.quantity.ends_with("_nm");
+    if event.kind == "oscillation" || is_ratio {
+        return Ok(Vec::new());
+    }
     let (table, column) = match event.quantity.as_str() {
         "friction_index" => ("run_friction_index", "friction_index"),
         "warm_friction_nm" => ("run_joint_summary", "warm_friction_nm"),

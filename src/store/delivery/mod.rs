@@ -3,6 +3,7 @@
 pub(super) mod event;
 pub(super) mod alarm;
 pub(super) mod routes;
+pub(super) mod clock;
 pub(super) mod queue;
 pub(super) mod reminders;
 #[cfg(test)]

@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
 
 use super::alarm::{self, AlarmEvent, COLUMNS};
-use super::routes::Held;
+use super::clock::NOT_AHEAD;
+use super::routes::{Held, RouteEntry};
 use crate::store::engine::{EngineConnection, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -37,7 +38,7 @@ pub struct RouteState {
     pub retry_at: Option<Timestamp>,
     /// When the next message is due; `None`: nothing waits.
     pub next_due_at: Option<Timestamp>,
-    /// Messages sent since the moment that was asked for.
+    /// Messages sent within the time that was asked for.
     pub sent: u32,
     /// When the first of these was sent.
     pub first_sent_at: Option<Timestamp>,
@@ -53,23 +54,31 @@ pub enum Again {
 }
 
 impl Store {
-    /// Where a route stands, with messages counted that were sent after `since`.
+    /// Where a route stands, with messages counted that were sent within `window` before `now`; what a clock that was
+    /// ahead has put after `now` was not.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn route_state(&self, route_id: i64, since: Timestamp) -> Result<RouteState, StoreError> {
+    pub async fn route_state(
+        &self,
+        route_id: i64,
+        now: Timestamp,
+        window: SignedDuration,
+    ) -> Result<RouteState, StoreError> {
         let read = sqlx::query(
             "SELECT failures, retry_at,
                     (SELECT min(due_at) FROM delivery
                      WHERE delivery_route_id = $1 AND state = 'pending') AS next_due_at,
                     (SELECT count(DISTINCT coalesce(digest, -delivery_id)) FROM delivery
-                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2) AS sent,
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2 AND sent_at <= $3) AS sent,
                     (SELECT min(sent_at) FROM delivery
-                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2) AS first_sent_at
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2 AND sent_at <= $3)
+                        AS first_sent_at
              FROM delivery_route WHERE delivery_route_id = $1",
         )
         .bind(route_id)
-        .bind(since.as_microsecond())
+        .bind((now - window).as_microsecond())
+        .bind((now + NOT_AHEAD).as_microsecond())
         .try_map(|row: EngineRow| {
             let moment = |column| match row.try_get::<Option<i64>, _>(column)? {
                 Some(_) => time(&row, column).map(Some),
@@ -91,14 +100,14 @@ impl Store {
     /// whose number and content are stored before it is sent, so that another attempt is the same message.
     ///
     /// # Errors
-    /// [`StoreError`] of the database.
+    /// [`StoreError::LeaseEnded`] where the claim on the route is lost, and others of the database.
     pub async fn next_message(
         &self,
-        route_id: i64,
+        route: RouteEntry,
         now: Timestamp,
     ) -> Result<Option<DueMessage>, StoreError> {
-        let mut transaction = self.begin().await?;
-        let next = next_message(&mut transaction, route_id, now).await;
+        let mut transaction = self.begin_on(route).await?;
+        let next = next_message(&mut transaction, route.route_id, now).await;
         let next = self.checked(next)?;
         self.commit(transaction).await?;
         Ok(next)
@@ -107,35 +116,40 @@ impl Store {
     /// Lets everything that is due on a route wait.
     ///
     /// # Errors
-    /// [`StoreError`] of the database.
+    /// As [`Store::next_message`].
     pub async fn hold(
         &self,
-        route_id: i64,
+        route: RouteEntry,
         now: Timestamp,
         until: Timestamp,
         held: Held,
     ) -> Result<u64, StoreError> {
+        let mut transaction = self.begin_on(route).await?;
         let statement = sqlx::query(
             "UPDATE delivery SET held = $1, due_at = $2
              WHERE delivery_route_id = $3 AND state = 'pending' AND digest IS NULL AND due_at <= $4",
         )
         .bind(held.name())
         .bind(until.as_microsecond())
-        .bind(route_id)
+        .bind(route.route_id)
         .bind(now.as_microsecond());
-        Ok(self.checked(statement.execute(&self.writer).await)?.rows_affected())
+        let held = self.checked(statement.execute(&mut *transaction).await)?.rows_affected();
+        self.commit(transaction).await?;
+        Ok(held)
     }
 
     /// Lets one message wait.
     ///
     /// # Errors
-    /// [`StoreError`] of the database.
+    /// As [`Store::next_message`].
     pub async fn hold_message(
         &self,
+        route: RouteEntry,
         message: &DueMessage,
         until: Timestamp,
         held: Held,
     ) -> Result<(), StoreError> {
+        let mut transaction = self.begin_on(route).await?;
         let statement = sqlx::query(
             "UPDATE delivery SET held = $1, due_at = $2
              WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
@@ -143,44 +157,55 @@ impl Store {
         .bind(held.name())
         .bind(until.as_microsecond())
         .bind(ids(message));
-        self.checked(statement.execute(&self.writer).await).map(|_| ())
+        self.checked(statement.execute(&mut *transaction).await)?;
+        self.commit(transaction).await
     }
 
     /// Writes down that a message is being sent, before it is: a process that is killed then does not forget that it
-    /// may have arrived.
+    /// may have arrived. `false`, and nothing written, if something of it does not wait any more: it is not to be sent
+    /// then.
     ///
     /// # Errors
-    /// [`StoreError`] of the database; it is not to be sent then.
-    pub async fn begin_attempt(&self, message: &DueMessage, now: Timestamp) -> Result<(), StoreError> {
-        let mut transaction = self.begin().await?;
+    /// As [`Store::next_message`]; it is not to be sent then either.
+    pub async fn begin_attempt(
+        &self,
+        route: RouteEntry,
+        message: &DueMessage,
+        now: Timestamp,
+    ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin_on(route).await?;
         for (delivery_id, alarm) in message.delivery_ids.iter().zip(&message.alarms) {
             let begun = sqlx::query(
                 "UPDATE delivery
                  SET attempts = attempts + 1, attempted_at = $1, told_kind = $2, told_severity = $3,
                      first_attempted_at = coalesce(first_attempted_at, $4)
-                 WHERE delivery_id = $5",
+                 WHERE delivery_id = $5 AND state = 'pending'",
             )
             .bind(now.as_microsecond())
             .bind(&alarm.kind)
             .bind(alarm.severity.name())
             .bind(now.as_microsecond())
             .bind(delivery_id);
-            self.checked(begun.execute(&mut *transaction).await)?;
+            if self.checked(begun.execute(&mut *transaction).await)?.rows_affected() == 0 {
+                self.checked(transaction.rollback().await)?;
+                return Ok(false);
+            }
         }
-        self.commit(transaction).await
+        self.commit(transaction).await?;
+        Ok(true)
     }
 
     /// Writes down that a message has arrived.
     ///
     /// # Errors
-    /// [`StoreError`] of the database; it is sent again then.
+    /// As [`Store::next_message`]; it is sent again then.
     pub async fn mark_sent(
         &self,
-        route_id: i64,
+        route: RouteEntry,
         message: &DueMessage,
         now: Timestamp,
     ) -> Result<(), StoreError> {
-        let mut transaction = self.begin().await?;
+        let mut transaction = self.begin_on(route).await?;
         let sent = sqlx::query(
             "UPDATE delivery SET state = 'sent', sent_at = $1, error = NULL
              WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2))",
@@ -191,7 +216,7 @@ impl Store {
         let reached = sqlx::query(
             "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
         );
-        self.checked(reached.bind(route_id).execute(&mut *transaction).await)?;
+        self.checked(reached.bind(route.route_id).execute(&mut *transaction).await)?;
         self.commit(transaction).await
     }
 
@@ -199,10 +224,10 @@ impl Store {
     /// `give_up_after` ago.
     ///
     /// # Errors
-    /// [`StoreError`] of the database.
+    /// As [`Store::next_message`].
     pub async fn mark_failed(
         &self,
-        route_id: i64,
+        route: RouteEntry,
         message: &DueMessage,
         error: &str,
         again: Again,
@@ -210,7 +235,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let begun_before =
             now.as_microsecond().saturating_sub(i64::try_from(give_up_after.as_micros()).unwrap_or(i64::MAX));
-        let mut transaction = self.begin().await?;
+        let mut transaction = self.begin_on(route).await?;
         let due_at = match again {
             Again::Message(at) => Some(at.as_microsecond()),
             Again::Route(_) => None,
@@ -226,7 +251,7 @@ impl Store {
         .bind(begun_before)
         .bind(ids(message));
         self.checked(failed.execute(&mut *transaction).await)?;
-        let route = match again {
+        let after = match again {
             Again::Route(at) => sqlx::query(
                 "UPDATE delivery_route SET failures = failures + 1, retry_at = $1 WHERE delivery_route_id = $2",
             )
@@ -235,7 +260,7 @@ impl Store {
                 "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
             ),
         };
-        self.checked(route.bind(route_id).execute(&mut *transaction).await)?;
+        self.checked(after.bind(route.route_id).execute(&mut *transaction).await)?;
         let given_up = sqlx::query_scalar(
             "SELECT EXISTS (SELECT 1 FROM delivery
                             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))

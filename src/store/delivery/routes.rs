@@ -5,7 +5,7 @@ use sqlx::{AssertSqlSafe, Row};
 
 use super::alarm::{self, AlarmEvent, COLUMNS};
 use super::event::{SPEAKING, TOLD};
-use crate::store::engine::EngineConnection;
+use crate::store::engine::{EngineConnection, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::robot::alarm_state::EventKind;
@@ -59,6 +59,8 @@ pub struct RouteEntry {
     pub route_id: i64,
     /// Whether it is new, so that it began with the anomalies that are open.
     pub is_new: bool,
+    /// The session whose claim on it has to last for what is written; `None` on a file, which has one daemon.
+    pub(super) session: Option<i64>,
 }
 
 impl Store {
@@ -78,6 +80,37 @@ impl Store {
         let entered = self.checked(entered)?;
         self.commit(transaction).await?;
         Ok(entered)
+    }
+
+    /// The route for as long as the claim lasts that this program has just been given: what is written by this entry fails
+    /// once the claim is lost, under a session that was begun anew too.
+    #[must_use]
+    pub fn claimed(&self, route: RouteEntry) -> RouteEntry {
+        RouteEntry { session: self.session(), ..route }
+    }
+
+    /// A transaction that has the write lock, on a route whose claim is not lost. It is not lost until the transaction
+    /// ends: to end a session, others need the lock.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseEnded`] where the claim is lost, and others of the database.
+    pub(super) async fn begin_on(&self, route: RouteEntry) -> Result<EngineTransaction, StoreError> {
+        let mut transaction = self.begin().await?;
+        let Some(session) = route.session else { return Ok(transaction) };
+        let claimed = sqlx::query_scalar(
+            "SELECT EXISTS (
+                 SELECT 1 FROM claim
+                 JOIN delivery_route ON delivery_route.name = claim.subject
+                 WHERE claim.kind = 'route' AND delivery_route_id = $1 AND host_session_id = $2)",
+        )
+        .bind(route.route_id)
+        .bind(session);
+        let is_claimed: bool = self.checked(claimed.fetch_one(&mut *transaction).await)?;
+        if is_claimed {
+            Ok(transaction)
+        } else {
+            Err(StoreError::LeaseEnded { path: self.path.to_path_buf() })
+        }
     }
 
     /// Ends the routes whose names are not given: what they have not had is suppressed.
@@ -132,7 +165,7 @@ async fn enter_route(
     if let Some(row) = &known
         && !row.try_get::<bool, _>("retired")?
     {
-        return Ok(RouteEntry { route_id: row.try_get("delivery_route_id")?, is_new: false });
+        return Ok(RouteEntry { route_id: row.try_get("delivery_route_id")?, is_new: false, session: None });
     }
     let route_id = sqlx::query_scalar(
         "INSERT INTO delivery_route (name, seen_event_id)
@@ -147,7 +180,7 @@ async fn enter_route(
     for event in alarm::open_alarms(&mut *connection).await? {
         settle(&mut *connection, route_id, now, &event, judge(&event)).await?;
     }
-    Ok(RouteEntry { route_id, is_new: true })
+    Ok(RouteEntry { route_id, is_new: true, session: None })
 }
 
 async fn retire_routes(connection: &mut EngineConnection, names: &[&str]) -> Result<u64, sqlx::Error> {

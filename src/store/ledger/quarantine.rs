@@ -150,7 +150,10 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
-        self.checked(ask_retry(&self.writer, run_id).await)
+        let mut transaction = self.begin().await?;
+        let is_asked = self.checked(ask_retry(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(is_asked)
     }
 
     /// Paths at which exports were seen that are marked to be read again.
@@ -343,6 +346,7 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
         let done = sqlx::query(
             "INSERT INTO dismissal (fault_id, dismissed_by, reason)
              SELECT fault_id, $2, $3 FROM quarantine WHERE run_id = $1 AND state = 'open'",
@@ -350,9 +354,11 @@ impl Store {
         .bind(run_id)
         .bind(by)
         .bind(reason)
-        .execute(&self.writer)
+        .execute(&mut *transaction)
         .await;
-        Ok(self.checked(done)?.rows_affected() > 0)
+        let is_put_aside = self.checked(done)?.rows_affected() > 0;
+        self.commit(transaction).await?;
+        Ok(is_put_aside)
     }
 
     /// Takes it back that the fault of a run was put aside; what was said then is kept.
@@ -360,14 +366,16 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
         let done = sqlx::query(
             "UPDATE dismissal SET withdrawn_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
              WHERE withdrawn_at IS NULL AND fault_id IN (SELECT fault_id FROM fault WHERE run_id = $1)",
         )
         .bind(run_id)
-        .execute(&self.writer)
+        .execute(&mut *transaction)
         .await;
-        self.checked(done).map(|_| ())
+        self.checked(done)?;
+        self.commit(transaction).await
     }
 }
 

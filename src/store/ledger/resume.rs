@@ -44,7 +44,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
-        self.checked(forget(&self.writer, run_id).await)
+        let mut transaction = self.begin().await?;
+        self.checked(forget(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await
     }
 }
 

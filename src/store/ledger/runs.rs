@@ -143,12 +143,17 @@ impl Store {
     }
 
     /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
-    /// of that run. Its rows stay.
+    /// of that run. Its rows stay. One that is complete by now is left alone.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
-        self.checked(supersede(&self.writer, run_id, old).await)
+        let mut transaction = self.begin().await?;
+        // another daemon may have read it to its end meanwhile
+        if !self.checked(is_complete(&mut *transaction, old).await)? {
+            self.checked(supersede(&mut *transaction, run_id, old).await)?;
+        }
+        self.commit(transaction).await
     }
 
     /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
@@ -179,7 +184,9 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
-        self.checked(set_kind(&self.writer, run_id, kind).await)
+        let mut transaction = self.begin().await?;
+        self.checked(set_kind(&mut *transaction, run_id, kind).await)?;
+        self.commit(transaction).await
     }
 }
 
@@ -562,6 +569,14 @@ async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -
     .execute(executor)
     .await?;
     Ok(done.rows_affected() > 0)
+}
+
+/// Whether a run was read to its end.
+async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE run_id = $1 AND status = 'complete')")
+        .bind(run_id)
+        .fetch_one(executor)
+        .await
 }
 
 /// Writes down what a run is a recording of; writes nothing where that stands already.

@@ -73,9 +73,13 @@ pub struct UnfinishedSource {
     pub growing: bool,
 }
 
-/// Most runs that are compared with a file: one lay at its path, and few in files of its number or of its
-/// recording.
-const MOST_EARLIER: i64 = 16;
+/// Latest runs of files of one number that are compared with a file. A file that goes, as an archive takes it, leaves its
+/// number to the next one, so that there may be any number of them.
+const MOST_OF_NUMBER: i64 = 4;
+
+/// Runs that may be of one recording that are compared with a file: those that were not refused first, then those of the same
+/// name, then the latest. One recording has few; a folder of broken files with one start may have thousands, of which each would be compared with all.
+const MOST_OF_RECORDING: i64 = 16;
 
 /// What tells the export of a run, and what its rows were analysed with.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -147,7 +151,9 @@ impl Store {
         state: SourceState,
         run_id: i64,
     ) -> Result<(), StoreError> {
-        self.checked(remember(&self.writer, path, state, run_id).await)
+        let mut transaction = self.begin().await?;
+        self.checked(remember(&mut *transaction, path, state, run_id).await)?;
+        self.commit(transaction).await
     }
 
     /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
@@ -273,11 +279,15 @@ pub(in crate::store) async fn earlier_runs(
         "WITH earlier AS (
              SELECT run_id FROM source_file WHERE path = $1
              UNION
-             SELECT run_id FROM run WHERE inode = $2 AND device = $3
+             SELECT run_id FROM (SELECT run_id FROM run WHERE inode = $2 AND device = $3
+                                 ORDER BY run_id DESC LIMIT $4) AS of_number
              UNION
-             SELECT run_id FROM robot JOIN run USING (robot_id)
-             WHERE robot.name = $5 AND status IN ('streaming', 'complete', 'quarantined')
-               AND started_at BETWEEN $6 - $8 AND $6 + $8 AND (started_at = $6 OR source_name = $7)
+             SELECT run_id FROM (SELECT run_id FROM robot JOIN run USING (robot_id)
+                                 WHERE robot.name = $5 AND status IN ('streaming', 'complete', 'quarantined')
+                                   AND started_at BETWEEN $6 - $8 AND $6 + $8
+                                   AND (started_at = $6 OR source_name = $7)
+                                 ORDER BY status = 'quarantined', source_name = $7 DESC, run_id DESC
+                                 LIMIT $9) AS of_recording
          )
          SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
                 cycles_stored, retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
@@ -290,17 +300,17 @@ pub(in crate::store) async fn earlier_runs(
          FROM earlier
          JOIN run USING (run_id)
          JOIN robot USING (robot_id)
-         ORDER BY same_path DESC, run_id DESC
-         LIMIT $4",
+         ORDER BY same_path DESC, run_id DESC",
     )
     .bind(path)
     .bind(file.inode.cast_signed())
     .bind(file.device.cast_signed())
-    .bind(MOST_EARLIER)
+    .bind(MOST_OF_NUMBER)
     .bind(recording.map(|of| of.robot))
     .bind(recording.map(|of| of.started_at.as_microsecond()))
     .bind(recording.map(|of| of.source_name))
     .bind(ZONES_APART)
+    .bind(MOST_OF_RECORDING)
     .try_map(|row: EngineRow| {
         let hash: Vec<u8> = row.try_get("hash")?;
         let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;

@@ -45,26 +45,45 @@ pub(in crate::store) async fn of_run(
     .transpose()
 }
 
-/// Numbers of four bytes: a response is a model and needs no more digits.
+/// Numbers of four bytes: a response is a model and needs no more digits. Shifts come last, where all that may have one do:
+/// rows of earlier versions have none.
 fn packed(response: &ChannelResponse) -> Vec<u8> {
     let numbers = response.faults.iter().flat_map(|of| of.change.iter().chain(&of.unexplained));
+    let shifts = || response.faults.iter().filter(|of| may_shift(of));
+    let have_all = shifts().all(|of| of.shift.len() == response.parameters.len());
+    let numbers = numbers.chain(shifts().filter(|_| have_all).flat_map(|of| &of.shift));
     numbers.flat_map(|number| (*number as f32).to_le_bytes()).collect()
+}
+
+/// Whether the weights that go with a fault may move parameters by themselves, and that is looked at.
+fn may_shift(of: &FaultResponse) -> bool {
+    of.fault == ChannelFault::TorqueOffset && of.strength > 0
 }
 
 fn unpacked(parameters: Vec<ParameterId>, bytes: &[u8]) -> Option<ChannelResponse> {
     let (numbers, rest) = bytes.as_chunks::<4>();
     let numbers: Vec<f64> = numbers.iter().map(|of| f64::from(f32::from_le_bytes(*of))).collect();
     let (b, kinds) = (parameters.len(), ChannelFault::ALL.len() * STRENGTHS.len());
-    // kinds * n faults of b + n numbers each
-    let n = (1..=crate::robot::MAX_JOINTS).find(|n| kinds * n * (b + n) == numbers.len())?;
+    // kinds * n faults of b + n numbers each, and as many shifts of b
+    let of_faults = |n: usize| kinds * n * (b + n);
+    let of_shifts = |n: usize| (STRENGTHS.len() - 1) * n * b;
+    // the last joint has a parameter
+    let joints = parameters.iter().map(|of| of.joint.number()).max()?;
+    let fits = |n: &usize| [0, of_shifts(*n)].contains(&numbers.len().wrapping_sub(of_faults(*n)));
+    let n = std::iter::once(joints).chain(1..=crate::robot::MAX_JOINTS).find(fits)?;
+    let (numbers, shifts) = numbers.split_at(of_faults(n));
     let fault = |(place, numbers): (usize, &[f64])| FaultResponse {
         joint: JointIndex::new(place % n),
         strength: place / n % STRENGTHS.len(),
         fault: ChannelFault::ALL[place / n / STRENGTHS.len()],
         change: numbers[..b].to_vec(),
+        shift: Vec::new(),
         unexplained: numbers[b..].to_vec(),
     };
-    let faults = numbers.chunks_exact(b + n).enumerate().map(fault).collect();
+    let mut faults: Vec<FaultResponse> = numbers.chunks_exact(b + n).enumerate().map(fault).collect();
+    for (of, shift) in faults.iter_mut().filter(|of| may_shift(of)).zip(shifts.chunks_exact(b)) {
+        of.shift = shift.to_vec();
+    }
     rest.is_empty().then_some(ChannelResponse { parameters, faults })
 }
 
@@ -78,20 +97,27 @@ mod tests {
         let joint = JointIndex::new(1);
         let parameters: Vec<ParameterId> =
             (0..5).map(|k| ParameterId { joint, kind: ParameterKind::Inertial(k) }).collect();
-        let fault = |kind: ChannelFault, place: usize| FaultResponse {
+        let fault = |kind: ChannelFault, place: usize, shifts: bool| FaultResponse {
             joint: JointIndex::new(place % 3),
             strength: place / 3,
             fault: kind,
             change: (0..5).map(|k| f64::from(k) * 0.25 - place as f64).collect(),
+            shift: match shifts && kind == ChannelFault::TorqueOffset && place >= 3 {
+                true => (0..5).map(|k| f64::from(k) + 0.5 * place as f64).collect(),
+                false => Vec::new(),
+            },
             unexplained: vec![0.5, 0.125, place as f64],
         };
-        let faults =
-            ChannelFault::ALL.into_iter().flat_map(|kind| (0..9).map(move |place| fault(kind, place)));
-        let response = ChannelResponse { parameters: parameters.clone(), faults: faults.collect() };
-        let bytes = packed(&response);
-        assert_eq!(bytes.len(), 4 * 9 * 3 * (5 + 3));
-        assert_eq!(unpacked(parameters.clone(), &bytes), Some(response));
-        assert_eq!(unpacked(parameters.clone(), &bytes[1..]), None);
+        // rows of earlier versions are without
+        for shifts in [true, false] {
+            let of_kind = |kind| (0..9).map(move |place| fault(kind, place, shifts));
+            let faults = ChannelFault::ALL.into_iter().flat_map(of_kind).collect();
+            let response = ChannelResponse { parameters: parameters.clone(), faults };
+            let bytes = packed(&response);
+            assert_eq!(bytes.len(), 4 * (9 * 3 * (5 + 3) + if shifts { 2 * 3 * 5 } else { 0 }));
+            assert_eq!(unpacked(parameters.clone(), &bytes), Some(response));
+            assert_eq!(unpacked(parameters.clone(), &bytes[1..]), None);
+        }
         assert_eq!(unpacked(parameters, &[]), None);
     }
 }

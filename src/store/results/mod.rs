@@ -8,6 +8,7 @@ pub(super) mod intervals;
 pub(super) mod temperatures;
 pub(super) mod torque_noise;
 pub(super) mod verification;
-mod production_evidence;
+pub(in crate::store) mod production_evidence;
 pub(super) mod production;
+pub(in crate::store) mod log_summaries;
 pub(super) mod run_analysis;

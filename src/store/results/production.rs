@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::production_evidence;
@@ -9,15 +10,12 @@ use crate::analysis::work_evidence::JointEvidence;
 use crate::analysis::{
     Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,
 };
-use crate::anomaly::ProductionSummary;
 use crate::numerics::production::evidence::log_evidence;
 use crate::numerics::production::window::summarise;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::values::{
-    ROWS_PER_STATEMENT, count, finite, joint, joint_number, of_some_rows, size, time,
-};
+use crate::store::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, of_some_rows, size};
 
 impl Store {
     /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
@@ -29,12 +27,28 @@ impl Store {
         self.checked(reference_runs(&self.readers, run_id, most).await)
     }
 
-    /// Complete tests of a robot that production may be held against, oldest first.
+    /// Complete tests of a robot that windows from a time on may be held against, oldest first: those that started later, and of
+    /// each of these descriptions the latest `most` before.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn reference_tests(&self, robot_id: i64) -> Result<Vec<ReferenceTest>, StoreError> {
-        self.checked(reference_tests(&self.readers, robot_id).await)
+    pub async fn reference_tests(
+        &self,
+        robot_id: i64,
+        from: i64,
+        robot_model_ids: &[i64],
+        most: usize,
+    ) -> Result<Vec<ReferenceTest>, StoreError> {
+        let mut tests = Vec::new();
+        for model in robot_model_ids {
+            let mut before = self.checked(tests_before(&self.readers, robot_id, from, *model, most).await)?;
+            before.reverse();
+            tests.append(&mut before);
+        }
+        // those of one description are in their order
+        tests.sort_by_key(|test| test.started_at);
+        tests.extend(self.checked(tests_after(&self.readers, robot_id, from).await)?);
+        Ok(tests)
     }
 
     /// Windows of production of a robot that have factors, by run and number, with the test that they are held
@@ -112,13 +126,29 @@ pub(in crate::store) async fn reference_runs(
     most: usize,
 ) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
-        "SELECT test.run_id
-         FROM run
-         JOIN run AS test USING (robot_id)
-         WHERE run.run_id = $1 AND test.status = 'complete' AND test.kind = 'test'
-               AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = test.run_id AND cycle.status = 'complete'
-                           AND NOT cycle.doubtful)
-         ORDER BY test.started_at > run.started_at, abs(test.started_at - run.started_at), test.content_hash DESC
+        "SELECT run_id
+         FROM (
+             SELECT * FROM (
+                 SELECT 0 AS is_later, run_id, -started_at AS place, content_hash
+                 FROM run
+                 WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = $1) AND status = 'complete' AND kind = 'test'
+                       AND started_at <= (SELECT started_at FROM run WHERE run_id = $1)
+                       AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = run.run_id AND cycle.status = 'complete'
+                                   AND NOT cycle.doubtful)
+                 ORDER BY started_at DESC, content_hash DESC
+                 LIMIT $2) AS before
+             UNION ALL
+             SELECT * FROM (
+                 SELECT 1 AS is_later, run_id, started_at AS place, content_hash
+                 FROM run
+                 WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = $1) AND status = 'complete' AND kind = 'test'
+                       AND started_at > (SELECT started_at FROM run WHERE run_id = $1)
+                       AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = run.run_id AND cycle.status = 'complete'
+                                   AND NOT cycle.doubtful)
+                 ORDER BY started_at, content_hash DESC
+                 LIMIT $2) AS behind
+         ) AS nearest
+         ORDER BY is_later, place, content_hash DESC
          LIMIT $2",
     )
     .bind(run_id)
@@ -153,31 +183,72 @@ pub struct ProductionWindow {
     pub settled_against: Option<i64>,
 }
 
-/// Complete tests of a robot with parameters, oldest first. Their order follows what was recorded, not when it
+/// Description that the parameters of a row of `run` belong to; no value for a test without parameters, or with cycles of two
+/// descriptions, which cannot be taken together. A test whose factors were removed has them: windows stay with the test that they were
+/// held against.
+macro_rules! model_of_test {
+    () => {
+        "(SELECT CASE WHEN min(coalesce(factor_layout.robot_model_id, run.robot_model_id))
+                           = max(coalesce(factor_layout.robot_model_id, run.robot_model_id))
+                      THEN max(coalesce(factor_layout.robot_model_id, run.robot_model_id)) END
+          FROM cycle
+          LEFT JOIN cycle_factor_layout USING (cycle_id)
+          LEFT JOIN factor_layout USING (factor_layout_id)
+          WHERE cycle.run_id = run.run_id AND cycle.status = 'complete' AND NOT cycle.doubtful
+                AND (factor_layout.factor_layout_id IS NOT NULL
+                     OR cycle.factors_gone IS NOT NULL AND run.robot_model_id IS NOT NULL))"
+    };
+}
+
+/// Complete tests of a robot with parameters that started later, oldest first. Their order follows what was recorded, not when it
 /// was stored.
-pub(in crate::store) async fn reference_tests(
+async fn tests_after(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    from: i64,
 ) -> Result<Vec<ReferenceTest>, sqlx::Error> {
-    sqlx::query_as(
-        "SELECT run.run_id, run.started_at,
-                max(coalesce(factor_layout.robot_model_id, run.robot_model_id)) AS robot_model_id
-         FROM run
-         JOIN cycle USING (run_id)
-         LEFT JOIN cycle_factor_layout USING (cycle_id)
-         LEFT JOIN factor_layout USING (factor_layout_id)
-         WHERE run.robot_id = $1 AND run.kind = 'test' AND run.status = 'complete' AND cycle.status = 'complete'
-               AND NOT cycle.doubtful
-               -- a test whose factors were removed is among them: windows stay with the test that they were held against
-               AND (factor_layout.factor_layout_id IS NOT NULL
-                    OR cycle.factors_gone IS NOT NULL AND run.robot_model_id IS NOT NULL)
-         GROUP BY run.run_id
-         -- cycles of two descriptions cannot be taken together
-         HAVING min(coalesce(factor_layout.robot_model_id, run.robot_model_id))
-                = max(coalesce(factor_layout.robot_model_id, run.robot_model_id))
-         ORDER BY run.started_at, run.content_hash",
-    )
+    sqlx::query_as(concat!(
+        "SELECT run_id, started_at, robot_model_id
+         FROM (SELECT run_id, started_at, content_hash, ",
+        model_of_test!(),
+        " AS robot_model_id
+               FROM run
+               WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND started_at > $2) AS known
+         WHERE robot_model_id IS NOT NULL
+         ORDER BY started_at, content_hash"
+    ))
     .bind(robot_id)
+    .bind(from)
+    .fetch_all(executor)
+    .await
+}
+
+/// The latest complete tests of a robot with parameters of a description that started no later, the latest first, of its
+/// latest 256: behind a description that has just come, no older test has it either.
+async fn tests_before(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    from: i64,
+    robot_model_id: i64,
+    most: usize,
+) -> Result<Vec<ReferenceTest>, sqlx::Error> {
+    sqlx::query_as(concat!(
+        "SELECT run_id, started_at, $3 AS robot_model_id
+         FROM (SELECT run_id, started_at, content_hash, robot_model_id
+               FROM run
+               WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND started_at <= $2
+               ORDER BY started_at DESC, content_hash DESC
+               LIMIT 256) AS run
+         WHERE ",
+        model_of_test!(),
+        " = $3
+         ORDER BY started_at DESC, content_hash DESC
+         LIMIT $4"
+    ))
+    .bind(robot_id)
+    .bind(from)
+    .bind(robot_model_id)
+    .bind(count(most))
     .fetch_all(executor)
     .await
 }
@@ -224,20 +295,23 @@ pub(in crate::store) async fn settle(
     summarise_run(connection, run_id).await
 }
 
-/// Summarises logs of a robot that have settled windows and no summary: one that was opened again and ended without a new
-/// window. Call in a transaction.
+/// Summarises logs of a robot that have settled windows and no summary, of those that began at this time or later: one that was
+/// opened again and ended without a new window. Call in a transaction.
 pub(in crate::store) async fn summarise_rest(
     connection: &mut EngineConnection,
     robot_id: i64,
+    from: Option<Timestamp>,
 ) -> Result<(), sqlx::Error> {
     let without: Vec<i64> = sqlx::query_scalar(
         "SELECT run_id FROM run
-         WHERE robot_id = $1 AND kind = 'production' AND status <> 'streaming' AND superseded_by_run_id IS NULL
+         WHERE robot_id = $1 AND kind = 'production' AND status IN ('complete', 'quarantined') AND started_at >= $2
+               AND superseded_by_run_id IS NULL
                AND NOT EXISTS (SELECT 1 FROM production_summary AS summary WHERE summary.run_id = run.run_id)
                AND EXISTS (SELECT 1 FROM cycle JOIN production_check USING (cycle_id)
                            WHERE cycle.run_id = run.run_id AND settled)",
     )
     .bind(robot_id)
+    .bind(from.map_or(i64::MIN, Timestamp::as_microsecond))
     .fetch_all(&mut *connection)
     .await?;
     for run_id in without {
@@ -357,61 +431,6 @@ async fn insert_summaries(
     .execute(executor)
     .await?;
     Ok(())
-}
-
-/// What a robot's complete logs of production come to, oldest first.
-pub(in crate::store) async fn summaries(
-    connection: &mut EngineConnection,
-    robot_id: i64,
-) -> Result<Vec<ProductionSummary>, sqlx::Error> {
-    let rows = sqlx::query(
-        "SELECT run.run_id, run.started_at, summary.reference_run_id, summary.joint, summary.windows,
-                summary.relative_rmsd, summary.friction_excess, summary.friction_share,
-                of_test.relative_rmsd AS test_relative_rmsd
-         FROM run
-         JOIN production_summary AS summary USING (run_id)
-         JOIN run AS test ON test.run_id = summary.reference_run_id
-         LEFT JOIN run_joint_summary AS of_test
-                   ON of_test.run_id = summary.reference_run_id AND of_test.joint = summary.joint
-         WHERE run.robot_id = $1 AND run.kind = 'production' AND run.status = 'complete'
-         ORDER BY run.started_at, run.content_hash, test.started_at, test.content_hash, summary.joint",
-    )
-    .bind(robot_id)
-    .try_map(|row: EngineRow| {
-        let of_joint = ProductionJoint {
-            joint: joint(&row, "joint")?,
-            windows: size(&row, "windows")?,
-            relative_rmsd: row.try_get("relative_rmsd")?,
-            friction: FrictionExcess {
-                excess: row.try_get("friction_excess")?,
-                share: row.try_get("friction_share")?,
-            },
-            test_relative_rmsd: row.try_get("test_relative_rmsd")?,
-        };
-        Ok(ProductionSummary {
-            run_id: row.try_get("run_id")?,
-            started_at: time(&row, "started_at")?,
-            reference_run_id: row.try_get("reference_run_id")?,
-            joints: vec![of_joint],
-            evidence: Vec::new(),
-        })
-    })
-    .fetch_all(&mut *connection)
-    .await?;
-    let mut evidence = production_evidence::of_robot(&mut *connection, robot_id).await?;
-    let mut runs: Vec<ProductionSummary> = Vec::new();
-    for row in rows {
-        match runs.last_mut() {
-            Some(last) if (last.run_id, last.reference_run_id) == (row.run_id, row.reference_run_id) => {
-                last.joints.extend(row.joints);
-            }
-            _ => {
-                let evidence = evidence.remove(&(row.run_id, row.reference_run_id)).unwrap_or_default();
-                runs.push(ProductionSummary { evidence, ..row });
-            }
-        }
-    }
-    Ok(runs)
 }
 
 /// The run whose parameters a window was held against.

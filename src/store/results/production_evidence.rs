@@ -92,16 +92,16 @@ pub(super) async fn of_log(
     rows.into_iter().map(read).collect()
 }
 
-/// Evidence of all logs of a robot, by log and test.
-pub(super) async fn of_robot(
+/// Evidence of the logs of a list, by log and test.
+pub(super) async fn of_logs(
     executor: impl EngineExecutor<'_>,
-    robot_id: i64,
+    run_ids: &str,
 ) -> Result<BTreeMap<(i64, i64), Vec<JointEvidence>>, sqlx::Error> {
     let rows: Vec<(i64, i64, Vec<u8>)> = sqlx::query_as(
-        "SELECT run_id, reference_run_id, numbers FROM run JOIN log_evidence USING (run_id)
-         WHERE robot_id = $1 AND kind = 'production'",
+        "SELECT run_id, reference_run_id, numbers FROM log_evidence
+         WHERE run_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))",
     )
-    .bind(robot_id)
+    .bind(run_ids)
     .fetch_all(executor)
     .await?;
     let read = |(run_id, reference, bytes): (i64, i64, Vec<u8>)| {
@@ -125,7 +125,8 @@ pub(super) async fn remove_windows(
     Ok(())
 }
 
-fn packed(evidence: &[JointEvidence]) -> Vec<u8> {
+/// The format in which evidence is stored.
+pub(in crate::store) fn packed(evidence: &[JointEvidence]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(BYTES_OF_JOINT * evidence.len());
     for of in evidence {
         bytes.push(u8::try_from(of.joint.number()).unwrap_or(u8::MAX));

@@ -1,4 +1,4 @@
-//! What people do with anomalies, the end of shelving, and what happened to each.
+//! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -19,7 +19,7 @@ pub enum AlarmAction {
     Acknowledge,
     /// Wants to hear nothing of it until then, unless its severity rises.
     Shelve(Timestamp),
-    /// Says that the robot is being worked on.
+    /// Says that the robot was worked on, and no run has shown since then whether it is gone.
     Maintain,
     /// Says that its cause is gone. A later run that shows it opens it again.
     Resolve,
@@ -168,13 +168,16 @@ impl Store {
         Ok(acted)
     }
 
-    /// Opens shelved anomalies whose time was over before `clock`, and says which.
+    /// Opens shelved anomalies whose time was over before `clock`, and those in maintenance that a run after the work
+    /// shows, and says which.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn end_shelving(&self, clock: Timestamp) -> Result<Vec<AnomalyEvent>, StoreError> {
         // readers do not wait for writers, and mostly there is nothing to do
-        if self.checked(shelved_before(&self.readers, clock).await)?.is_empty() {
+        let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
+        let worked_on = self.checked(shown_after_work(&self.readers).await)?;
+        if shelved.is_empty() && worked_on.is_empty() {
             return Ok(Vec::new());
         }
         let mut transaction = self.begin().await?;
@@ -310,7 +313,54 @@ async fn end_shelving(
         set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
         events.push(record(&mut *connection, anomaly_id, EventKind::Unshelved, None).await?);
     }
+    for anomaly_id in shown_after_work(&mut *connection).await? {
+        events.extend(open_again(&mut *connection, anomaly_id).await?);
+    }
     Ok(events)
+}
+
+/// Anomalies in maintenance that a run shows which began with the latest work on their place or after it. What is
+/// concluded of the robot must have heard of that work: it ends most of them.
+async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT anomaly.anomaly_id
+         FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
+         WHERE anomaly.state = 'maintenance' AND NOT anomaly.ended AND NOT anomaly.withdrawn
+               AND robot.history = robot.concluded
+               AND anomaly.last_seen_at >= (
+                   SELECT max(maintenance.at) FROM maintenance
+                   WHERE maintenance.robot_id = anomaly.robot_id
+                         AND (maintenance.joint IS NULL OR maintenance.joint = anomaly.joint))
+         ORDER BY anomaly.anomaly_id",
+    )
+    .fetch_all(executor)
+    .await
+}
+
+/// Puts an anomaly into maintenance, whatever people had said of it.
+pub(super) async fn maintain(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+    by: Person<'_>,
+) -> Result<AnomalyEvent, sqlx::Error> {
+    let action = AlarmAction::Maintain;
+    set_life(&mut *connection, anomaly_id, &Life::of(action.state())).await?;
+    record(connection, anomaly_id, action.event(), Some(by)).await
+}
+
+/// Opens an anomaly that was in maintenance. Of one that the history has taken back nothing is said: it comes back open.
+pub(super) async fn open_again(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+) -> Result<Option<AnomalyEvent>, sqlx::Error> {
+    set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
+    let known = find(&mut *connection, anomaly_id).await?;
+    match known {
+        Some(Known { withdrawn: false, .. }) => {
+            record(connection, anomaly_id, EventKind::Reopened, None).await.map(Some)
+        }
+        _ => Ok(None),
+    }
 }
 
 /// Events of one anomaly or all, with keys above the first and up to the second bound, in order.

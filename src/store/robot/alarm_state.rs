@@ -14,7 +14,7 @@ pub enum AlarmState {
     Acknowledged,
     /// Quiet until a time, or until it gets worse.
     Shelved,
-    /// The robot is being worked on.
+    /// Its place was worked on, and no run has shown since then whether it is gone.
     Maintenance,
     /// It ended, or a person says that its cause is gone.
     Resolved,
@@ -70,7 +70,7 @@ pub enum EventKind {
     Shelved,
     /// That time is over, or the severity rose.
     Unshelved,
-    /// Work on the robot began.
+    /// Work on its place was entered.
     Maintenance,
     /// A person says that its cause is gone.
     Resolved,

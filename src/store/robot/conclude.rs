@@ -8,9 +8,10 @@ use jiff::Timestamp;
 
 use super::anomalies::Reconciled;
 use super::friction_series::{self, FrictionHistory};
-use super::{anomalies, conclusion_faults, history, run_brief};
+use super::{anomalies, conclusion_faults, history, run_brief, settled_rows};
 use crate::analysis::{ProductionCheck, WarmUpFit};
-use crate::anomaly::{Anomaly, Findings, ProductionSummary, RunSummary};
+use crate::anomaly::{Anomaly, Findings, RunSummary};
+use crate::run::RunKind;
 use crate::store::engine::{EngineExecutor, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
@@ -94,16 +95,10 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
-        let result = production::summarise_rest(&mut self.transaction, self.robot_id).await;
-        self.checked(result)
-    }
-
-    /// Reads what the robot's complete logs of production come to, in the order of their starts.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn production_summaries(&mut self) -> Result<Vec<ProductionSummary>, StoreError> {
-        let result = production::summaries(&mut self.transaction, self.robot_id).await;
+        let settled = settled_rows::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
+        // older ones have a summary: a log that loses it takes along what was settled with it
+        let from = self.checked(settled)?.and_then(|settled| settled.leads_from).map(|(at, _)| at);
+        let result = production::summarise_rest(&mut self.transaction, self.robot_id, from).await;
         self.checked(result)
     }
 

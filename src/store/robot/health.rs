@@ -77,14 +77,16 @@ impl Store {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn watch_for_tests(&self, robot: &str, now: Timestamp) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
         let done = sqlx::query(
             "UPDATE robot SET watched = TRUE WHERE name = $1 AND NOT watched AND expected_by >= $2",
         )
         .bind(robot)
         .bind(as_text(now))
-        .execute(&self.writer)
+        .execute(&mut *transaction)
         .await;
-        self.checked(done).map(|_| ())
+        self.checked(done)?;
+        self.commit(transaction).await
     }
 
     /// Marks robots as overdue whose next test should have begun before `now`, and returns those that were not so
@@ -104,13 +106,16 @@ impl Store {
         let mut marked = Vec::new();
         for (robot_id, robot, expected_by) in self.checked(due)? {
             // a test may have come in between
+            let mut transaction = self.begin().await?;
             let done =
                 sqlx::query("UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2")
                     .bind(robot_id)
                     .bind(&expected_by)
-                    .execute(&self.writer)
+                    .execute(&mut *transaction)
                     .await;
-            if self.checked(done)?.rows_affected() > 0 {
+            let is_marked = self.checked(done)?.rows_affected() > 0;
+            self.commit(transaction).await?;
+            if is_marked {
                 marked.push(OverdueRobot { robot, expected_by });
             }
         }

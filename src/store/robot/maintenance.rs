@@ -1,4 +1,4 @@
-//! Work on robots: entered by people, and what epochs of joints follow from it.
+//! Work on robots: entered by people, what becomes of alarms by it, and what epochs of joints follow from it.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -6,12 +6,17 @@ use std::collections::hash_map::Entry;
 use jiff::Timestamp;
 use sqlx::Row;
 
+use super::alarm_life::{maintain, open_again};
+use super::anomalies::Person;
 use crate::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use crate::robot::JointIndex;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
 use crate::store::values::{joint, joint_number, json_list, time};
+
+/// Who entered work, where that was not said.
+const SOMEBODY: &str = "somebody";
 
 /// Work on a robot with its name and when it was entered.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -40,20 +45,22 @@ pub struct NewMaintenance {
 }
 
 impl Store {
-    /// Enters work on a robot and gives its key; `None` if no robot has this name. What is concluded of the robot is
-    /// stale then.
+    /// Enters work on a robot and gives its key; `None` if no robot has this name. Anomalies of its place that began
+    /// before and that are open, acknowledged or shelved are in maintenance then, and what is concluded of the robot is
+    /// stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn enter_maintenance(&self, of: &NewMaintenance) -> Result<Option<i64>, StoreError> {
         let mut transaction = self.begin().await?;
-        let entered = self.checked(enter(&mut *transaction, of).await)?;
+        let entered = enter(&mut transaction, of).await;
+        let entered = self.checked(entered)?;
         self.commit(transaction).await?;
         Ok(entered)
     }
 
-    /// Takes an entry back and gives what it was; `None` if there is none of this key. What is concluded of the robot
-    /// is stale then.
+    /// Takes an entry back and gives what it was; `None` if there is none of this key. Anomalies that are in
+    /// maintenance by no other entry are open then, and what is concluded of the robot is stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -62,7 +69,8 @@ impl Store {
         maintenance_id: i64,
     ) -> Result<Option<MaintenanceRow>, StoreError> {
         let mut transaction = self.begin().await?;
-        let removed = self.checked(remove(&mut transaction, maintenance_id).await)?;
+        let removed = remove(&mut transaction, maintenance_id).await;
+        let removed = self.checked(removed)?;
         self.commit(transaction).await?;
         Ok(removed)
     }
@@ -94,8 +102,8 @@ impl Store {
     }
 }
 
-async fn enter(executor: impl EngineExecutor<'_>, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
-    sqlx::query_scalar(
+async fn enter(connection: &mut EngineConnection, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
+    let entered: Option<i64> = sqlx::query_scalar(
         "INSERT INTO maintenance (robot_id, joint, at, what, who)
          SELECT robot_id, $2, $3, $4, $5 FROM robot WHERE name = $1
          RETURNING maintenance_id",
@@ -105,7 +113,33 @@ async fn enter(executor: impl EngineExecutor<'_>, of: &NewMaintenance) -> Result
     .bind(of.at.as_microsecond())
     .bind(&of.what)
     .bind(of.who.as_deref())
-    .fetch_optional(executor)
+    .fetch_optional(&mut *connection)
+    .await?;
+    let by = Person { who: of.who.as_deref().unwrap_or(SOMEBODY), why: Some(&of.what) };
+    for anomaly_id in unsettled_before(&mut *connection, of).await? {
+        maintain(&mut *connection, anomaly_id, by).await?;
+    }
+    Ok(entered)
+}
+
+/// Anomalies of the place of work that began before it, that go on, and that are neither closed nor in maintenance.
+async fn unsettled_before(
+    executor: impl EngineExecutor<'_>,
+    of: &NewMaintenance,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT anomaly.anomaly_id
+         FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
+         WHERE robot.name = $1 AND ($2 IS NULL OR anomaly.joint = $2)
+               AND (anomaly.first_seen_at < $3 OR anomaly.onset_at < $3)
+               AND anomaly.state IN ('open', 'acknowledged', 'shelved')
+               AND NOT anomaly.ended AND NOT anomaly.withdrawn
+         ORDER BY anomaly.anomaly_id",
+    )
+    .bind(&of.robot)
+    .bind(of.joint.map(joint_number))
+    .bind(of.at.as_microsecond())
+    .fetch_all(executor)
     .await
 }
 
@@ -117,9 +151,37 @@ async fn remove(
     let removed = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
     sqlx::query("DELETE FROM maintenance WHERE maintenance_id = $1")
         .bind(maintenance_id)
-        .execute(connection)
+        .execute(&mut *connection)
         .await?;
+    if let Some(row) = &removed {
+        for anomaly_id in maintained_by_nothing(&mut *connection, row).await? {
+            open_again(&mut *connection, anomaly_id).await?;
+        }
+    }
     Ok(removed)
+}
+
+/// Anomalies in maintenance of the place of work that was removed, withdrawn ones too, that no other entry holds there.
+/// Whatever has happened to one since has given it another state.
+async fn maintained_by_nothing(
+    executor: impl EngineExecutor<'_>,
+    removed: &MaintenanceRow,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT anomaly.anomaly_id
+         FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
+         WHERE robot.name = $1 AND ($2 IS NULL OR anomaly.joint = $2) AND anomaly.state = 'maintenance'
+               AND NOT EXISTS (
+                   SELECT 1 FROM maintenance
+                   WHERE maintenance.robot_id = anomaly.robot_id
+                         AND (maintenance.joint IS NULL OR maintenance.joint = anomaly.joint)
+                         AND (anomaly.first_seen_at < maintenance.at OR anomaly.onset_at < maintenance.at))
+         ORDER BY anomaly.anomaly_id",
+    )
+    .bind(&removed.robot)
+    .bind(removed.work.joint.map(joint_number))
+    .fetch_all(executor)
+    .await
 }
 
 async fn rows(

@@ -14,7 +14,7 @@ use crate::numerics::detect::runs::brief::brief;
 use crate::store::engine::EngineExecutor;
 
 /// First byte of each column; other values are of another format, whose rows a migration takes away.
-const FORMAT: u8 = 1;
+const FORMAT: u8 = 2;
 
 /// What a test comes to by joint, and what stands for its cycles.
 pub(super) type Known = (Vec<SummaryRow>, Brief);

@@ -1,12 +1,13 @@
-//! Rows of what is settled of a robot's history, boundary by boundary, and keys of the tests of windows.
+//! Rows of what is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and keys of the runs of windows.
 
 use jiff::Timestamp;
 use sqlx::Row;
 
 use super::packed::{Reader, add_count, add_numbers};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Onset, Severity};
-use crate::numerics::detect::runs::window::{Moment, Settled, quantity};
+use crate::numerics::detect::window::{Moment, Settled, quantity};
 use crate::robot::JointIndex;
+use crate::run::RunKind;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 
 /// First byte of the numbers; other values are of another format.
@@ -28,22 +29,24 @@ pub(super) async fn settle_anomaly(
     Ok(())
 }
 
-/// Settles what was taken back of a history before the window: tests that begin with this one say no more of it.
+/// Settles what was taken back of a history before the window: runs that begin with this one say no more of it.
 pub(super) async fn settle_withdrawn(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    kind: RunKind,
     settled: &Settled,
 ) -> Result<(), sqlx::Error> {
     let Some((leads_from, _)) = settled.leads_from else { return Ok(()) };
-    // ordinary work is judged as a whole
     sqlx::query(
         "UPDATE anomaly
-         SET settled_history_id = (SELECT settled_history_id FROM settled_history WHERE robot_id = $1 AND tests = $2)
-         WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $3
-               AND open_run_id IS NULL AND quantity NOT LIKE 'production%'",
+         SET settled_history_id = (SELECT settled_history_id FROM settled_history
+                                   WHERE robot_id = $1 AND kind = $2 AND runs = $3)
+         WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $4
+               AND open_run_id IS NULL AND (quantity LIKE 'production%') = ($2 = 'production')",
     )
     .bind(robot_id)
-    .bind(i64::try_from(settled.tests).unwrap_or(i64::MAX))
+    .bind(kind.name())
+    .bind(i64::try_from(settled.runs).unwrap_or(i64::MAX))
     .bind(leads_from.as_microsecond())
     .execute(executor)
     .await?;
@@ -55,51 +58,65 @@ pub(super) async fn latest_keys(
     connection: &mut EngineConnection,
     robot_id: i64,
 ) -> Result<Vec<i64>, sqlx::Error> {
-    let settled = latest(&mut *connection, robot_id).await?.unwrap_or_default();
-    let keys = keys(connection, robot_id, &settled, usize::MAX).await?;
+    let settled = latest(&mut *connection, robot_id, RunKind::Test).await?.unwrap_or_default();
+    let keys = keys(connection, robot_id, RunKind::Test, &settled, usize::MAX).await?;
     Ok([settled.first_of_epochs, keys].concat())
 }
 
-/// Keys of the tests of a window, oldest first.
+/// Keys of the runs of a window, oldest first: tests with a result or without, and logs that are held against a test.
 pub(super) async fn keys(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    kind: RunKind,
     settled: &Settled,
     most: usize,
 ) -> Result<Vec<i64>, sqlx::Error> {
     let from = settled.leads_from.map_or((i64::MIN, i64::MIN), |(at, run_id)| (at.as_microsecond(), run_id));
-    let behind: Vec<i64> = sqlx::query_scalar(
-        "SELECT run_id FROM run
-         WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND (started_at, run_id) >= ($2, $3)
-         ORDER BY started_at, run_id LIMIT $4",
-    )
-    .bind(robot_id)
-    .bind(from.0)
-    .bind(from.1)
-    .bind(i64::try_from(most).unwrap_or(i64::MAX))
-    .fetch_all(executor)
-    .await?;
+    // each kind has an index of its own
+    let statement = match kind {
+        RunKind::Test => {
+            "SELECT run_id FROM run
+             WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND (started_at, run_id) >= ($2, $3)
+             ORDER BY started_at, run_id LIMIT $4"
+        }
+        RunKind::Production => {
+            "SELECT run_id FROM run
+             WHERE robot_id = $1 AND kind = 'production' AND status = 'complete' AND (started_at, run_id) >= ($2, $3)
+                   AND EXISTS (SELECT 1 FROM production_summary AS summary WHERE summary.run_id = run.run_id)
+             ORDER BY started_at, run_id LIMIT $4"
+        }
+    };
+    let behind: Vec<i64> = sqlx::query_scalar(statement)
+        .bind(robot_id)
+        .bind(from.0)
+        .bind(from.1)
+        .bind(i64::try_from(most).unwrap_or(i64::MAX))
+        .fetch_all(executor)
+        .await?;
     Ok(settled.read.iter().copied().chain(behind).collect())
 }
 
 pub(super) async fn forget_others(
     connection: &mut EngineConnection,
     robot_id: i64,
+    kind: RunKind,
     basis: u64,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query("DELETE FROM settled_history WHERE robot_id = $1 AND basis <> $2")
+    sqlx::query("DELETE FROM settled_history WHERE robot_id = $1 AND kind = $2 AND basis <> $3")
         .bind(robot_id)
+        .bind(kind.name())
         .bind(basis.cast_signed())
         .execute(&mut *connection)
         .await?;
     // of another format, nothing is known of what comes behind it either
-    let is_readable = match latest_row(&mut *connection, robot_id).await? {
-        Some((tests, numbers)) => unpacked(tests, &numbers).is_some(),
+    let is_readable = match latest_row(&mut *connection, robot_id, kind).await? {
+        Some((runs, numbers)) => unpacked(runs, &numbers).is_some(),
         None => true,
     };
     if !is_readable {
-        sqlx::query("DELETE FROM settled_history WHERE robot_id = $1")
+        sqlx::query("DELETE FROM settled_history WHERE robot_id = $1 AND kind = $2")
             .bind(robot_id)
+            .bind(kind.name())
             .execute(connection)
             .await?;
     }
@@ -109,36 +126,43 @@ pub(super) async fn forget_others(
 async fn latest_row(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    kind: RunKind,
 ) -> Result<Option<(i64, Vec<u8>)>, sqlx::Error> {
-    sqlx::query("SELECT tests, numbers FROM settled_history WHERE robot_id = $1 ORDER BY tests DESC LIMIT 1")
-        .bind(robot_id)
-        .try_map(|row: EngineRow| Ok((row.try_get("tests")?, row.try_get("numbers")?)))
-        .fetch_optional(executor)
-        .await
+    sqlx::query(
+        "SELECT runs, numbers FROM settled_history WHERE robot_id = $1 AND kind = $2 ORDER BY runs DESC LIMIT 1",
+    )
+    .bind(robot_id)
+    .bind(kind.name())
+    .try_map(|row: EngineRow| Ok((row.try_get("runs")?, row.try_get("numbers")?)))
+    .fetch_optional(executor)
+    .await
 }
 
 pub(super) async fn latest(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    kind: RunKind,
 ) -> Result<Option<Settled>, sqlx::Error> {
-    let row = latest_row(executor, robot_id).await?;
-    Ok(row.and_then(|(tests, numbers)| unpacked(tests, &numbers)))
+    let row = latest_row(executor, robot_id, kind).await?;
+    Ok(row.and_then(|(runs, numbers)| unpacked(runs, &numbers)))
 }
 
 pub(super) async fn insert(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
+    kind: RunKind,
     settled: &Settled,
     basis: u64,
 ) -> Result<i64, sqlx::Error> {
     let until = settled.follows_until.map_or(i64::MAX, |(at, _)| at.as_microsecond());
     sqlx::query_scalar(
-        "INSERT INTO settled_history (robot_id, tests, follows_until, basis, numbers)
-         VALUES ($1, $2, $3, $4, $5)
+        "INSERT INTO settled_history (robot_id, kind, runs, follows_until, basis, numbers)
+         VALUES ($1, $2, $3, $4, $5, $6)
          RETURNING settled_history_id",
     )
     .bind(robot_id)
-    .bind(i64::try_from(settled.tests).unwrap_or(i64::MAX))
+    .bind(kind.name())
+    .bind(i64::try_from(settled.runs).unwrap_or(i64::MAX))
     .bind(until)
     .bind(basis.cast_signed())
     .bind(packed(settled))
@@ -164,7 +188,7 @@ fn packed(settled: &Settled) -> Vec<u8> {
 }
 
 /// `None` for bytes of another format.
-fn unpacked(tests: i64, bytes: &[u8]) -> Option<Settled> {
+fn unpacked(runs: i64, bytes: &[u8]) -> Option<Settled> {
     let mut reader = Reader(bytes);
     let [FORMAT] = reader.take()? else { return None };
     let read = reader.list(Reader::i64)?;
@@ -173,7 +197,7 @@ fn unpacked(tests: i64, bytes: &[u8]) -> Option<Settled> {
     let (leads_from, follows_until) = (moment(&mut reader)?, moment(&mut reader)?);
     let open = reader.list(anomaly)?;
     reader.0.is_empty().then_some(Settled {
-        tests: usize::try_from(tests).ok()?,
+        runs: usize::try_from(runs).ok()?,
         read,
         leads_from: Some(leads_from),
         follows_until: Some(follows_until),
@@ -312,7 +336,7 @@ mod tests {
         };
         let joint = Some(JointIndex::new(2));
         let settled = Settled {
-            tests: 1500,
+            runs: 1500,
             read: vec![1, 2, i64::MAX],
             leads_from: Some((at(5), 8)),
             follows_until: Some((at(8), 12)),

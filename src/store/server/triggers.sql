@@ -572,6 +572,104 @@ CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
 FOR EACH ROW
 EXECUTE FUNCTION settled_history_goes_with_work();
 
+-- A log of ordinary work changes as what it comes to does, or as its run does.
+CREATE FUNCTION settled_history_goes_with_new_log() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_new_log AFTER INSERT ON production_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_new_log();
+
+CREATE FUNCTION settled_history_goes_with_changed_log() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_log AFTER UPDATE ON production_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_changed_log();
+
+CREATE FUNCTION settled_history_goes_with_log() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_log AFTER DELETE ON production_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_log();
+
+CREATE FUNCTION settled_history_goes_with_changed_work_run() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_changed_work_run AFTER UPDATE OF robot_id, kind, status, started_at ON run
+FOR EACH ROW
+WHEN ('complete' IN (OLD.status, NEW.status) AND 'production' IN (OLD.kind, NEW.kind))
+EXECUTE FUNCTION settled_history_goes_with_changed_work_run();
+
+CREATE FUNCTION settled_history_goes_with_work_run() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_work_run AFTER DELETE ON run
+FOR EACH ROW
+WHEN (OLD.status = 'complete' AND OLD.kind = 'production')
+EXECUTE FUNCTION settled_history_goes_with_work_run();
+
+-- What a test leaves of its own torque is a limit of the logs that are held against it.
+CREATE FUNCTION settled_history_goes_with_error_of_test() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_error_of_test AFTER UPDATE OF relative_rmsd ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_error_of_test();
+
+CREATE FUNCTION settled_history_goes_with_test_without_error() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = OLD.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_test_without_error AFTER DELETE ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_test_without_error();
+
+CREATE FUNCTION settled_history_goes_with_test_with_error() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    DELETE FROM settled_history
+    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
+          AND follows_until >= (SELECT min(log.started_at)
+                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
+                                WHERE production_summary.reference_run_id = NEW.run_id);
+    RETURN NULL;
+END $$;
+CREATE TRIGGER settled_history_goes_with_test_with_error AFTER INSERT ON run_joint_summary
+FOR EACH ROW
+EXECUTE FUNCTION settled_history_goes_with_test_with_error();
+
 CREATE FUNCTION friction_plan_goes_with_new_test() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
     DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;

@@ -1,6 +1,7 @@
 //! The life of anomalies: which found one is which stored one, what people do with them, and what is written down.
 
 use std::collections::HashSet;
+use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 use sqlx::AssertSqlSafe;
@@ -11,6 +12,7 @@ use crate::store::handle::Store;
 use crate::store::robot::alarm_life::{AlarmAction, NotDone};
 use crate::store::robot::alarm_state::{AlarmState, EventKind};
 use crate::store::robot::anomalies::Reconciled;
+use crate::store::robot::maintenance::NewMaintenance;
 
 use AlarmAction::{Acknowledge, FalseAlarm, Resolve, Shelve};
 use EventKind::{Corrected, Ended, Opened, Reopened, Unshelved, Withdrawn, Worse};
@@ -57,8 +59,32 @@ impl<'a> Robot<'a> {
     async fn reconcile(&self, anomalies: Vec<Anomaly>) -> Reconciled {
         let mut conclusion = self.store.conclude(self.robot_id).await.expect("a transaction");
         let outcome = conclusion.reconcile(&findings(anomalies), &[]).await.expect("findings");
-        conclusion.commit(0).await.expect("a commit");
+        let history = conclusion.history().await.expect("a count");
+        conclusion.commit(history).await.expect("a commit");
         outcome
+    }
+
+    /// Enters work on a joint, or on the whole arm, and gives its key.
+    async fn repaired(&self, of: Option<usize>, at: i64) -> i64 {
+        let new = NewMaintenance {
+            robot: self.name.clone(),
+            joint: of.map(joint),
+            at: day(at),
+            what: "gearbox changed".into(),
+            who: Some("mueller".into()),
+        };
+        self.store.enter_maintenance(&new).await.expect("an entry").expect("the robot is known")
+    }
+
+    /// States of what is shown, by number.
+    async fn states(&self) -> Vec<String> {
+        self.shown().await.into_iter().map(|(_, _, state, _)| state).collect()
+    }
+
+    /// What opens at the next look.
+    async fn looked_at(&self) -> Vec<(i64, EventKind)> {
+        let opened = self.store.end_shelving(Timestamp::now()).await.expect("a look");
+        opened.iter().map(|event| (event.anomaly_id, event.what)).collect()
     }
 
     /// What happened with these findings.
@@ -181,6 +207,95 @@ async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
     assert_eq!(robot.shown().await, []);
     assert_eq!(robot.events(vec![critical]).await, []);
     assert_eq!(robot.shown().await[0], (id, "drift".into(), "false_alarm".into(), 1));
+}
+
+#[tokio::test]
+async fn work_puts_what_began_before_it_into_maintenance_until_a_later_run_shows_it_or_none_does() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 12).await;
+    let at_joint =
+        |number: Option<usize>, to: usize| Anomaly { joint: number.map(joint), ..robot.drift(2, to) };
+    let found = |of_third: usize| vec![at_joint(Some(1), 4), at_joint(Some(3), of_third), at_joint(None, 4)];
+    assert_eq!(robot.events(found(4)).await, [Opened; 3]);
+    let [(first, ..), (third, ..), (arm, ..)] = robot.shown().await[..] else { panic!("three") };
+    act(&store, first, Acknowledge).await.expect("possible");
+    act(&store, third, Shelve(Timestamp::now() + SignedDuration::from_hours(1))).await.expect("possible");
+    // what began with the work or after it is none of it
+    robot.repaired(Some(3), 2).await;
+    assert_eq!(robot.states().await, ["acknowledged", "shelved", "open"]);
+    robot.repaired(Some(3), 5).await;
+    assert_eq!(robot.states().await, ["acknowledged", "maintenance", "open"]);
+    let history = store.anomaly_history(third).await.expect("a history");
+    let entered = history.last().expect("an event");
+    assert_eq!(
+        (entered.what, entered.who.as_deref(), entered.why.as_deref()),
+        (EventKind::Maintenance, Some("mueller"), Some("gearbox changed"))
+    );
+    // nobody is reminded of it, and it gets worse without a word
+    let later = Timestamp::now() + SignedDuration::from_hours(48);
+    let reminded = store.remind(later, Duration::from_secs(86_400)).await.expect("a look");
+    assert_eq!(reminded, 1, "of the whole arm's");
+    let worse = Anomaly { severity: Severity::Critical, score: 70.0, ..at_joint(Some(3), 4) };
+    assert_eq!(robot.events(vec![at_joint(Some(1), 4), worse, at_joint(None, 4)]).await, []);
+    assert!(robot.looked_at().await.is_empty(), "no run was after the work");
+    // a test after the work shows it all the same
+    assert_eq!(robot.events(found(6)).await, []);
+    assert_eq!(robot.looked_at().await, [(third, Reopened)]);
+    assert!(robot.looked_at().await.is_empty(), "said once");
+    assert_eq!(robot.states().await, ["acknowledged", "open", "open"]);
+    // work on the arm is work on all joints
+    robot.repaired(None, 8).await;
+    assert_eq!(robot.states().await, ["maintenance"; 3]);
+    assert_eq!(robot.events(found(6).into_iter().map(ended).collect()).await, [Ended; 3]);
+    assert_eq!(robot.states().await, ["resolved"; 3]);
+    let told = store.anomaly_history(arm).await.expect("a history");
+    let told: Vec<EventKind> = told.iter().map(|row| row.what).collect();
+    assert_eq!(told, [Opened, EventKind::Overdue, EventKind::Maintenance, Ended]);
+    assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn work_that_is_entered_late_waits_for_the_conclusions_that_it_changes() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 8).await;
+    robot.reconcile(vec![robot.drift(2, 6)]).await;
+    robot.repaired(Some(3), 4).await;
+    assert_eq!((robot.states().await, robot.looked_at().await), (vec!["maintenance".to_owned()], vec![]));
+    // with the epoch that the work begins, the runs from then on say nothing of it
+    assert_eq!(robot.events(vec![ended(robot.drift(2, 3))]).await, [Ended]);
+    assert_eq!((robot.states().await, robot.looked_at().await), (vec!["resolved".to_owned()], vec![]));
+}
+
+#[tokio::test]
+async fn work_that_is_taken_back_opens_what_is_in_maintenance_by_nothing_else() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 8).await;
+    let found = || vec![robot.drift(2, 4)];
+    robot.reconcile(found()).await;
+    let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
+    let taken_back = async |entry: i64| {
+        store.remove_maintenance(entry).await.expect("an answer").expect("the entry");
+    };
+    let (of_joint, of_arm) = (robot.repaired(Some(3), 5).await, robot.repaired(None, 6).await);
+    taken_back(of_joint).await;
+    assert_eq!(robot.states().await, ["maintenance"], "by the other entry");
+    taken_back(of_arm).await;
+    assert_eq!(robot.states().await, ["open"]);
+    let history = store.anomaly_history(id).await.expect("a history");
+    let told: Vec<EventKind> = history.iter().map(|row| row.what).collect();
+    assert_eq!(told, [Opened, EventKind::Maintenance, Reopened]);
+    // what people have said since stays
+    let entry = robot.repaired(Some(3), 5).await;
+    act(&store, id, Acknowledge).await.expect("possible");
+    taken_back(entry).await;
+    assert_eq!(robot.states().await, ["acknowledged"]);
+    // what the work took back comes back open
+    let entry = robot.repaired(None, 3).await;
+    assert_eq!(robot.events(vec![]).await, [Withdrawn]);
+    taken_back(entry).await;
+    assert_eq!(robot.events(found()).await, [Reopened]);
+    assert_eq!(robot.states().await, ["open"]);
+    assert_sound(&store).await;
 }
 
 #[tokio::test]

@@ -9,8 +9,8 @@ use crate::anomaly::brief::Brief;
 use crate::anomaly::{AnomalyKind, Findings};
 use crate::numerics::detect::runs::brief::brief;
 use crate::numerics::detect::runs::detect_among;
-use crate::numerics::detect::runs::window::Settled;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::Settled;
 use crate::pipeline::conclude::in_brief::{Detected, detected};
 use crate::store::handle::Store;
 
@@ -52,7 +52,7 @@ async fn change(store: &Store, statement: &str) -> u64 {
 #[tokio::test]
 async fn findings_in_brief_are_those_of_all_cycles_whatever_changes() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 2, runs: 40, cycles: 7 };
+    let size = crate::store::SyntheticSize { robots: 2, runs: 40, cycles: 7, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let first = in_brief(&store).await;
     assert_eq!(said(&first.findings), said(&of_all_cycles(&store).await));
@@ -120,7 +120,7 @@ async fn findings_in_brief_are_those_of_all_cycles_whatever_changes() {
 #[tokio::test]
 async fn what_is_known_in_brief_goes_with_the_series() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 1, runs: 6, cycles: 2 };
+    let size = crate::store::SyntheticSize { robots: 1, runs: 6, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let count = || sqlx::query_scalar::<_, i64>("SELECT count(*) FROM run_brief").fetch_one(&store.readers);
     in_brief(&store).await;

@@ -9,9 +9,10 @@ use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{CycleAnalysis, Estimate};
 use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
-use crate::numerics::detect::runs::window::Settled;
+use crate::numerics::detect::window::Settled;
 use crate::run::RunStatus;
 use crate::store::error::StoreError;
+use crate::store::ledger::supersession::supersede;
 use crate::store::robot::baselines::{FrictionConclusion, NewIndices};
 use crate::store::views::HealthStatus;
 use crate::testing::er3a;
@@ -87,7 +88,7 @@ async fn conclusions_are_stale_until_they_stand_on_the_whole_history() {
     conclusion.commit(still.history).await.expect("a commit");
     assert_eq!(store.stale_robots().await.expect("robots"), []);
 
-    store.supersede_run(third, second).await.expect("an update");
+    supersede(&store.writer, third, second).await.expect("an update");
     assert_eq!(store.stale_robots().await.expect("robots").len(), 1, "a run has left the history");
 }
 

@@ -5,8 +5,10 @@ use jiff::Timestamp;
 use super::support::*;
 use crate::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
 use crate::store::handle::Store;
+use crate::store::ledger::quarantine::ExportFault;
 use crate::store::ledger::runs::{Identity, Owner, RunStart};
-use crate::store::ledger::sources::SourceState;
+use crate::store::ledger::sources::{Recording, SourceState};
+use crate::store::ledger::supersession::supersede;
 use crate::testing::er3a;
 
 const FILE: FileId = FileId { device: 1, inode: 2 };
@@ -57,6 +59,42 @@ async fn cycles_that_were_made_with_something_else_are_made_anew() {
     assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(5)))).await, (run, 0, true));
 }
 
+/// Thousands of broken files with one start are not each compared with all: the run that was read is found among them.
+#[tokio::test]
+async fn of_many_refused_runs_of_one_recording_few_are_compared() {
+    let (_folder, store) = fresh().await;
+    let complete = streaming_run(&store, "R00", 0, 1).await;
+    let mut end = store.finish_run(complete).await.expect("a transaction");
+    end.complete(totals(1)).await.expect("completion");
+    end.commit().await.expect("a commit");
+    let fault = ExportFault {
+        reason: "no rows".into(),
+        problem: "no rows".into(),
+        line: None,
+        column: None,
+        byte: None,
+        value: None,
+        remedy: "export it again".into(),
+    };
+    for number in 0..40 {
+        let name = format!("R00_broken{number}.csv");
+        let header = RunHeader {
+            source_path: format!("/exports/{name}"),
+            content_hash: content(100 + number),
+            source_name: name,
+            ..header("R00", 0)
+        };
+        store.quarantine(&header, &fault).await.expect("a run");
+    }
+    let recording =
+        Recording { robot: "R00", started_at: header("R00", 0).started_at, source_name: "R00_broken3.csv" };
+    let earlier = store.earlier_runs("/exports/new.csv", FILE, Some(recording)).await.expect("runs");
+    assert_eq!(earlier.len(), 16);
+    let names: Vec<&str> = earlier.iter().map(|run| run.source_name.as_str()).collect();
+    assert!(earlier.iter().any(|run| run.run.run_id == complete), "the one that was read: {names:?}");
+    assert!(names.contains(&"R00_broken3.csv") && names.contains(&"R00_broken39.csv"), "{names:?}");
+}
+
 /// A run that ends too early goes on, and may end in quarantine: nothing is left of its first end.
 #[tokio::test]
 async fn a_run_that_is_opened_again_says_nothing_as_a_whole() {
@@ -105,7 +143,7 @@ async fn what_a_run_has_superseded_stays_so_when_that_run_gives_way() {
         let run = begin(number, Identity::Content(content(number))).await;
         complete(run, number).await;
         if let Some(old) = runs.last() {
-            store.supersede_run(run, *old).await.expect("superseded");
+            supersede(&store.writer, run, *old).await.expect("superseded");
         }
         runs.push(run);
     }

@@ -5,6 +5,7 @@ mod factors;
 mod plans;
 mod retention;
 mod briefs;
+mod copies;
 mod series;
 mod finish;
 mod identity;

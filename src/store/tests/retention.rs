@@ -6,6 +6,7 @@ use super::factors::with_factors;
 use super::support::*;
 use crate::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use crate::analysis::{CycleFactors, Estimator, FrictionExcess, JointCheck, ProductionCheck, Rmsd, RmsdPair};
+use crate::numerics::detect::window::Settled;
 use crate::run::RunKind;
 use crate::store::handle::Store;
 use crate::store::results::verification::FactorsGone;
@@ -123,7 +124,7 @@ async fn factors_of_tests_have_their_time_except_what_conclusions_need() {
     let states = store.cycle_states(tests[1]).await.expect("states");
     assert!(states.iter().all(|state| state.factors_gone == Some(FactorsGone::Removed)));
     // windows that were held against it stay with it
-    let known = store.reference_tests(1).await.expect("tests");
+    let known = store.reference_tests(1, i64::MIN, &[], 0).await.expect("tests");
     assert_eq!(known.iter().map(|test| test.run_id).collect::<Vec<_>>(), tests);
     assert_sound(&store).await;
 
@@ -257,7 +258,7 @@ async fn a_window_at_rest_leaves_a_log_the_evidence_of_its_other_windows() {
         .settle_production(log, &[(1, moving(1)), (2, at_rest), (3, moving(3))])
         .await
         .expect("settled");
-    let summaries = conclusion.production_summaries().await.expect("summaries");
+    let summaries = conclusion.work_window(&Settled::default(), usize::MAX).await.expect("summaries");
     let [of] = &summaries[..] else { panic!("one test: {summaries:?}") };
     let [evidence] = &of.evidence[..] else { panic!("one joint: {of:?}") };
     assert_eq!((evidence.windows, evidence.samples, evidence.products), (2, 200, [2.0; PRODUCTS]));

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::support::*;
-use crate::numerics::detect::runs::window::Settled;
+use crate::numerics::detect::window::Settled;
 use crate::store::handle::Store;
 
 async fn summaries(store: &Store) -> String {
@@ -72,7 +72,7 @@ async fn summaries_are_those_of_the_tables_whatever_changes() {
 #[tokio::test]
 async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 2, runs: 3, cycles: 2 };
+    let size = crate::store::SyntheticSize { robots: 2, runs: 3, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     conclude(&store).await;
     let runs = store.run_summaries(2).await.expect("summaries");
@@ -86,7 +86,7 @@ async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
 #[tokio::test]
 async fn summaries_follow_figures_by_joint_and_friction_indices() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 1, runs: 3, cycles: 2 };
+    let size = crate::store::SyntheticSize { robots: 1, runs: 3, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let changes = [
         "UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 2 AND joint = 1",
@@ -129,7 +129,7 @@ async fn keep_friction_points(store: &Store) {
 #[tokio::test]
 async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 1, runs: 40, cycles: 2 };
+    let size = crate::store::SyntheticSize { robots: 1, runs: 40, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let changes = [
         "UPDATE friction_point SET torque_nm = 7 WHERE cycle_id = 3 AND joint = 1",
@@ -172,7 +172,7 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
 #[tokio::test]
 async fn the_parameters_of_one_cycle_have_its_standard_error() {
     let (_folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 1, runs: 1, cycles: 1 };
+    let size = crate::store::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     change(&store, "UPDATE parameter_statistic SET sdv = NULL, cycles = 1").await;
     change(&store, "UPDATE cycle_parameter SET std_error = 0.5 + model_parameter_id").await;

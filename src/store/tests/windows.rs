@@ -5,10 +5,13 @@ use std::path::Path;
 use sqlx::AssertSqlSafe;
 
 use super::support::*;
+use crate::analysis::Estimator;
 use crate::anomaly::{Anomaly, AnomalyKind, Findings};
-use crate::numerics::detect::runs::window::Lengths;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::Lengths;
 use crate::pipeline::conclude::windows::{Judged, judged};
+use crate::pipeline::conclude::work::{JudgedWork, judged_work};
+use crate::run::RunKind;
 use crate::store::handle::Store;
 use crate::store::robot::anomalies::Reconciled;
 use crate::store::{AlarmAction, AlarmState};
@@ -26,7 +29,7 @@ async fn conclude(store: &Store, settings: &DetectSettings, lengths: &Lengths) -
     let history = conclusion.history().await.expect("a history");
     let found = judged(&mut conclusion, None, &[], settings, lengths).await.expect("findings");
     let reconciled = conclusion.reconcile(&found.findings, &found.settled).await.expect("reconciled");
-    conclusion.settle_withdrawn(&found.at).await.expect("settled");
+    conclusion.settle_withdrawn(RunKind::Test, &found.at).await.expect("settled");
     conclusion.commit(history).await.expect("a commit");
     (found, reconciled)
 }
@@ -62,7 +65,7 @@ async fn stored(store: &Store) -> Vec<String> {
 
 async fn synthetic(runs: u32, cycles: u32) -> (tempfile::TempDir, Store) {
     let (folder, store) = fresh().await;
-    let size = crate::store::SyntheticSize { robots: 1, runs, cycles };
+    let size = crate::store::SyntheticSize { robots: 1, runs, cycles, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     (folder, store)
 }
@@ -81,7 +84,7 @@ async fn what_is_settled_goes_with_whatever_it_follows_from() {
     load(&store, 90, 160).await;
     let first = short(&store).await;
     // boundaries at 30, 60, 90, 120: thirty tests stand behind each
-    assert_eq!((boundaries(&store).await, first.at.tests), (4, 120));
+    assert_eq!((boundaries(&store).await, first.at.runs), (4, 120));
     assert!(short(&store).await.settled.is_empty(), "all of it holds");
     let day = 86_400_000_000_i64;
     // the tests of a boundary are those before it and the thirty behind it
@@ -134,7 +137,7 @@ async fn what_is_settled_goes_with_whatever_it_follows_from() {
         "UPDATE channel_response SET numbers = x'02'",
         "DELETE FROM channel_response",
     ] {
-        change(&store, "INSERT INTO settled_history SELECT 77, 1, 990, 1 << 60, 7, x'01'").await;
+        change(&store, "INSERT INTO settled_history SELECT 77, 1, 'test', 990, 1 << 60, 7, x'01'").await;
         assert!(change(&store, statement).await > 0, "{statement}");
         assert_eq!(boundaries(&store).await, 2, "{statement}");
     }
@@ -144,6 +147,95 @@ async fn what_is_settled_goes_with_whatever_it_follows_from() {
     assert_eq!(conclude(&store, &other, &SHORT).await.0.settled.len(), 0);
     assert_eq!(short(&store).await.settled.len(), 4);
     assert_sound(&store).await;
+}
+
+/// Windows of logs so short that a hundred have several.
+const SHORT_WORK: Lengths = Lengths { step: 30, lead: 15, head: 3, around: 4 };
+
+async fn conclude_work(store: &Store) -> (JudgedWork, Reconciled) {
+    let mut conclusion = store.conclude(1).await.expect("a transaction");
+    let history = conclusion.history().await.expect("a history");
+    let settings = DetectSettings::default();
+    let found =
+        judged_work(&mut conclusion, Estimator::Weighted, &settings, &SHORT_WORK).await.expect("findings");
+    let findings = Findings { anomalies: found.anomalies.clone(), ..Findings::default() };
+    let reconciled = conclusion.reconcile(&findings, &found.settled).await.expect("reconciled");
+    conclusion.settle_withdrawn(RunKind::Production, &found.at).await.expect("settled");
+    conclusion.commit(history).await.expect("a commit");
+    (found, reconciled)
+}
+
+#[tokio::test]
+async fn what_is_settled_of_ordinary_work_goes_with_whatever_it_follows_from() {
+    let (_folder, store) = fresh().await;
+    let size = crate::store::SyntheticSize { robots: 1, runs: 60, cycles: 1, logs: 3 };
+    store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
+    // friction by the summaries alone; logs have the numbers from 61 on, three behind each test
+    change(&store, "DELETE FROM log_evidence").await;
+    let worn = |first: i64, last: i64| {
+        format!(
+            "UPDATE production_summary SET friction_excess = 0.5
+             WHERE joint = 2 AND run_id BETWEEN {first} AND {last}"
+        )
+    };
+    change(&store, &worn(85, 93)).await;
+    change(&store, &worn(140, 240)).await;
+    let (first, reconciled) = conclude_work(&store).await;
+    // boundaries at 30, 60, 90, 120: thirty logs stand behind each, and thirty more behind the last
+    assert_eq!((boundaries(&store).await, first.at.runs), (5, 150));
+    assert!(reconciled.events.iter().any(|event| event.what.name() == "opened"));
+    assert!(first.settled.iter().any(|(_, ended)| !ended.is_empty()), "wear that was over");
+    assert!(conclude_work(&store).await.0.settled.is_empty(), "all of it holds");
+    let hour = 3_600_000_000_i64;
+    let changes = [
+        ("UPDATE production_summary SET relative_rmsd = 0.9 WHERE run_id = 160 AND joint = 1".to_owned(), 2),
+        ("UPDATE run_joint_summary SET relative_rmsd = 0.04 WHERE run_id = 20 AND joint = 1".into(), 0),
+        ("DELETE FROM run WHERE run_id = 215".into(), 4),
+        (format!("UPDATE run SET started_at = started_at - {} WHERE run_id = 230", 480 * hour), 2),
+        ("UPDATE run SET status = 'streaming' WHERE run_id = 125".into(), 1),
+        ("DELETE FROM production_summary WHERE run_id = 200 AND joint = 3".into(), 3),
+    ];
+    for (statement, left) in changes {
+        conclude_work(&store).await;
+        let before = boundaries(&store).await;
+        assert!(change(&store, &statement).await > 0, "{statement}");
+        let held = boundaries(&store).await;
+        assert!(held < before, "{statement}");
+        assert_eq!(held, left, "{statement}");
+        let (goes_on, _) = conclude_work(&store).await;
+        let of_all = stored(&store).await;
+        // the same as from the first log on
+        change(&store, "DELETE FROM settled_history").await;
+        let (at_once, again) = conclude_work(&store).await;
+        assert_eq!(again.events, [], "{statement}");
+        assert_eq!(format!("{:?}", at_once.at), format!("{:?}", goes_on.at), "{statement}");
+        assert_eq!(said(&at_once.anomalies), said(&goes_on.anomalies), "{statement}");
+        assert_eq!(stored(&store).await, of_all, "{statement}");
+    }
+    assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn a_conclusion_reads_so_many_logs_and_no_more() {
+    let mut read = Vec::new();
+    for runs in [20, 40, 80] {
+        let (_folder, store) = fresh().await;
+        let size = crate::store::SyntheticSize { robots: 1, runs, cycles: 1, logs: 24 };
+        store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
+        let mut conclusion = store.conclude(1).await.expect("a transaction");
+        let settings = DetectSettings::default();
+        let mut judged = Vec::new();
+        for _ in 0..2 {
+            let found = judged_work(&mut conclusion, Estimator::Weighted, &settings, &Lengths::OF_LOGS).await;
+            let found = found.expect("findings");
+            judged.push((found.at.runs, found.logs));
+        }
+        assert_eq!(judged[1].0, ((runs as usize * 24 / 250).max(1) - 1) * 250);
+        read.push(judged[1].1);
+    }
+    assert_eq!(read[0], 480);
+    // those of the lead and behind it, and of each test before the first six
+    assert!(read[1] <= 125 + 499 + 24 * 6 && read[2] <= 125 + 499 + 24 * 6, "{read:?}");
 }
 
 #[tokio::test]
@@ -193,13 +285,13 @@ async fn a_settled_anomaly_keeps_its_number_and_what_people_said() {
 
 #[tokio::test]
 async fn a_conclusion_reads_so_many_tests_and_no_more() {
-    let lengths = Lengths::default();
+    let lengths = Lengths::OF_TESTS;
     let settings = DetectSettings::default();
     let mut read = Vec::new();
     for runs in [999, 1700, 3200] {
         let (_folder, store) = synthetic(runs, 1).await;
         let (first, _) = conclude(&store, &settings, &lengths).await;
-        assert_eq!(first.at.tests, ((runs as usize / 500).max(1) - 1) * 500);
+        assert_eq!(first.at.runs, ((runs as usize / 500).max(1) - 1) * 500);
         let (then, _) = conclude(&store, &settings, &lengths).await;
         assert!(then.settled.is_empty());
         read.push((then.tests, then.read));
@@ -216,7 +308,7 @@ async fn a_conclusion_reads_so_many_tests_and_no_more() {
 async fn a_short_history_is_judged_as_a_whole() {
     let (_folder, store) = synthetic(70, 3).await;
     load(&store, 30, 35).await;
-    let found = conclude(&store, &DetectSettings::default(), &Lengths::default()).await.0;
+    let found = conclude(&store, &DetectSettings::default(), &Lengths::OF_TESTS).await.0;
     let tests = store.run_summaries(1).await.expect("summaries");
     let whole: Findings = crate::numerics::detect::runs::detect(&tests, &DetectSettings::default());
     assert_eq!(said(&found.findings.anomalies), said(&whole.anomalies));

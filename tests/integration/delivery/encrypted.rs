@@ -45,6 +45,8 @@ fn certificates(workshop: &Workshop) {
 
 /// Whether the routes `trusting` and `doubting` do what their names say.
 fn assert_trusts_its_authority_alone(workshop: &Workshop) {
+    // an empty database
+    workshop.stdout(&["ingest", "inbox"], 0);
     let out = workshop.stdout(&["alerts", "test", "trusting"], 0);
     assert!(out.contains("has taken it"), "{out}");
     let out = workshop.stdout(&["alerts", "test", "doubting"], 74);

@@ -304,6 +304,26 @@ fn a_flood_is_held_and_the_view_says_so() {
     assert!(workshop.log().contains("2 messages within an hour; the others wait"), "{}", workshop.log());
 }
 
+/// The clock was a year ahead when the receiver did not answer.
+#[test]
+fn a_clock_that_was_ahead_does_not_silence_a_route() {
+    let sink = Sink::new();
+    let workshop = workshop(&webhook("shift", &sink.url(), ""));
+    let mut outbox = Outbox::new(&workshop);
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) FROM delivery_route", 1);
+    end(daemon);
+    outbox.write(
+        "UPDATE delivery_route SET failures = 3, retry_at = (CAST(unixepoch('subsec') AS INTEGER) + 31536000) * 1000000",
+    );
+    outbox.open_anomaly("R01", 3, "critical");
+    let daemon = workshop.daemon();
+    workshop.wait_until(|| sink.posted().len() == 1);
+    workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'sent'", 1);
+    end(daemon);
+    assert_eq!(workshop.log().matches("the clock was ahead").count(), 1, "{}", workshop.log());
+}
+
 #[test]
 fn a_command_gets_the_message_and_its_status_decides() {
     let workshop = workshop(
@@ -332,6 +352,8 @@ fn routes_are_tried_by_hand() {
     let routes = webhook("shift", &sink.url(), "severity = \"critical\"\nquiet = \"00:00-23:59\"")
         + &webhook("gone", "http://127.0.0.1:9/hook", "");
     let workshop = workshop(&routes);
+    // an empty database: a message says which installation it comes from
+    workshop.stdout(&["ingest", "inbox"], 0);
     let out = workshop.stdout(&["alerts", "test", "shift"], 0);
     assert!(out.starts_with("shift: webhook has taken it in "), "{out}");
     let told = sink.posted()[0].json();

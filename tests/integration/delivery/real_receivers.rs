@@ -258,7 +258,7 @@ fn a_mail_server_takes_a_mail_for_each_event() {
         ] {
             assert!(mail.lines().any(|found| found == line), "{line}\nnot in\n{mail}");
         }
-        assert!(mail.contains("peak: 1.3, out by 0.3"), "{mail}");
+        assert!(mail.contains("peak: 1.3, out by 30 %"), "{mail}");
     }
     assert!(found[0].contains("Subject: [armwatch] critical: R01, joint 3: drift opened"), "{}", found[0]);
     assert!(found[1].contains("Subject: [armwatch] ended: R01, joint 3: drift"), "{}", found[1]);

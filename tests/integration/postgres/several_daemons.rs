@@ -273,6 +273,68 @@ fn a_route_is_one_daemons_and_goes_on_without_it() {
     assert_eq!(told, wanted, "each event once:\n{sent}");
 }
 
+/// A daemon that is frozen while it sends loses the route after its lease: what waits is the other one's, and when the first
+/// one wakes it begins no message.
+#[test]
+fn a_daemon_frozen_while_it_sends_wakes_without_the_route() {
+    const ALARMS: usize = 20;
+    let Some(server) = Server::start() else { return };
+    let cluster = Cluster::new(&server, Workshop::new(), server.fleet(), LEASE_S);
+    let sent = cluster.workshop.path("sent");
+    for host in ["a", "b"] {
+        // it says who sends, and takes long enough to be frozen meanwhile
+        let script = format!("echo {host} $ARMWATCH_KEY >> {}; sleep 0.2", sent.display());
+        let command = format!("[alerts.route.command]\nrun = [\"sh\", \"-c\", \"{script}\"]\n");
+        let route = format!("[[alerts.route]]\nname = \"notes\"\nmost_per_h = 1000\n{command}");
+        cluster.describe(host, true, &route);
+    }
+    let logs = || cluster.logs(&["a", "b"]);
+    let first = cluster.start("a");
+    let holder = "SELECT host FROM armwatch.claim JOIN armwatch.host_session USING (host_session_id)
+                  WHERE claim.kind = 'route' AND subject = 'notes'";
+    wait_until(|| cluster.is(holder, "a"), logs);
+    let second = cluster.start("b");
+    wait_until(|| is_watching(&cluster.log("b")), logs);
+    cluster.sql("INSERT INTO armwatch.robot (name) VALUES ('R01') ON CONFLICT (name) DO NOTHING");
+    cluster.sql(&format!(
+        "INSERT INTO armwatch.anomaly (robot_id, joint, kind, quantity, severity, first_seen_at, last_seen_at, state, message)
+         SELECT robot_id, 1, 'drift', 'friction_index', 'critical', 1767600000000000, 1767700000000000, 'open', 'rose'
+         FROM armwatch.robot, generate_series(1, {ALARMS}) WHERE name = 'R01'"
+    ));
+    cluster.sql(
+        "INSERT INTO armwatch.anomaly_event (anomaly_id, what, severity, message)
+         SELECT anomaly_id, 'opened', severity, message FROM armwatch.anomaly ORDER BY anomaly_id",
+    );
+    let lines = || fs::read_to_string(&sent).unwrap_or_default();
+    wait_until(|| lines().lines().count() >= 2, logs);
+    first.signal("STOP");
+    wait_until(|| lines().contains("b "), logs);
+    first.signal("CONT");
+    let done = "SELECT count(*) FROM armwatch.deliveries WHERE state = 'sent'";
+    wait_until(|| cluster.is(done, &ALARMS.to_string()), logs);
+    cluster.stop(vec![("a", first), ("b", second)]);
+    let lines = lines();
+    let sent: Vec<(&str, u64)> = lines
+        .lines()
+        .map(|line| {
+            let (host, key) = line.split_once(' ').expect("host and key");
+            (host, key.rsplit_once('-').expect("a key").1.parse().expect("the number of an event"))
+        })
+        .collect();
+    let mut hosts: Vec<&str> = sent.iter().map(|(host, _)| *host).collect();
+    hosts.dedup();
+    assert_eq!(hosts, ["a", "b"], "one after the other:\n{lines}\n{}", cluster.logs(&["a", "b"]));
+    let mut first_come: Vec<u64> = Vec::new();
+    for (_, event) in &sent {
+        if !first_come.contains(event) {
+            first_come.push(*event);
+        }
+    }
+    assert_eq!(first_come.len(), ALARMS, "{lines}");
+    assert!(first_come.is_sorted(), "in their order:\n{lines}");
+    assert!(sent.len() <= ALARMS + 1, "only what was on its way comes twice:\n{lines}");
+}
+
 /// What is done to the hosts and their server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Event {

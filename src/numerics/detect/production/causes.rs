@@ -25,8 +25,8 @@ pub(super) mod fit;
 pub(super) mod odds;
 
 use self::cause::{WorkCause, WorkLoad};
-use self::fit::{JointRest, Solution, System};
-use self::hypothesis::Hypothesis;
+use self::fit::{Beside, JointRest, Solution, System};
+use self::hypothesis::{Hypothesis, load_columns};
 use self::odds::{Asked, Fit, odds};
 use crate::anomaly::ProductionSummary;
 use crate::numerics::detect::rate::budget::Budget;
@@ -97,12 +97,16 @@ fn causes_of(log: &ProductionSummary, least: f64) -> Option<LogCauses> {
     if log.evidence.is_empty() {
         return None;
     }
-    let system = System::of(log);
+    let system = System::of(log)?;
+    let load_columns = load_columns(&log.evidence).and_then(|columns| system.beside(columns));
     let mut found: Vec<(Fit, Option<Solution>)> = Vec::new();
-    for has_load in [false, true] {
-        for hypothesis in Hypothesis::all(log.evidence.len()) {
-            let Some(solution) = system.solve(has_load, hypothesis) else { continue };
-            let load = has_load.then(|| system.load(&solution));
+    for hypothesis in Hypothesis::all(log.evidence.len()) {
+        let own = hypothesis.columns(&log.evidence).and_then(|columns| system.beside(columns));
+        let Some(own) = own else { continue };
+        for with_load in std::iter::once(None).chain(load_columns.as_ref().map(Some)) {
+            let columns: Vec<&Beside> = own.iter().chain(with_load.into_iter().flatten()).collect();
+            let Some(solution) = system.solve(&columns, hypothesis.price(columns.len())) else { continue };
+            let load = with_load.map(|_| system.load(&solution));
             let cause = system.cause(hypothesis, &solution);
             found.push((Fit { load, cause, cost: solution.cost }, Some(solution)));
         }

@@ -48,6 +48,9 @@ const PRIOR_TESTS: f64 = 3.0;
 /// up at different rates, and a morning's log of a cold arm shows it.
 const MIN_SPREAD: f64 = 0.03;
 
+/// Changes from log to log that tell how much of them is usual.
+const MOST_CHANGES: usize = 250;
+
 pub(super) struct FrictionRise;
 
 impl Detector<JointLogs<'_>> for FrictionRise {
@@ -70,7 +73,7 @@ impl Detector<JointLogs<'_>> for FrictionRise {
         let mut usual: Vec<f64> = Vec::new();
         let mut earlier = EarlierTests::default();
         for since_test in series.by_test(ratio) {
-            let level = earlier.level(since_test.level, spread(&usual));
+            let level = earlier.level(since_test.level, spread(latest(&usual)));
             let learnt_logs = if level.is_of_earlier { 0 } else { LEARNING_LOGS };
             let mut chart = Ewma::new(0.0);
             for (place, (log, ratio)) in since_test.values.into_iter().enumerate() {
@@ -81,7 +84,8 @@ impl Detector<JointLogs<'_>> for FrictionRise {
                     continue;
                 }
                 let smoothed = chart.add(change, EWMA_WEIGHT);
-                let variance = steady_variance(spread(&usual)) + level.variance(spread(&usual));
+                let spread = spread(latest(&usual));
+                let variance = steady_variance(spread) + level.variance(spread);
                 let threshold = LIMITS.threshold(variance.sqrt());
                 let Some(severity) = LIMITS.severity(smoothed, threshold) else {
                     verdicts[log] = Verdict::Quiet;
@@ -128,6 +132,11 @@ fn worn_since_the_test(series: &JointLogs<'_>, log: usize) -> Option<Verdict> {
         ),
         why: causes.why(Asked::Cause),
     })
+}
+
+/// The latest changes, as many as say what is usual.
+fn latest(usual: &[f64]) -> &[f64] {
+    &usual[usual.len().saturating_sub(MOST_CHANGES)..]
 }
 
 /// Standard deviation from log to log.

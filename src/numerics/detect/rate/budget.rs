@@ -2,9 +2,12 @@
 //!
 //! A robot of `n` joints has `C = 7 n + 3` channels: of each joint the level of friction, a step inside a test, scatter,
 //! the warm-up, the swing and the size of the RMSD, and the torque signal; of the arm a load, other changes of its
-//! parameters and a contact. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. That
-//! the probabilities of all add up to the rate holds whatever depends on whatever (Bonferroni); what goes together makes
-//! the rate lower.
+//! parameters and a contact. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. Over
+//! channels that are looked at once a test these add up to the rate whatever depends on whatever (Bonferroni); what goes together
+//! makes the rate lower. A channel that is looked at in several ways may spend up to as many times its share: the level (its
+//! average and a steady rise), the warm-up (one test, a sum over tests, a jump), parameters of the arm (one test and means of up
+//! to eight). Limits that are fixed, as of an oscillation, spend what they spend. Logs of ordinary work have a budget of their own.
+//! `armwatch evaluate` measures what comes of it.
 
 use jiff::Timestamp;
 

@@ -21,8 +21,8 @@ use self::baseline::Baseline;
 use self::change::{Change, MOST_TOGETHER};
 use self::channel::{Shown, offset_rest};
 use self::price::{
-    ARM_MARGIN, CHANNEL_PRICE, PARAMETER_PRICE, PATTERN_ERROR, SECOND_FAULT_PRICE, SILENT_SIGNAL_PRICE,
-    UNKNOWN_PRICE,
+    ARM_MARGIN, CHANNEL_PRICE, MOST_FOR_OFFSETS, PARAMETER_PRICE, PATTERN_ERROR, SECOND_FAULT_PRICE,
+    SILENT_SIGNAL_PRICE, UNKNOWN_PRICE,
 };
 use self::signal::{Signal, own_causes, signal};
 use super::arm_cause::{ArmCause, Load, SignalFault};
@@ -45,6 +45,14 @@ pub(super) const LEAST_GAIN: f64 = 0.02;
 /// Least offset of a position, rad (m).
 pub(super) const LEAST_POSITION_OFFSET: f64 = 0.003;
 
+/// Part of an offset from which on the friction stage shows nearly all of it.
+const NEARLY_ALL: f64 = 0.75;
+/// Part of an offset beyond which the friction stage does not show it turned round.
+const MOST_TURNED: f64 = 0.2;
+
+/// Part of a run's change that a fault of the run before explains, where it goes on although another cause is likelier now.
+const MOST_EXPLAINED: f64 = 0.5;
+
 /// The causes of a run, each with its cost in units of chi², the least first.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ArmEvidence {
@@ -62,6 +70,31 @@ impl ArmEvidence {
     /// The cause, where it is still the likeliest of a run after one that had it.
     pub(super) fn still(&self) -> ArmCause {
         self.at_least(0.5 * self.least_advantage, MASS_ERRORS_STILL)
+    }
+
+    /// The fault of a run after one with the fault `before`: one that is clear, or the same still. Where something that is not
+    /// known has come on top, a known fault goes on as long as it explains most.
+    fn after(&self, before: ArmCause) -> ArmCause {
+        let still = self.still();
+        if still.is_same_fault(&before) {
+            return still;
+        }
+        let none = self.cost_of(&ArmCause::None);
+        let known =
+            self.causes.iter().find(|(cause, _)| *cause != ArmCause::Unknown && cause.is_same_fault(&before));
+        match (known, none) {
+            (Some((cause, cost)), Some(none))
+                if still == ArmCause::Unknown
+                    && none - cost >= self.least_advantage.max(MOST_EXPLAINED * none) =>
+            {
+                *cause
+            }
+            _ => self.clear(),
+        }
+    }
+
+    fn cost_of(&self, cause: &ArmCause) -> Option<f64> {
+        self.causes.iter().find(|(of, _)| of == cause).map(|(_, cost)| *cost)
     }
 
     fn at_least(&self, advantage: f64, mass_errors: f64) -> ArmCause {
@@ -90,6 +123,17 @@ impl ArmEvidence {
         let odds = |cost: f64| weight(cost) / (all - weight(cost)).max(f64::MIN_POSITIVE);
         self.causes.iter().map(|(cause, cost)| (*cause, odds(*cost))).collect()
     }
+}
+
+/// The fault of each run, as alarms are told of it; `None` for runs without evidence.
+pub(super) fn faults(evidence: &[Option<ArmEvidence>]) -> Vec<Option<ArmCause>> {
+    let mut before = ArmCause::None;
+    let one = |of: &Option<ArmEvidence>| {
+        let fault = of.as_ref()?.after(before);
+        before = fault;
+        Some(fault)
+    };
+    evidence.iter().map(one).collect()
 }
 
 fn advantage_of(causes: &[(ArmCause, f64)]) -> f64 {
@@ -178,8 +222,16 @@ impl UsualArm {
 
     /// What a test shows. `changes` are those of the latest tests until this one, the last of them its own.
     pub(super) fn judge(&self, run: &RunSummary, changes: Vec<Option<&DVector<f64>>>) -> ArmJudgement {
-        let (plain, together) = Change::of(&changes, &self.baseline.directions, self.own_variance);
-        let costs = |change: Option<&Change>| costs(run, change, &self.baseline, self.joints);
+        let widened = self.baseline.widened(run);
+        let (baseline, changes): (&Baseline, Vec<Option<DVector<f64>>>) = match &widened {
+            Some((baseline, by)) => {
+                (baseline, changes.iter().map(|of| of.map(|of| of.component_div(by))).collect())
+            }
+            None => (&self.baseline, changes.into_iter().map(Option::<&_>::cloned).collect()),
+        };
+        let changes: Vec<Option<&DVector<f64>>> = changes.iter().map(Option::as_ref).collect();
+        let (plain, together) = Change::of(&changes, &baseline.directions, self.own_variance);
+        let costs = |change: Option<&Change>| costs(run, change, baseline, self.joints);
         let together = together.into_iter();
         ArmJudgement {
             plain: costs(plain.as_ref()),
@@ -241,8 +293,11 @@ fn costs(
         let own = &signals[joint.index()];
         let rest = match change.filter(|_| inertial > 0.0) {
             None => 0.0,
-            // a constant torque is seen in the friction stage, and goes into whatever parameters it fits
-            Some(change) if own.offset.1 > 0.0 => offset_rest(change, joint, baseline),
+            // a constant torque is seen in the friction stage, and goes into whatever parameters it fits; a large one takes
+            // the joint's weight, which moves them by what the other joints say
+            Some(change) if own.offset.1 > 0.0 => {
+                offset_rest(change, joint, baseline).min(price_of_any(change, |_| true, baseline))
+            }
             Some(_) => (elsewhere - PATTERN_ERROR).max(0.0) * inertial,
         };
         let silent = if own.cost() > 0.0 { 0.0 } else { SILENT_SIGNAL_PRICE };
@@ -267,7 +322,9 @@ fn costs(
         let channels = Shown { change, signals: &signals, run, baseline }.channels();
         channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
-    causes.push((ArmCause::Unknown, UNKNOWN_PRICE));
+    // what the arm has become adds no constant to the torque of a joint, but in another posture than is believed
+    let offsets: f64 = signals.iter().map(|of| of.offset.1).sum();
+    causes.push((ArmCause::Unknown, UNKNOWN_PRICE + offsets.min(MOST_FOR_OFFSETS)));
     causes.sort_by(|a, b| a.1.total_cmp(&b.1));
     // less than half of what any rate of false alarms asks for
     if advantage_of(&causes) < ARM_MARGIN {
@@ -287,6 +344,7 @@ fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)
     let own =
         offset_of(&cause).and_then(|joint| causes.iter_mut().find(|of| offset_of(&of.0) == Some(joint)));
     match own {
+        Some(own) if is_measured(own.0, cause) => own.1 = own.1.min(cost),
         Some(own) if cost < UNKNOWN_PRICE => *own = (cause, cost.min(own.1)),
         Some(own) if cost < own.1 => *own = (cause, cost),
         Some(_) => {}
@@ -294,11 +352,27 @@ fn add_channel(causes: &mut Vec<(ArmCause, f64)>, (cause, cost): (ArmCause, f64)
     }
 }
 
-/// Price of a change that says nothing of how the parameters near a joint move, in units of chi²: of normal ones with the
-/// variance that they show.
+/// Whether an offset that the friction stage shows is nearer the truth than the one that explains the rest of the test: where
+/// it is nearly all of that, or has clearly the other sign.
+fn is_measured(seen: ArmCause, whole: ArmCause) -> bool {
+    let size = |of: ArmCause| match of {
+        ArmCause::TorqueSignal { fault: SignalFault::Offset(size), .. } => Some(size),
+        _ => None,
+    };
+    let part = size(seen).zip(size(whole)).map(|(seen, whole)| seen / whole);
+    part.is_some_and(|part| !(-MOST_TURNED..NEARLY_ALL).contains(&part))
+}
+
+/// Price of a change that says nothing of how the parameters near a joint move.
 fn moved_anywhere(change: &Change, joint: JointIndex, baseline: &Baseline) -> f64 {
+    price_of_any(change, |of| is_near(of, joint), baseline)
+}
+
+/// Price of a change that says nothing of how the parameters of some joints move, in units of chi²: of normal ones with the
+/// variance that they show.
+fn price_of_any(change: &Change, of: impl Fn(JointIndex) -> bool, baseline: &Baseline) -> f64 {
     let all = baseline.parameters.iter().zip(change.deviations.iter());
-    let near: Vec<f64> = all.filter(|((id, ..), _)| is_near(id.joint, joint)).map(|(_, x)| x * x).collect();
+    let near: Vec<f64> = all.filter(|((id, ..), _)| of(id.joint)).map(|(_, x)| x * x).collect();
     let variance = near.iter().sum::<f64>() / near.len().max(1) as f64;
     if change.square > 0.0 { near.len() as f64 * variance.max(1.0).ln() } else { 0.0 }
 }
@@ -329,6 +403,22 @@ fn load(change: &Change, baseline: &Baseline) -> Option<(Load, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_offset_is_taken_from_the_friction_stage_where_that_shows_it() {
+        let of =
+            |size| ArmCause::TorqueSignal { joint: JointIndex::new(2), fault: SignalFault::Offset(size) };
+        let merged = |seen: f64, whole: f64| {
+            let mut causes = vec![(ArmCause::None, 900.0), (of(seen), 40.0)];
+            add_channel(&mut causes, (of(whole), 30.0));
+            causes[1]
+        };
+        // nearly all, the other sign, a part of it, and a little of it turned round
+        assert_eq!(merged(1.9, 2.0), (of(1.9), 30.0));
+        assert_eq!(merged(2.9, -4.3), (of(2.9), 30.0));
+        assert_eq!(merged(0.5, 2.0), (of(2.0), 30.0));
+        assert_eq!(merged(-0.1, 2.0), (of(2.0), 30.0));
+    }
 
     #[test]
     fn a_rarer_alarm_of_the_arm_needs_more_evidence() {

@@ -60,6 +60,19 @@ pub(super) enum SignalFault {
 }
 
 impl ArmCause {
+    /// Whether people know both as one fault: of the same signal or joint, whatever its size.
+    pub(super) fn is_same_fault(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Load(_), Self::Load(_)) | (Self::Unknown, Self::Unknown) => true,
+            (Self::TorqueSignal { joint, .. }, Self::TorqueSignal { joint: other, .. })
+            | (Self::PositionSignal { joint, .. }, Self::PositionSignal { joint: other, .. })
+            | (Self::UnexplainedTorque { joint, .. }, Self::UnexplainedTorque { joint: other, .. }) => {
+                joint == other
+            }
+            _ => false,
+        }
+    }
+
     /// What it would be, in words that follow "rather than".
     pub(super) fn words(&self) -> String {
         match self {

@@ -22,31 +22,33 @@ const PLAIN_REST: f64 = 300.0;
 /// Least advantage of a change that is not known, for a warning: seasons move parameters by some standard deviations.
 const LEAST_UNKNOWN: f64 = 4000.0;
 
-/// Anomalies of the arm and its torque signals. `runs` has key and start of each run.
+/// Anomalies of the arm and its torque signals. `faults` has what [`faults`](super::arm::faults) says of the evidence, `runs` key and
+/// start of each run.
 pub(super) fn arm_changes(
     evidence: &[Option<ArmEvidence>],
+    faults: &[Option<ArmCause>],
     joints: usize,
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
     let verdicts = |least: f64, judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
         let mut before = false;
-        let one = |of: &Option<ArmEvidence>| match of {
-            None => Verdict::Unknown,
-            Some(of) => {
-                let figure = judge(if before { of.still() } else { of.clear() });
+        let one = |(of, fault): (&Option<ArmEvidence>, &Option<ArmCause>)| match (of, fault) {
+            (Some(of), Some(fault)) => {
+                let figure = judge(*fault);
                 // one odd test alone is worth knowing
                 let is_rest = matches!(
-                    of.clear(),
+                    fault,
                     ArmCause::TorqueSignal { fault: SignalFault::Noise(_), .. }
                         | ArmCause::UnexplainedTorque { .. }
                 );
                 let plain = if is_rest { PLAIN_REST } else { PLAIN };
                 let confirmed = std::mem::replace(&mut before, figure.is_some()) || of.advantage() >= plain;
                 let confirmed = confirmed && of.advantage() >= least;
-                figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, confirmed))
+                figure.map_or(Verdict::Quiet, |figure| figure.verdict(of, fault, confirmed))
             }
+            _ => Verdict::Unknown,
         };
-        evidence.iter().map(one).collect()
+        evidence.iter().zip(faults).map(one).collect()
     };
     let load = verdicts(0.0, &|cause| match cause {
         ArmCause::Load(load) => Some(of_load(&load)),
@@ -71,9 +73,12 @@ pub(super) fn arm_changes(
         found.extend(episodes(runs, Some(joint), AnomalyKind::Accuracy, "unexplained_torque", rest));
     }
     let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
-    found.extend(episodes(runs, None, AnomalyKind::Accuracy, "inertial_parameters", unknown));
+    found.extend(episodes(runs, None, AnomalyKind::Accuracy, UNKNOWN_CHANGE, unknown));
     found
 }
+
+/// Quantity of a change of no known cause.
+pub(super) const UNKNOWN_CHANGE: &str = "inertial_parameters";
 
 struct Figure {
     score: f64,
@@ -89,9 +94,9 @@ impl Figure {
         Self { score: 1.0, threshold: 1.0, value: f64::NAN, baseline: f64::NAN, message: String::new() }
     }
 
-    fn verdict(self, evidence: &ArmEvidence, is_confirmed: bool) -> Verdict {
-        let mut odds = evidence.odds().into_iter();
-        let own = odds.next().map(|(_, odds)| odds.min(MOST_ODDS));
+    fn verdict(self, evidence: &ArmEvidence, fault: &ArmCause, is_confirmed: bool) -> Verdict {
+        let (own, others): (Vec<_>, Vec<_>) = evidence.odds().into_iter().partition(|(of, _)| of == fault);
+        let own = own.first().map(|(_, odds)| odds.min(MOST_ODDS));
         Verdict::Out {
             severity: if is_confirmed { Severity::Warning } else { Severity::Info },
             score: self.score,
@@ -102,7 +107,8 @@ impl Figure {
             why: Why {
                 onset: None,
                 odds: own,
-                alternatives: odds
+                alternatives: others
+                    .into_iter()
                     .take(3)
                     .map(|(cause, odds)| Alternative { cause: cause.words(), odds })
                     .collect(),

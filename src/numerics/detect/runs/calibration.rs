@@ -69,7 +69,7 @@ pub fn calibration(history: &[RunSummary], settings: &DetectSettings) -> Calibra
         parts.add(&places);
         let part = parts.of(&places)?;
         let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
-        Some(level(&JointSeries::new(&part.runs, joint, friction, causes, &part.arm, settings)))
+        Some(level(&JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)))
     };
     Calibration {
         budget: Budget::new(settings.false_alarms_per_robot_year, joints, &starts),

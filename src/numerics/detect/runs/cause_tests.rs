@@ -290,6 +290,7 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
             joint: JointIndex::new(joint),
             fault,
             strength: 0,
+            shift: Vec::new(),
             change: parameters
                 .iter()
                 .map(|id| if id.joint.index() == joint { change } else { 0.0 })
@@ -314,6 +315,7 @@ fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change
         joint: JointIndex::new(joint),
         fault,
         strength,
+        shift: Vec::new(),
         change: parameters
             .iter()
             .map(|id| if id.joint.index() == joint { change / (1.0 + times * times) } else { 0.0 })

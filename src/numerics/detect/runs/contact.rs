@@ -8,7 +8,7 @@
 //!
 //! A cycle is out if it stands out by a half at least, by more than chance at the rate of false alarms that is asked for
 //! (Student's distribution with the joint's own scatter about its neighbours), and by half as much again as any cycle
-//! of the earlier tests did. If all joints stand out, the arm was cold, and nothing is said. A test in which friction
+//! of the latest 1,600 did. If all joints stand out, the arm was cold, and nothing is said. A test in which friction
 //! of the joint most likely steps or swings has its cause already.
 //!
 //! This is no [`Detector`](crate::numerics::detect::detector::Detector): a push loads several joints, and one alarm names
@@ -37,6 +37,8 @@ const LEAST_SPREAD: f64 = 0.05;
 /// Fewest cycles that say what is usual, and the latest that do.
 const FEWEST_CYCLES: usize = 24;
 const MOST_CYCLES: usize = 400;
+/// The latest cycles of which the furthest one is remembered.
+const MOST_PEAKS: usize = 1600;
 /// Interval between two cycles that is a pause, as a multiple of the usual one.
 const PAUSE: f64 = 1.5;
 
@@ -47,8 +49,10 @@ struct UsualPeaks {
     tests: VecDeque<(usize, Distances)>,
     /// Distances of these tests.
     count: usize,
-    /// How far a cycle stood out at most.
-    furthest: f64,
+    /// Cycles of the latest tests, as many as have [`MOST_PEAKS`], and how far one of each test stood out at most.
+    peaks: VecDeque<(usize, f64)>,
+    /// Cycles of these tests.
+    peak_count: usize,
 }
 
 /// Signed distances of the cycles of a test from the mean of both neighbours, in logarithms.
@@ -101,7 +105,7 @@ impl UsualContacts {
     fn learn(&mut self, place: usize, run: &RunSummary) {
         for (joint, usual) in self.joints.iter_mut().enumerate() {
             let (distances, furthest) = of_joint(run, joint);
-            usual.furthest = usual.furthest.max(furthest);
+            usual.remember(distances.count(), furthest);
             usual.count += distances.count();
             if distances.count() > 0 {
                 usual.tests.push_back((place, distances));
@@ -117,7 +121,7 @@ impl UsualContacts {
 
     /// Whether a cycle of a test may stand out of its neighbours by more than any one before.
     fn may_stand_out(&self, run: &RunSummary) -> bool {
-        let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest);
+        let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest());
         self.joints.iter().enumerate().any(|(joint, usual)| of_joint(run, joint).1 >= least(usual))
     }
 
@@ -142,6 +146,23 @@ impl UsualContacts {
 }
 
 impl UsualPeaks {
+    /// Remembers a test with so many cycles between others.
+    fn remember(&mut self, cycles: usize, furthest: f64) {
+        self.peaks.push_back((cycles, furthest));
+        self.peak_count += cycles;
+        while let Some((first, _)) = self.peaks.front()
+            && self.peak_count - first >= MOST_PEAKS
+        {
+            self.peak_count -= first;
+            self.peaks.pop_front();
+        }
+    }
+
+    /// How far a cycle stood out at most.
+    fn furthest(&self) -> f64 {
+        self.peaks.iter().map(|(_, furthest)| *furthest).fold(0.0, f64::max)
+    }
+
     /// The latest ones, oldest first.
     fn distances(&self) -> Vec<f64> {
         let read = self.tests.iter().flat_map(|(_, of)| match of {
@@ -178,7 +199,7 @@ impl UsualPeaks {
             let spread = robust_deviation(&all).unwrap_or(0.0).max(of_own).max(LEAST_SPREAD);
             let least = LEAST_RATIO
                 .ln()
-                .max(BEYOND_EARLIER * self.furthest)
+                .max(BEYOND_EARLIER * self.furthest())
                 .max(beyond_chance(alpha / tried, known as f64) * spread);
             let beside = value / by.exp();
             (by >= least).then_some(Peak { cycle, by, least, value, beside })
@@ -187,17 +208,24 @@ impl UsualPeaks {
     }
 }
 
-/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least.
+/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least. One after a pause
+/// is never judged and says nothing of that.
 fn of_joint(run: &RunSummary, joint: usize) -> (Distances, f64) {
     if let Some(brief) = run.left_out() {
         let JointBrief { inner, furthest, .. } = brief.joint(joint);
         return (Distances::LeftOut(inner as usize), furthest);
     }
     let cycles = Cycles::of(run, joint);
-    let inner = 1..cycles.0.len().saturating_sub(1);
-    let found: Vec<(f64, f64)> = inner.filter_map(|place| cycles.distances(place)).collect();
-    let furthest = found.iter().map(|(_, by)| *by).fold(0.0, f64::max);
-    (Distances::Read(found.into_iter().map(|(distance, _)| distance).collect()), furthest)
+    let pauses = pauses(run);
+    let (mut distances, mut furthest) = (Vec::new(), 0.0_f64);
+    for place in 1..cycles.0.len().saturating_sub(1) {
+        let Some((distance, by)) = cycles.distances(place) else { continue };
+        distances.push(distance);
+        if !pauses.contains(&cycles.0[place].0) {
+            furthest = furthest.max(by);
+        }
+    }
+    (Distances::Read(distances), furthest)
 }
 
 /// Cycles of a joint with an RMSD between those of its neighbours, and the most by which one stands out of both, in

@@ -76,7 +76,7 @@ pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
     let tests: Vec<Test> = friction
         .runs
         .iter()
-        .filter(|of| of.run >= begin && !friction.is_learnt_from(of) && !series.is_explained(of.run))
+        .filter(|of| of.run >= begin && !friction.is_learnt_from(of) && !series.is_level_explained(of.run))
         .map(|of| Test {
             at: series.starts[of.run],
             ratio: of.ratio,
@@ -161,7 +161,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
             continue;
         }
         // what explains this run otherwise says nothing of the level of friction
-        if series.is_explained(observed.run) {
+        if series.is_level_explained(observed.run) {
             continue;
         }
         compared.push(*observed);
@@ -191,7 +191,10 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
                     verdicts[observed.run] = of_rise(&of, observed, baseline, opening);
                 }
                 None => {
-                    limit.quiet(observed);
+                    // scatter that is told by itself is not the usual one
+                    if !series.is_scattered(observed.run) {
+                        limit.quiet(observed);
+                    }
                     verdicts[observed.run] = Verdict::Quiet;
                 }
             }

@@ -79,6 +79,10 @@ pub(super) struct Observed {
     pub(super) source: Source,
     /// Standard error of the ratio; zero where the scatter of the baseline says all.
     pub(super) std_error: f64,
+    /// The part of it that the scatter from run to run has no share in.
+    measurement_error: f64,
+    /// Scatter as a multiple of the usual one from run to run; zero where that says all.
+    relative_scatter: f64,
     /// Friction that it comes from, Nm; not a number for the index.
     pub(super) torque: f64,
 }
@@ -136,6 +140,8 @@ impl FrictionHistory {
                         common: 0.0,
                         source,
                         std_error: std_error.max(0.0),
+                        measurement_error: std_error.max(0.0),
+                        relative_scatter: 0.0,
                         torque,
                     })
                 }
@@ -176,15 +182,51 @@ impl FrictionHistory {
         (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
     }
 
-    /// Takes away what all joints share, in logarithms, one entry a run.
-    pub(super) fn without_common(&mut self, common: &[f64]) {
+    /// Raises the standard errors of runs to `error`, a fraction, where that gives one.
+    pub(super) fn widen(&mut self, error: impl Fn(usize) -> Option<f64>) {
         for of in &mut self.runs {
-            of.common = common[of.run];
+            if let Some(error) = error(of.run) {
+                of.measurement_error = of.measurement_error.max(error * of.ratio);
+                of.std_error = of.std_error.max(of.measurement_error);
+            }
+        }
+    }
+
+    /// Takes away what all joints share, in logarithms, one entry a run: since the baseline, which has a share of its own where the
+    /// others are held against earlier runs.
+    pub(super) fn without_common(&mut self, common: &[f64]) {
+        let learnt: Vec<f64> =
+            self.runs.iter().filter(|of| self.is_learnt_from(of)).map(|of| common[of.run]).collect();
+        // a torque's baseline is a median, an index's is the mean of its first runs
+        let usual = match self.source {
+            Source::Index => learnt.iter().sum::<f64>() / learnt.len().max(1) as f64,
+            Source::Warm | Source::Excitation => median(&learnt).unwrap_or(0.0),
+        };
+        for of in &mut self.runs {
+            of.common = common[of.run] - usual;
             of.ratio *= (-of.common).exp();
         }
         if self.source == Source::Index {
             (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+        } else if !self.is_learning() {
+            (self.spread, self.baseline_variance) = self.torque_spread();
+            let (source, spread) = (self.source, self.spread);
+            for of in self.runs.iter_mut().filter(|of| of.source == source) {
+                of.std_error = of.measurement_error.max(spread * of.relative_scatter);
+            }
         }
+    }
+
+    /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance of their median;
+    /// those with what all joints share where few of these torques compare.
+    fn torque_spread(&self) -> (f64, f64) {
+        let own = |of: &&Observed| of.source == self.source && self.is_learnt_from(of);
+        let ratios: Vec<f64> = self.runs.iter().filter(own).map(|of| of.ratio).collect();
+        if 2 * ratios.len() <= self.learnt_runs {
+            return (self.spread, self.baseline_variance);
+        }
+        let spread = robust_deviation(&ratios).unwrap_or(0.0).max(MIN_SPREAD);
+        (spread, median_variance(spread, ratios.len()))
     }
 
     /// Whether a baseline is learnt from the run at this place.
@@ -205,6 +247,18 @@ impl FrictionHistory {
     /// Whether the baseline is learnt from this run.
     pub(super) fn is_learnt_from(&self, observed: &Observed) -> bool {
         observed.run <= self.learnt_from
+    }
+
+    /// Variance of one run's ratio beside what all joints share: of torques, which the hall moves from test to test as no index, at
+    /// least that of a steady joint.
+    pub(super) fn own_variance(&self, observed: &Observed) -> f64 {
+        match self.source {
+            Source::Index => self.variance(observed),
+            Source::Warm | Source::Excitation => {
+                let scatter = MIN_SPREAD * observed.relative_scatter.max(1.0);
+                observed.measurement_error.max(scatter).powi(2)
+            }
+        }
     }
 
     /// Variance of one run's ratio, at least the usual one.
@@ -277,16 +331,18 @@ impl Baseline {
         let comparable = same_speed(&warm, self.speed_fraction)
             && (warm.minute - self.minute).abs() <= WARMTH_TOLERANCE * self.minute;
         // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
-        let std_error = match self.source {
+        let relative_scatter = match self.source {
             Source::Index | Source::Warm => 0.0,
-            Source::Excitation => self.spread().0 * (warm.std_error / self.std_error).max(1.0),
+            Source::Excitation => (warm.std_error / self.std_error).max(1.0),
         };
         comparable.then_some(Observed {
             run,
             ratio: warm.torque / self.torque,
             common: 0.0,
             source: self.source,
-            std_error,
+            std_error: self.spread().0 * relative_scatter,
+            measurement_error: 0.0,
+            relative_scatter,
             torque: warm.torque,
         })
     }

@@ -3,8 +3,8 @@
 //! Inside a run the comparison of causes finds it ([`super::curve`]), at the cycle with which it came, also in the runs
 //! of the baseline. Between runs the control chart of [`super::friction_drift`] finds that friction is away from its
 //! baseline, and the shape of the runs about the beginning says that it came at once ([`super::friction_change`]). The
-//! episode goes on as long as friction stays away. A step is a warning from a twentieth of friction on and critical
-//! from `drift_critical` on.
+//! episode goes on as long as friction stays away. A step is worth knowing from a twentieth of friction on,
+//! a warning from `drift_warning` on and critical from `drift_critical` on.
 
 use super::curve::hypothesis::Cause;
 use super::friction_change::Shape;
@@ -48,7 +48,7 @@ impl Detector<JointSeries<'_>> for FrictionStep {
         }
         for (run, verdict) in verdicts.iter_mut().enumerate() {
             if !matches!(verdict, Verdict::Out { .. })
-                && series.is_signal_at_fault(run) != Some(series.joint)
+                && !series.has_wrong_signal(run)
                 && let Some(step) = inside(series, run)
             {
                 *verdict = step;
@@ -68,10 +68,13 @@ fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
     let Some(Cause::Step { cycle, size }) = found.clear() else { return None };
     let change = size.exp_m1();
     let threshold = series.settings.drift_warning;
-    let critical = change.abs() >= series.settings.drift_critical;
     let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
     Some(Verdict::Out {
-        severity: if critical { Severity::Critical } else { Severity::Warning },
+        severity: match change.abs() {
+            size if size >= series.settings.drift_critical => Severity::Critical,
+            size if size >= threshold => Severity::Warning,
+            _ => Severity::Info,
+        },
         score: change.abs(),
         threshold,
         value: 1.0 + change,

@@ -33,7 +33,7 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
         let mut before = false;
         let verdict = |run: usize| {
             let Some(found) = series.causes[run].as_ref() else { return Verdict::Unknown };
-            if series.is_signal_at_fault(run) == Some(series.joint) {
+            if series.has_wrong_signal(run) {
                 return Verdict::Unknown;
             }
             let Some(Cause::Scatter(size)) = found.clear() else {

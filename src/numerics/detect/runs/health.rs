@@ -1,7 +1,7 @@
 //! Where each joint stands after the latest test, and what is known of it since when.
 
 use super::friction_drift;
-use super::friction_history::{FrictionHistory, Observed};
+use super::friction_history::{FrictionHistory, Observed, Source};
 use super::series::JointSeries;
 use super::without_result::why;
 use crate::analysis::JointSummary;
@@ -72,7 +72,7 @@ fn knowledge(
     };
     let change = observed.ratio - 1.0;
     let limit = single_run_limit(series, observed);
-    if change.abs() >= limit && !shows_drift(found, friction, latest) {
+    if change.abs() >= limit && !shows_change(found, friction, latest) {
         let words = format!(
             "one test {:.0} % {} the joint's baseline, more than the {:.0} % that chance explains; to be \
              confirmed by the next test",
@@ -82,7 +82,17 @@ fn knowledge(
         );
         return (Knowledge::Unsettled, Some(words));
     }
-    (Knowledge::Compared, refused_part(latest))
+    let words: Vec<String> = refused_part(latest).into_iter().chain(not_watched(observed)).collect();
+    (Knowledge::Compared, Some(words.join("; ")).filter(|words| !words.is_empty()))
+}
+
+/// What nothing is known of in a test without a friction stage.
+fn not_watched(latest: &Observed) -> Option<String> {
+    (latest.source == Source::Excitation).then(|| {
+        "the latest test has no friction stage: jumps of friction inside a test, friction that varies from cycle to cycle and \
+         another warm-up are not looked for"
+            .to_owned()
+    })
 }
 
 /// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
@@ -101,10 +111,11 @@ fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
     friction_drift::judged(series).limit.limits().threshold(variance.sqrt())
 }
 
-/// Whether the latest run shows a drift of friction. The drift is an anomaly then, and needs no confirmation.
-fn shows_drift(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
+/// Whether the latest run shows a drift or step of friction. It is an anomaly then, and needs no confirmation.
+fn shows_change(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
     let of_friction = |anomaly: &Anomaly| {
-        anomaly.kind == AnomalyKind::Drift && anomaly.quantity == friction.source.quantity()
+        matches!(anomaly.kind, AnomalyKind::Drift | AnomalyKind::Step)
+            && anomaly.quantity == friction.source.quantity()
     };
     found.iter().any(|anomaly| of_friction(anomaly) && anomaly.last_run_id == latest.run_id)
 }

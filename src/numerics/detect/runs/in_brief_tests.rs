@@ -68,6 +68,7 @@ fn response(run: &RunSummary) -> Arc<ChannelResponse> {
             joint: JointIndex::new(j),
             fault,
             strength: 0,
+            shift: Vec::new(),
             change: parameters.iter().map(|id| if id.joint.index() == j { own } else { others }).collect(),
             unexplained: vec![0.1; JOINTS],
         };

@@ -9,8 +9,8 @@
 
 use std::collections::BTreeSet;
 
-use super::arm::{arm_evidence, least_advantage as least_advantage_of_arm};
-use super::arm_change::arm_changes;
+use super::arm::{arm_evidence, faults, least_advantage as least_advantage_of_arm};
+use super::arm_change::{UNKNOWN_CHANGE, arm_changes};
 use super::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::hypothesis::Cause;
@@ -133,6 +133,7 @@ pub fn detect_open(
                 .flatten(),
         ]
     };
+    let faults = faults(&arm);
     let causes: Vec<_> = usual.curves.iter().map(|(_, curves)| curves.causes_of_open(open)).collect();
     let mut found = Vec::new();
     for (joint, &(curves, quantity)) in usual.joints.iter().enumerate() {
@@ -140,7 +141,7 @@ pub fn detect_open(
         let joint = JointIndex::new(joint);
         let open = std::slice::from_ref(open);
         let friction = friction_history(open, joint, causes, settings.baseline_runs);
-        let series = JointSeries::new(open, joint, &friction, causes, &arm, settings);
+        let series = JointSeries::new(open, joint, &friction, causes, &faults, settings);
         let detectors: &[&RunDetector] = &[&FrictionStep, &FrictionSwing];
         let of_joint = anomalies(detectors, &series, joint, &moment).into_iter().map(|of| match of.kind {
             // the quantity of the complete test
@@ -149,14 +150,15 @@ pub fn detect_open(
         });
         found.extend(of_joint);
     }
-    found.extend(arm_changes(&arm, joints, &moment));
+    found.extend(arm_changes(&arm, &faults, joints, &moment));
     let likeliest = |(joint, &(curves, _)): (usize, &(usize, &str))| {
         causes[curves][joint].as_ref().map(RunCause::likeliest)
     };
     let likeliest: Vec<Option<Cause>> = usual.joints.iter().enumerate().map(likeliest).collect();
     let (usual_contacts, alpha) = &usual.contacts;
     found.extend(open_contact(usual_contacts, *alpha, open, &likeliest, moment[0]));
-    found.retain(|of| of.severity > Severity::Info);
+    // a change of no known cause may be what comes on top of a fault that goes on, which the whole test says
+    found.retain(|of| of.severity > Severity::Info && of.quantity != UNKNOWN_CHANGE);
     for of in &mut found {
         of.message =
             format!("{}; seen by cycle {} of a test that is still being written", of.message, open.cycles);

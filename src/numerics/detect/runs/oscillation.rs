@@ -61,8 +61,8 @@ impl Detector<JointSeries<'_>> for Oscillation {
         let compared: Vec<Usual> = own.into_iter().chain(of_peers).collect();
         let mut before = false;
         let one = |(run, swing): (usize, &Option<f64>)| {
-            // what a wrong torque signal says of a joint is the signal's
-            let (Some(swing), None) = (*swing, series.is_signal_at_fault(run)) else {
+            // what a wrong signal says of a joint is the signal's
+            let Some(swing) = swing.filter(|_| !series.is_rest_of_wrong_signal(run)) else {
                 return Verdict::Unknown;
             };
             let cycles = series.runs[run].and_then(|of| of.rmsd_swing).map_or(0, |of| of.cycles);

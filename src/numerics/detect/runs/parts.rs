@@ -6,7 +6,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use jiff::Timestamp;
 use nalgebra::DVector;
 
-use super::arm::{ArmEvidence, UsualArm, least_advantage as least_advantage_of_arm, response_of, together};
+use super::arm::{
+    ArmEvidence, UsualArm, faults, least_advantage as least_advantage_of_arm, response_of, together,
+};
+use super::arm_cause::ArmCause;
 use super::common_change::common_parts;
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::run_cause::{RunCause, least_advantage};
@@ -29,6 +32,8 @@ pub(super) struct Part<'h> {
     /// Key and start of each.
     pub(super) moments: Vec<(i64, Timestamp)>,
     pub(super) arm: Vec<Option<ArmEvidence>>,
+    /// The fault of the arm that each run has.
+    pub(super) faults: Vec<Option<ArmCause>>,
     /// By joint and run.
     pub(super) causes: Vec<Vec<Option<RunCause>>>,
     /// By joint.
@@ -127,7 +132,8 @@ impl<'h> Parts<'h> {
         let common = common_parts(&friction, runs.len());
         friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
         let moments = runs.iter().map(|run| (run.run_id, run.started_at)).collect();
-        Some(Part { runs, moments, arm, causes, friction })
+        let faults = faults(&arm);
+        Some(Part { runs, moments, arm, faults, causes, friction })
     }
 
     /// What is found in the cycles of each test; `None` where some have to be read first.

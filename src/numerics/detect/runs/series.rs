@@ -2,8 +2,7 @@
 
 use jiff::Timestamp;
 
-use super::arm::ArmEvidence;
-use super::arm_cause::ArmCause;
+use super::arm_cause::{ArmCause, SignalFault};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
 use super::friction_history::FrictionHistory;
@@ -31,8 +30,8 @@ pub(super) struct JointSeries<'a> {
     pub(super) friction: &'a FrictionHistory,
     /// Why the curve of each run differs from the usual one.
     pub(super) causes: &'a [Option<RunCause>],
-    /// What each run says of the whole arm.
-    pub(super) arm: &'a [Option<ArmEvidence>],
+    /// The fault of the whole arm that each run has.
+    pub(super) faults: &'a [Option<ArmCause>],
     pub(super) settings: &'a DetectSettings,
     /// Other robots of the model.
     peers: &'a [Peer],
@@ -44,7 +43,7 @@ impl<'a> JointSeries<'a> {
         joint: JointIndex,
         friction: &'a FrictionHistory,
         causes: &'a [Option<RunCause>],
-        arm: &'a [Option<ArmEvidence>],
+        faults: &'a [Option<ArmCause>],
         settings: &'a DetectSettings,
     ) -> Self {
         let starts = history.iter().map(|run| run.started_at).collect();
@@ -56,7 +55,7 @@ impl<'a> JointSeries<'a> {
             joints,
             friction,
             causes,
-            arm,
+            faults,
             settings,
             peers: &[],
         }
@@ -89,26 +88,49 @@ impl<'a> JointSeries<'a> {
         self.causes.get(run)?.as_ref()?.clear()
     }
 
-    /// Whether the level of friction in a run has a clear cause that is none of the level: another time constant,
-    /// scatter, or a torque signal of this joint that reads wrong.
-    pub(super) fn is_explained(&self, run: usize) -> bool {
-        matches!(self.clear_cause(run), Some(Cause::TimeConstant(_) | Cause::Scatter(_)))
-            || self.is_signal_at_fault(run) == Some(self.joint)
+    /// Whether the level of friction in a run has a clear cause that is none of the level: another time constant, or a signal of
+    /// this joint that reads too much or too little.
+    pub(super) fn is_level_explained(&self, run: usize) -> bool {
+        let is_noise =
+            matches!(self.fault(run), Some(ArmCause::TorqueSignal { fault: SignalFault::Noise(_), .. }));
+        matches!(self.clear_cause(run), Some(Cause::TimeConstant(_)))
+            || self.has_wrong_signal(run) && !is_noise
     }
 
-    /// The joint one of whose signals reads wrong in a run.
-    pub(super) fn is_signal_at_fault(&self, run: usize) -> Option<JointIndex> {
-        match self.arm.get(run)?.as_ref()?.clear() {
-            ArmCause::TorqueSignal { joint, .. } | ArmCause::PositionSignal { joint, .. } => Some(joint),
-            _ => None,
+    /// Whether friction of a run scatters from cycle to cycle, as a cause of its own.
+    pub(super) fn is_scattered(&self, run: usize) -> bool {
+        matches!(self.clear_cause(run), Some(Cause::Scatter(_)))
+    }
+
+    fn fault(&self, run: usize) -> Option<ArmCause> {
+        *self.faults.get(run)?
+    }
+
+    /// Whether a signal of this joint reads wrong in a run.
+    pub(super) fn has_wrong_signal(&self, run: usize) -> bool {
+        matches!(
+            self.fault(run),
+            Some(ArmCause::TorqueSignal { joint, .. } | ArmCause::PositionSignal { joint, .. })
+                if joint == self.joint
+        )
+    }
+
+    /// Whether a signal that reads wrong in a run says what torque this joint has beyond its model: its own, the torque of the joint
+    /// behind it, in whose fit it has a part, or a position, which every joint's torque depends on.
+    pub(super) fn is_rest_of_wrong_signal(&self, run: usize) -> bool {
+        match self.fault(run) {
+            Some(ArmCause::TorqueSignal { joint, .. }) => {
+                joint == self.joint || joint.index() == self.joint.index() + 1
+            }
+            Some(ArmCause::PositionSignal { .. }) => true,
+            _ => false,
         }
     }
 
     /// Whether the joint's unexplained torque in a run has a cause that is told by itself.
     pub(super) fn is_rest_explained(&self, run: usize) -> bool {
-        let of_own = |of: &ArmEvidence| matches!(of.clear(), ArmCause::UnexplainedTorque { joint, .. } if joint == self.joint);
-        self.is_signal_at_fault(run).is_some()
-            || self.arm.get(run).and_then(Option::as_ref).is_some_and(of_own)
+        matches!(self.fault(run), Some(ArmCause::UnexplainedTorque { joint, .. }) if joint == self.joint)
+            || self.is_rest_of_wrong_signal(run)
     }
 }
 
@@ -125,6 +147,12 @@ pub(super) fn friction_history(
     if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
         friction.learn_before(run);
     }
+    // a mean of few cycles that scatter knows the level as badly as that
+    friction.widen(|run| {
+        let of = causes.get(run)?.as_ref()?;
+        let Some(Cause::Scatter(size)) = of.clear() else { return None };
+        Some(size / (of.cycles.max(1) as f64).sqrt())
+    });
     friction
 }
 

@@ -35,7 +35,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
             let Some(found) = series.causes[run].as_ref().filter(|_| series.runs[run].is_some()) else {
                 return Verdict::Unknown;
             };
-            if series.is_signal_at_fault(run) == Some(series.joint) {
+            if series.has_wrong_signal(run) {
                 return Verdict::Unknown;
             }
             let slowing = found.slowing;
@@ -44,7 +44,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 *sum =
                     (*sum + own.map_or(AGAINST, |(_, gain)| gain)).clamp(0.0, MOST_EVIDENCE * found.needed());
             }
-            let jump = jumps.add(found);
+            let jump = jumps.add(run, found);
             let clear = match found.clear() {
                 Some(Cause::TimeConstant(factor)) => Some(factor),
                 _ => slowing
@@ -53,9 +53,11 @@ impl Detector<JointSeries<'_>> for WarmUp {
             };
             let (factor, usual) = match (clear, jump) {
                 (Some(factor), _) => (factor, "in the joint's first tests".to_owned()),
-                (None, Some(jump)) => (jump.size.exp(), format!("before its latest {} tests", jump.tests)),
+                (None, Some(jump)) => (jump.size.exp(), format!("before, for {} tests now", jump.tests)),
                 (None, None) => return Verdict::Quiet,
             };
+            // one test that shows it by itself may be the first of those that do
+            let onset = jump.map(|jump| (jump.since, None));
             let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             let side = if factor > 1.0 { "longer" } else { "less" };
             let is_own = matches!(found.likeliest(), Cause::TimeConstant(_));
@@ -70,7 +72,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
                      fit; check the lubricant and what cools the joint"
                 ),
                 why: Why {
-                    onset: None,
+                    onset,
                     odds: is_own.then(|| found.odds()),
                     alternatives: if is_own {
                         found.alternatives().into_iter().map(rejected).collect()

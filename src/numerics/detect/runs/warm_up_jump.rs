@@ -54,6 +54,8 @@ pub(super) struct Jump {
     pub(super) size: f64,
     /// Tests that have it.
     pub(super) tests: usize,
+    /// Place of the run with which it came.
+    pub(super) since: usize,
     before: f64,
 }
 
@@ -61,6 +63,8 @@ pub(super) struct Jump {
 pub(super) struct WarmUpJump {
     alpha: f64,
     tests: Vec<Estimate>,
+    /// Places of their runs.
+    runs: Vec<usize>,
     /// Change of friction that all joints have in common in each, in logarithms.
     common: Vec<f64>,
     jump: Option<Jump>,
@@ -69,15 +73,16 @@ pub(super) struct WarmUpJump {
 impl WarmUpJump {
     /// Before the first test. `alpha` is the probability of a false alarm that the channel has with each test.
     pub(super) fn new(alpha: f64) -> Self {
-        Self { alpha, tests: Vec::new(), common: Vec::new(), jump: None }
+        Self { alpha, tests: Vec::new(), runs: Vec::new(), common: Vec::new(), jump: None }
     }
 
-    /// Takes a test; the jump that it belongs to.
-    pub(super) fn add(&mut self, cause: &RunCause) -> Option<Jump> {
+    /// Takes the test of the run at this place; the jump that it belongs to.
+    pub(super) fn add(&mut self, run: usize, cause: &RunCause) -> Option<Jump> {
         let is_of_level = matches!(cause.clear(), None | Some(Cause::TimeConstant(_)));
         let is_known = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
         let Some(test) = cause.warm_up.filter(is_known) else { return self.jump };
         self.tests.push(test.ln_factor);
+        self.runs.push(run);
         self.common.push(test.common);
         self.jump = match self.jump.take() {
             Some(jump) => self.goes_on(jump),
@@ -97,6 +102,7 @@ impl WarmUpJump {
         // what was out says nothing of what is usual
         let begin = self.tests.len().saturating_sub(tests);
         self.tests.truncate(begin);
+        self.runs.truncate(begin);
         self.common.truncate(begin);
         None
     }
@@ -121,6 +127,7 @@ impl WarmUpJump {
         (fit.size.abs() >= needed.max(LEAST_FACTOR.ln())).then_some(Jump {
             size: fit.size,
             tests: tests.len() - begin,
+            since: self.runs[self.runs.len() - tests.len() + begin],
             before: fit.level,
         })
     }
@@ -184,7 +191,7 @@ mod tests {
             let value = usual + state + size;
             let warm_up = WarmUpOfRun { ln_factor: Estimate { value, std_error: 0.15 }, common: hall };
             let cause = RunCause { warm_up: Some(warm_up), ..RunCause::of_nothing() };
-            of.add(&cause).map(|jump| (test, jump))
+            of.add(test, &cause).map(|jump| (test, jump))
         })
     }
 

@@ -1,13 +1,16 @@
 //! The fit of a hypothesis to a log, and what it leaves of the torque of each joint.
 //!
-//! Least squares with a prior for each size, from products alone: with the weights `w_j` of the joints, the normal matrix of
+//! Least squares with a prior for each size, from products alone: with the weights `w_j` of the joints, the product of
 //! two columns is the sum of `w_j` times their mean product over the joints that both have, and the least cost is
 //! `d' W d - b' s` for the deviations `d`, the right-hand side `b` and the sizes `s`.
+//!
+//! The random effects of warmth are in every hypothesis. They are eliminated once: with `M` for their normal matrix, priors included,
+//! and `r_a` for their products with a column `a`, the others have the product `a' W b - r_a' M^-1 r_b`, the Schur complement.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::cause::{WorkCause, WorkLoad};
-use super::hypothesis::{Column, Hypothesis, expected_square, load_columns, warmth_columns};
+use super::hypothesis::{Column, Hypothesis, expected_square, warmth_columns};
 use crate::analysis::work_evidence::{DEVIATION, JointEvidence, WorkDirection};
 use crate::anomaly::ProductionSummary;
 use crate::robot::JointIndex;
@@ -44,19 +47,38 @@ pub(super) struct System<'a> {
     left: Vec<f64>,
     /// Random effects of all hypotheses.
     warmth: Vec<Column>,
+    /// Their normal matrix, priors included.
+    normal: Cholesky<f64, Dyn>,
+    /// Their products with the deviation, and these beside the factor of the normal matrix.
+    right: DVector<f64>,
+    whitened: DVector<f64>,
+}
+
+/// A column beside the random effects.
+pub(super) struct Beside {
+    column: Column,
+    /// Its products with the random effects, and these beside the factor of their normal matrix.
+    with_warmth: DVector<f64>,
+    whitened: DVector<f64>,
+    /// Its product with the deviation that is left.
+    right: f64,
 }
 
 /// The sizes that fit best.
 pub(super) struct Solution {
     columns: Vec<Column>,
     sizes: DVector<f64>,
+    /// Of these sizes.
     covariance: DMatrix<f64>,
+    /// What the columns take of the products of the random effects with the deviation.
+    taken: DVector<f64>,
     /// What it leaves, and its price, in units of chi².
     pub(super) cost: f64,
 }
 
 impl<'a> System<'a> {
-    pub(super) fn of(log: &'a ProductionSummary) -> Self {
+    /// `None` for products that no arm could have.
+    pub(super) fn of(log: &'a ProductionSummary) -> Option<Self> {
         let evidence = &log.evidence[..];
         let (mut weights, mut left) = (Vec::new(), Vec::new());
         for of in evidence {
@@ -72,7 +94,18 @@ impl<'a> System<'a> {
             weights.push(weight);
             left.push(weight * rest);
         }
-        Self { evidence, weights, left, warmth: warmth_columns(evidence.len()) }
+        let warmth = warmth_columns(evidence.len());
+        let with = |a: &Column, b: &Column| product(evidence, &weights, a, b);
+        let mut normal = DMatrix::from_fn(warmth.len(), warmth.len(), |a, b| with(&warmth[a], &warmth[b]));
+        for (place, column) in warmth.iter().enumerate() {
+            normal[(place, place)] += column.variance.recip();
+        }
+        let normal = normal.cholesky()?;
+        let right = DVector::from_fn(warmth.len(), |place, _| {
+            product_with_deviation(evidence, &weights, &warmth[place])
+        });
+        let whitened = normal.l_dirty().solve_lower_triangular(&right)?;
+        Some(Self { evidence, weights, left, warmth, normal, right, whitened })
     }
 
     /// What is left in any case.
@@ -80,45 +113,46 @@ impl<'a> System<'a> {
         self.left.iter().sum()
     }
 
-    /// The best fit of a hypothesis, with a load or without; `None` where the log shows nothing of one of these.
-    pub(super) fn solve(&self, has_load: bool, hypothesis: Hypothesis) -> Option<Solution> {
-        let mut columns = hypothesis.columns(self.evidence)?;
-        if has_load {
-            columns.extend(load_columns(self.evidence)?);
+    /// Columns beside the random effects.
+    pub(super) fn beside(&self, columns: Vec<Column>) -> Option<Vec<Beside>> {
+        let beside = |column: Column| {
+            let with_warmth = DVector::from_fn(self.warmth.len(), |place, _| {
+                product(self.evidence, &self.weights, &self.warmth[place], &column)
+            });
+            let whitened = self.normal.l_dirty().solve_lower_triangular(&with_warmth)?;
+            let right =
+                product_with_deviation(self.evidence, &self.weights, &column) - whitened.dot(&self.whitened);
+            Some(Beside { column, with_warmth, whitened, right })
+        };
+        columns.into_iter().map(beside).collect()
+    }
+
+    /// The best fit of these columns, at a price in units of chi²; `None` where the log shows too little of them.
+    pub(super) fn solve(&self, columns: &[&Beside], price: f64) -> Option<Solution> {
+        let mut normal = DMatrix::from_fn(columns.len(), columns.len(), |a, b| {
+            let (a, b) = (columns[a], columns[b]);
+            product(self.evidence, &self.weights, &a.column, &b.column) - a.whitened.dot(&b.whitened)
+        });
+        for (place, of) in columns.iter().enumerate() {
+            normal[(place, place)] += of.column.variance.recip();
         }
-        let price = hypothesis.price(columns.len());
-        columns.extend(self.warmth.iter().cloned());
-        let mut normal =
-            DMatrix::from_fn(columns.len(), columns.len(), |a, b| self.with(&columns[a], &columns[b]));
-        for (place, column) in columns.iter().enumerate() {
-            normal[(place, place)] += column.variance.recip();
-        }
-        let right = DVector::from_fn(columns.len(), |place, _| self.with_deviation(&columns[place]));
+        let right = DVector::from_fn(columns.len(), |place, _| columns[place].right);
         let covariance = normal.cholesky()?.inverse();
         let sizes = &covariance * &right;
+        let mut taken = DVector::zeros(self.warmth.len());
+        columns.iter().zip(&sizes).for_each(|(of, size)| taken.axpy(*size, &of.with_warmth, 1.0));
         let all: f64 =
             self.evidence.iter().zip(&self.weights).map(|(of, w)| w * of.product(DEVIATION, DEVIATION)).sum();
-        let cost = all - right.dot(&sizes) + price;
-        cost.is_finite().then_some(Solution { columns, sizes, covariance, cost })
+        let cost = all - self.whitened.norm_squared() - right.dot(&sizes) + price;
+        let columns = columns.iter().map(|of| of.column.clone()).collect();
+        cost.is_finite().then_some(Solution { columns, sizes, covariance, taken, cost })
     }
 
-    /// Weighted product of two columns.
-    fn with(&self, a: &Column, b: &Column) -> f64 {
-        let mut sum = 0.0;
-        for (place, of_a) in &a.along {
-            for (_, of_b) in b.along.iter().filter(|(other, _)| other == place) {
-                sum += self.weights[*place] * self.evidence[*place].product(of_a.place(), of_b.place());
-            }
-        }
-        sum
-    }
-
-    /// Weighted product of a column and the deviation.
-    fn with_deviation(&self, column: &Column) -> f64 {
-        let part = |(place, of): &(usize, WorkDirection)| {
-            self.weights[*place] * self.evidence[*place].product(of.place(), DEVIATION)
-        };
-        column.along.iter().map(part).sum()
+    /// Sizes of the columns of a solution, and behind them those of the random effects.
+    fn sizes<'s>(&'s self, solution: &'s Solution) -> impl Iterator<Item = (&'s Column, f64)> {
+        let of_warmth = self.normal.solve(&(&self.right - &solution.taken));
+        let own = solution.columns.iter().zip(solution.sizes.iter().copied());
+        own.chain(self.warmth.iter().zip(of_warmth.data.as_vec().clone()))
     }
 
     /// What a hypothesis comes to with its sizes.
@@ -126,12 +160,10 @@ impl<'a> System<'a> {
         match hypothesis {
             Hypothesis::None => WorkCause::None,
             Hypothesis::Friction(place) => {
-                let added = solution
-                    .sizes
-                    .iter()
-                    .zip(&solution.columns)
-                    .filter(|(_, of)| of.is_friction && of.along.len() == 1 && of.along[0].0 == place);
-                let own: Vec<(WorkDirection, f64)> = added.map(|(size, of)| (of.along[0].1, *size)).collect();
+                let sizes = self.sizes(solution);
+                let added =
+                    sizes.filter(|(of, _)| of.is_friction && of.along.len() == 1 && of.along[0].0 == place);
+                let own: Vec<(WorkDirection, f64)> = added.map(|(of, size)| (of.along[0].1, size)).collect();
                 WorkCause::Friction(self.evidence[place].joint, self.friction(place, &own))
             }
             Hypothesis::Gain(place) => WorkCause::Gain(self.evidence[place].joint, solution.sizes[0]),
@@ -160,9 +192,10 @@ impl<'a> System<'a> {
 
     /// What the joints come to.
     pub(super) fn rest(&self, solution: &Solution) -> Vec<JointRest> {
+        let sizes: Vec<(&Column, f64)> = self.sizes(solution).collect();
         let of_joint = |(place, of): (usize, &JointEvidence)| {
             let mut all = [0.0; DEVIATION];
-            for (size, column) in solution.sizes.iter().zip(&solution.columns) {
+            for (column, size) in &sizes {
                 for (_, direction) in column.along.iter().filter(|(other, _)| *other == place) {
                     all[direction.place()] += size;
                 }
@@ -183,6 +216,25 @@ impl<'a> System<'a> {
         };
         self.evidence.iter().enumerate().map(of_joint).collect()
     }
+}
+
+/// Weighted product of two columns.
+fn product(evidence: &[JointEvidence], weights: &[f64], a: &Column, b: &Column) -> f64 {
+    let mut sum = 0.0;
+    for (place, of_a) in &a.along {
+        for (_, of_b) in b.along.iter().filter(|(other, _)| other == place) {
+            sum += weights[*place] * evidence[*place].product(of_a.place(), of_b.place());
+        }
+    }
+    sum
+}
+
+/// Weighted product of a column and the deviation.
+fn product_with_deviation(evidence: &[JointEvidence], weights: &[f64], column: &Column) -> f64 {
+    let part = |(place, of): &(usize, WorkDirection)| {
+        weights[*place] * evidence[*place].product(of.place(), DEVIATION)
+    };
+    column.along.iter().map(part).sum()
 }
 
 /// Mean square of the deviation that is left by directions of these sizes.

@@ -18,6 +18,9 @@ const LEAST_RMSD_DEVIATION: f64 = 0.05;
 /// Least standard deviation of the logarithm of a channel's noise from run to run.
 const LEAST_NOISE_DEVIATION: f64 = 0.05;
 
+/// Scatter of a parameter over the cycles of a run, as a multiple of that of the first runs, from which on it counts.
+const FAR_MORE: f64 = 2.0;
+
 /// Change of the parameters by a fault of size 1, in their standard deviations, that is none but for rounding: as of a
 /// constant torque, which the offset column of a friction law takes whole.
 const LEAST_DIRECTION: f64 = 1e-6;
@@ -48,7 +51,7 @@ impl Usual {
 }
 
 /// The first runs of an arm, of like length.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Baseline {
     /// Usual value and deviation of each inertial parameter, with what it stands for.
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
@@ -63,7 +66,7 @@ pub(super) struct Baseline {
 }
 
 /// What one fault of a channel does, by its size.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Direction {
     pub(super) joint: JointIndex,
     pub(super) fault: ChannelFault,
@@ -71,6 +74,8 @@ pub(super) struct Direction {
     pub(super) strength: usize,
     /// Change of the parameters, in their standard deviations.
     pub(super) change: DVector<f64>,
+    /// Change that comes with a fault of this strength whatever its size and sign, likewise; zero where it is not known.
+    pub(super) shift: DVector<f64>,
     /// Unexplained torque of each joint, as a fraction of its torque.
     pub(super) unexplained: Vec<f64>,
 }
@@ -176,6 +181,9 @@ impl Baseline {
             fault: of.fault,
             strength: of.strength.min(STRENGTHS.len() - 1),
             change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
+            shift: DVector::from_fn(places.len(), |row, _| {
+                of.shift.get(places[row]).map_or(0.0, |shift| shift / self.deviation(row))
+            }),
             unexplained: of.unexplained.clone(),
         };
         response.faults.iter().map(scaled).filter(|of| of.change.norm() > LEAST_DIRECTION).collect()
@@ -184,6 +192,30 @@ impl Baseline {
     /// Standard deviation of a parameter of a run.
     pub(super) fn deviation(&self, row: usize) -> f64 {
         self.parameters[row].1.deviation * self.inflation.sqrt()
+    }
+
+    /// The same for a run whose cycles disagree about a parameter by far more than those of the first runs, and by how much the standard
+    /// deviation of each parameter is larger then; `None` for other runs. A joint whose torque reads wrong has little weight in the
+    /// estimate, so that its parameters are known badly: that they differ is no pattern of anything.
+    pub(super) fn widened(&self, run: &RunSummary) -> Option<(Self, DVector<f64>)> {
+        let by = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
+            let of = run.parameters.iter().find(|of| of.id == *id);
+            let own = of.map(|of| of.std_dev / f64::from(of.cycles).sqrt() / usual.deviation);
+            own.filter(|own| own.is_finite() && *own >= FAR_MORE).unwrap_or(1.0)
+        };
+        let by = DVector::from_iterator(self.parameters.len(), self.parameters.iter().map(by));
+        if by.iter().all(|by| *by == 1.0) {
+            return None;
+        }
+        let mut widened = self.clone();
+        for ((_, usual, _), by) in widened.parameters.iter_mut().zip(&by) {
+            usual.deviation *= by;
+        }
+        for of in &mut widened.directions {
+            of.change.component_div_assign(&by);
+            of.shift.component_div_assign(&by);
+        }
+        Some((widened, by))
     }
 
     /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.

@@ -57,11 +57,17 @@ impl Shown<'_> {
         found
     }
 
-    /// With the size that explains most of the change.
+    /// With the size that explains most of the change, and with the shift or without.
     fn along(&self, direction: &Direction) -> (ArmCause, f64) {
         let Change { deviations, scale, .. } = self.change;
-        let size = direction.change.dot(deviations) / direction.change.norm_squared() / scale;
-        (cause(direction, size), self.rest(direction, size) + self.signals(direction, size, None))
+        let with = |part: f64| {
+            let left = deviations - &direction.shift * (part * scale);
+            let size = direction.change.dot(&left) / direction.change.norm_squared() / scale;
+            let cost = self.rest(direction, size, part) + self.signals(direction, size, None);
+            (cause(direction, size), cost + price_of_shift(part))
+        };
+        let [without, shifted] = [0.0, direction.shifted(self.change)].map(with);
+        if shifted.1 < without.1 { shifted } else { without }
     }
 
     /// Of a strength between two that are known, by least squares along both: a parameter more.
@@ -102,17 +108,21 @@ impl Shown<'_> {
         }
         let Change { deviations, scale, .. } = self.change;
         let squares = direction.change.norm_squared().max(f64::MIN_POSITIVE);
-        let along = direction.change.dot(deviations) / squares / scale;
-        let of_sign = |sign: f64| {
+        let of = |(sign, part): (f64, f64)| {
+            let left = deviations - &direction.shift * (part * scale);
+            let along = direction.change.dot(&left) / squares / scale;
             let answer = (sign * along).clamp(least * size, size);
-            let explained = answer * (2.0 * sign * along - answer) * squares * scale * scale;
+            let left = (left - &direction.change * (sign * answer * scale)).norm_squared();
             let turned =
                 if sign * signal.offset.0 < 0.0 { (signal.offset.0 / (TURNED * size)).powi(2) } else { 0.0 };
+            let prices = turned + price_of_shift(part);
             let signals = self.signals(&direction, sign * size, Some(joint));
-            let cost = self.rest(&direction, sign * answer) + signals + turned;
-            (cause(&direction, sign * size), cost, turned - explained / self.variance(&direction))
+            let cost = self.rest(&direction, sign * answer, part) + signals + prices;
+            (cause(&direction, sign * size), cost, prices + left / self.variance(&direction))
         };
-        let found = [1.0, -1.0].map(of_sign).into_iter().min_by(|a, b| a.2.total_cmp(&b.2));
+        let part = direction.shifted(self.change);
+        let all = [(1.0, 0.0), (-1.0, 0.0), (1.0, part), (-1.0, part)].map(of);
+        let found = all.into_iter().min_by(|a, b| a.2.total_cmp(&b.2));
         found.map(|(cause, cost, _)| (cause, cost)).filter(|(_, cost)| cost.is_finite())
     }
 
@@ -129,12 +139,12 @@ impl Shown<'_> {
         (left / (deviations.len() as f64 - 1.0).max(1.0)).max(1.0)
     }
 
-    /// What a fault of this size leaves of the change of the parameters. Of a change that does not count, it is what the
-    /// fault adds to it.
-    fn rest(&self, direction: &Direction, size: f64) -> f64 {
+    /// What a fault of this size leaves of the change of the parameters, with this part of the shift. Of a change that does
+    /// not count, it is what the fault adds to it.
+    fn rest(&self, direction: &Direction, size: f64, part: f64) -> f64 {
         let Change { deviations, scale, square } = self.change;
         let all = deviations.norm_squared();
-        let expected = &direction.change * (size * scale);
+        let expected = (&direction.change * size + &direction.shift * part) * *scale;
         let left = (deviations - &expected).norm_squared();
         if *square > 0.0 {
             return (left / all - DIRECTION_ERROR).max(0.0) * square;
@@ -185,8 +195,12 @@ pub(super) fn offset_rest(change: &Change, joint: JointIndex, baseline: &Baselin
     }
     let own = |of: &&Direction| of.joint == joint && of.fault == ChannelFault::TorqueOffset;
     let left = |of: &Direction| {
-        let size = of.change.dot(&change.deviations) / of.change.norm_squared();
-        (&change.deviations - &of.change * size).norm_squared() / change.deviations.norm_squared()
+        let left = |part: f64| {
+            let left = &change.deviations - &of.shift * (part * change.scale);
+            let size = of.change.dot(&left) / of.change.norm_squared();
+            (left - &of.change * size).norm_squared() / change.deviations.norm_squared()
+        };
+        left(0.0).min(left(of.shifted(change)))
     };
     let least = baseline.directions.iter().filter(own).map(left).min_by(f64::total_cmp);
     let rest = (least.unwrap_or(1.0) - DIRECTION_ERROR).max(0.0) * change.square;
@@ -202,7 +216,22 @@ fn cause(direction: &Direction, size: f64) -> ArmCause {
     }
 }
 
+/// Price of a shift that is taken into account.
+fn price_of_shift(part: f64) -> f64 {
+    if part > 0.0 { PARAMETER_PRICE } else { 0.0 }
+}
+
 impl Direction {
+    /// The part of the shift, at most all of it, that explains most of a change together with the fault.
+    fn shifted(&self, change: &Change) -> f64 {
+        let Change { deviations, scale, .. } = change;
+        let (a, b) = (&self.change, &self.shift);
+        let normal = Matrix2::new(a.norm_squared(), a.dot(b), a.dot(b), b.norm_squared());
+        let Some(inverse) = normal.try_inverse() else { return 0.0 };
+        let part = (inverse * Vector2::new(a.dot(deviations), b.dot(deviations)))[1] / scale;
+        if part.is_finite() { part.clamp(0.0, 1.0) } else { 0.0 }
+    }
+
     /// A mean of this one and another of the same fault, which has a weight of `part`.
     fn mixed(&self, other: &Self, part: f64) -> Self {
         let both = |a: f64, b: f64| (1.0 - part) * a + part * b;
@@ -213,6 +242,7 @@ impl Direction {
             fault: self.fault,
             strength: self.strength,
             change: &self.change * (1.0 - part) + &other.change * part,
+            shift: &self.shift * (1.0 - part) + &other.shift * part,
             unexplained,
         }
     }
@@ -230,6 +260,6 @@ impl Direction {
     fn beyond(&self, times: f64) -> Self {
         let known = 1.0 + STRENGTHS[self.strength].powi(2);
         let change = &self.change * (known / (1.0 + times * times));
-        Self { change, unexplained: self.unexplained.clone(), ..*self }
+        Self { change, shift: self.shift.clone(), unexplained: self.unexplained.clone(), ..*self }
     }
 }

@@ -16,5 +16,7 @@ pub(super) const CHANNEL_PRICE: f64 = 20.0;
 pub(super) const MECHANICAL_PRICE: f64 = 60.0;
 /// Further price of an offset of a torque that comes with a load: two faults at once are rare.
 pub(super) const SECOND_FAULT_PRICE: f64 = 60.0;
-/// Price of a cause that is not known: it explains anything.
+/// Price of a cause that is not known: it explains anything of the parameters.
 pub(super) const UNKNOWN_PRICE: f64 = 150.0;
+/// Most that a cause that is not known pays for offsets of torques beside it.
+pub(super) const MOST_FOR_OFFSETS: f64 = 300.0;

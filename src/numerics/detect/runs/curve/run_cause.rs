@@ -113,7 +113,7 @@ impl RunCause {
     pub(in crate::numerics::detect::runs) fn clear(&self) -> Option<Cause> {
         let cause = self.likeliest();
         let size = match cause {
-            Cause::Step { size, .. } => size.abs() / LEAST_STEP,
+            Cause::Step { size, .. } => size.exp_m1().abs() / LEAST_STEP,
             Cause::Scatter(size) => size / LEAST_SCATTER,
             Cause::TimeConstant(_) => self.effect / LEAST_SLOWING,
             Cause::None | Cause::Scale(_) | Cause::Start(_) | Cause::OddCycle { .. } | Cause::Unknown => {

@@ -6,62 +6,30 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Lengths, Settled, quantity};
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use crate::numerics::detect::runs::cause_tests::{State, fleet};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::in_brief_tests::life;
 use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::fixtures::{Judged, Said, WithRuns, said, words};
+use crate::numerics::detect::window::{Lengths, Moment, Settled};
 use crate::robot::JointIndex;
 
 /// Windows so short that histories of some hundred tests have several.
 const SHORT: Lengths = Lengths { step: 40, lead: 24, head: 24, around: 16 };
 
-/// What a history says: anomalies that are settled, boundary by boundary, and those that are not.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct Said {
-    settled: Vec<(Settled, Vec<Anomaly>)>,
-    others: Vec<Anomaly>,
-    /// Tests of the longest window.
-    longest: usize,
-}
-
-impl Said {
-    fn all(&self) -> Vec<&Anomaly> {
-        self.settled.iter().flat_map(|(_, ended)| ended).chain(&self.others).collect()
+impl Judged for RunSummary {
+    fn moment_of(&self) -> Moment {
+        (self.started_at, self.run_id)
     }
-}
 
-/// Tests of the window behind a boundary, and no more than are asked for.
-fn window(history: &[RunSummary], settled: &Settled, lengths: &Lengths) -> Vec<RunSummary> {
-    let read = history.iter().filter(|run| settled.read.contains(&run.run_id));
-    let behind =
-        |run: &&RunSummary| settled.leads_from.is_none_or(|from| (run.started_at, run.run_id) >= from);
-    let behind = history.iter().filter(behind).take(lengths.most_behind(settled));
-    read.chain(behind).cloned().collect()
-}
-
-/// What a history says, of which something is settled already.
-fn said(history: &[RunSummary], known: Vec<(Settled, Vec<Anomaly>)>, lengths: &Lengths) -> Said {
-    let settings = DetectSettings::default();
-    let mut said = Said { settled: known, ..Said::default() };
-    loop {
-        let settled = said.settled.last().map(|(settled, _)| settled.clone()).unwrap_or_default();
-        let tests = window(history, &settled, lengths);
-        said.longest = said.longest.max(tests.len());
-        let found = detect(&tests, &settings).anomalies;
-        assert!(found.iter().all(|of| quantity(of.quantity) == Some(of.quantity)), "a quantity is not known");
-        let together = settled.put_together(&tests, found, lengths);
-        if !settled.is_over(&tests, lengths) {
-            said.others = together;
-            return said;
-        }
-        said.settled.push(settled.next(&tests, &together, lengths));
+    fn found(window: &[Self]) -> Vec<Anomaly> {
+        detect(window, &DetectSettings::default()).anomalies
     }
-}
 
-fn words(of: &[&Anomaly]) -> Vec<String> {
-    of.iter().map(|of| format!("{of:?}")).collect()
+    fn as_windowed<T>(window: &[Self], with: impl WithRuns<T>) -> T {
+        with.call(window)
+    }
 }
 
 #[test]
@@ -73,7 +41,7 @@ fn a_history_of_less_than_two_steps_says_what_the_whole_says() {
         assert!(short.settled.is_empty() && !found.is_empty());
         assert_eq!(format!("{:?}", short.others), format!("{found:?}"));
     }
-    let usual = Lengths::default();
+    let usual = Lengths::OF_TESTS;
     assert!(usual.lead <= usual.step && usual.most_behind(&Settled::default()) == 1000);
 }
 
@@ -222,6 +190,6 @@ fn work_on_the_arm_ends_what_was_open_and_windows_stay_short() {
     assert!(short.longest >= 80 && now.longest <= 80 + 24 + 2 * 24 + 33 + 6, "{} of 520", now.longest);
     // of each joint and epoch
     let (settled, _) = now.settled.last().expect("something settled");
-    assert_eq!((settled.tests, &settled.epochs[..]), (480, &[2; 6][..]));
+    assert_eq!((settled.runs, &settled.epochs[..]), (480, &[2; 6][..]));
     assert_eq!(settled.first_of_epochs, [151]);
 }

@@ -1,0 +1,22 @@
+//! Texts that people give for those who read them later: what was done, why, and who says so.
+
+/// Reads a text, without spaces about it; one that says nothing is refused.
+pub(in crate::cli) fn said(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("it is empty; write it for those who read the history later".to_owned()),
+        words => Ok(words.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_of_spaces_says_nothing() {
+        assert_eq!(said(" gearbox changed\n"), Ok("gearbox changed".to_owned()));
+        for nothing in ["", "  ", "\t\n"] {
+            assert!(said(nothing).is_err_and(|words| words.contains("it is empty")));
+        }
+    }
+}

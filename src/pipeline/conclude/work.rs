@@ -1,0 +1,60 @@
+//! Findings from the logs of ordinary work of a robot, of which a window is read.
+
+use std::time::{Duration, Instant};
+
+use crate::analysis::Estimator;
+use crate::anomaly::Anomaly;
+use crate::numerics::detect::production::detect_production;
+use crate::numerics::detect::production::window::{basis, work_logs};
+use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::{Lengths, Settled};
+use crate::run::RunKind;
+use crate::store::{ConclusionTransaction, StoreError};
+
+/// What logs say, and what it took.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct JudgedWork {
+    /// What is not settled of it.
+    pub anomalies: Vec<Anomaly>,
+    /// What was settled now: by the key of what settles them, anomalies that ended before a boundary.
+    pub settled: Vec<(i64, Vec<Anomaly>)>,
+    /// What is settled at the boundary in force.
+    pub at: Settled,
+    /// Logs that the detectors had, of all windows.
+    pub logs: usize,
+    /// Time of the detectors.
+    pub computing: Duration,
+}
+
+/// Judges the ordinary work of a robot: one window, and before it those whose boundary came into force since, or that something has
+/// changed in. `estimator` is that of the tests that logs are held against.
+///
+/// # Errors
+/// Those of the store.
+pub async fn judged_work(
+    conclusion: &mut ConclusionTransaction,
+    estimator: Estimator,
+    settings: &DetectSettings,
+    lengths: &Lengths,
+) -> Result<JudgedWork, StoreError> {
+    let basis = basis(settings, estimator, lengths);
+    let at = conclusion.settled(RunKind::Production, basis).await?;
+    let mut judged = JudgedWork { at, ..JudgedWork::default() };
+    loop {
+        let history = conclusion.work_window(&judged.at, lengths.most_behind(&judged.at)).await?;
+        let logs = work_logs(&history);
+        let began = Instant::now();
+        let found = detect_production(&history, settings);
+        judged.computing += began.elapsed();
+        judged.logs += logs.len();
+        let anomalies = judged.at.put_together(&logs, found, lengths);
+        if !judged.at.is_over(&logs, lengths) {
+            judged.anomalies = anomalies;
+            return Ok(judged);
+        }
+        let (next, ended) = judged.at.next(&logs, &anomalies, lengths);
+        let key = conclusion.keep_settled(RunKind::Production, &next, basis).await?;
+        judged.settled.push((key, ended));
+        judged.at = next;
+    }
+}
