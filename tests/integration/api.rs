@@ -4,7 +4,7 @@
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
@@ -281,7 +281,12 @@ fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
     stream.set_read_timeout(Some(Duration::from_secs(60))).expect("a timeout");
     stream.write_all(b"GET /v1/events HTTP/1.1\r\nHost: localhost\r\n\r\n").expect("sent");
     let mut lines = BufReader::new(stream).lines();
-    let mut heard = |wanted: &str| lines.by_ref().map_while(Result::ok).any(|line| line.contains(wanted));
+    // a stream that says only that it lives would be listened to for ever
+    let limit = Instant::now() + Duration::from_secs(120);
+    let mut heard = |wanted: &str| {
+        let until = |_: &String| Instant::now() < limit;
+        lines.by_ref().map_while(Result::ok).take_while(until).any(|line| line.contains(wanted))
+    };
     assert!(heard("text/event-stream"));
     // the first look only learns where the database stands
     std::thread::scope(|scope| {

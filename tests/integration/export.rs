@@ -15,7 +15,7 @@ use parquet::record::Field;
 
 use crate::canon;
 use crate::small::{self, export};
-use crate::support::{Workshop, query, text, wait_until};
+use crate::support::{Workshop, end_of, query, text, wait_until};
 
 /// A database of robot A with two tests in January and robot B with one, made once for all tests.
 static STORED: LazyLock<Vec<u8>> = LazyLock::new(|| {
@@ -439,8 +439,14 @@ fn all_files_are_of_one_moment() {
     let later = export("A", 7, 7);
     fs::write(workshop.inbox(&later.name), &later.bytes).expect("written");
     workshop.stdout(&["ingest", &format!("inbox/{}", later.name)], 0);
-    let cycles = fs::read_to_string(out.join("cycles.csv")).expect("what comes through the pipe");
-    assert!(running.wait().expect("an end").success());
+    let reader = std::thread::spawn({
+        let pipe = out.join("cycles.csv");
+        move || fs::read_to_string(pipe)
+    });
+    // an export that fails would leave the reader waiting
+    assert_eq!(end_of(&mut running, || "the export does not end".into()), Some(0));
+    wait_until(|| reader.is_finished(), || "the export did not write into the pipe".into());
+    let cycles = reader.join().expect("no panic").expect("what comes through the pipe");
     let rows =
         |name: &str| csv::Reader::from_path(out.join(name)).expect("a file").into_records().count() as i64;
     assert!(!cycles.contains("2026-01-07"), "{cycles}");

@@ -16,7 +16,7 @@ use serde_json::Value;
 use server::{Server, dump, dump_in_any_order, is_made, is_open};
 
 use crate::small::{self, Export, export, work};
-use crate::support::{Daemon, Workshop, assert_alike, pass, text, wait_until};
+use crate::support::{Daemon, Workshop, assert_alike, end_of, pass, text, wait_until};
 
 fn rows(dump: &str, view: &str) -> usize {
     let rest = dump.split_once(&format!("# {view}\n")).expect("a view").1;
@@ -213,7 +213,7 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     let before = lives();
     let mut child = daemon();
     wait_until(|| lives() > before, || both.workshop.log());
-    let second = daemon().wait().expect("it ends");
+    let second = end_of(&mut daemon(), || both.workshop.log());
     let open = "SELECT CAST(count(*) AS text) FROM armwatch.run WHERE status = 'complete'";
     wait_until(|| server.sql_in("fleet", open) == ["5"], || both.workshop.log());
     // the server goes down in the middle of the daemon's life, and comes back
@@ -223,8 +223,9 @@ fn a_killed_daemon_goes_on_where_the_server_has_it() {
     let stale = "SELECT CAST(count(*) AS text) FROM armwatch.robot WHERE history <> concluded";
     wait_until(|| server.sql_in("fleet", stale) == ["0"], || both.workshop.log());
     let term = Command::new("kill").args(["-TERM", &child.id().to_string()]).status();
-    assert!(term.expect("kill runs").success() && child.wait().expect("it ends").success());
-    assert_eq!(second.code(), Some(74), "a second daemon: {}", both.workshop.log());
+    assert!(term.expect("kill runs").success());
+    assert_eq!(end_of(&mut child, || both.workshop.log()), Some(0));
+    assert_eq!(second, Some(74), "a second daemon: {}", both.workshop.log());
     both.workshop.stdout(&["ingest", "inbox"], 0);
     let [file, server] =
         both.databases.each_ref().map(|database| dump_in_any_order(&both.workshop, database));

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::mpsc;
@@ -113,16 +114,17 @@ impl Workshop {
         command
     }
 
-    /// Runs to the end; a program that does not come to its end is killed, and its status then is none.
+    /// Runs to the end; a program that does not come to its end is killed, and its status then is none. Its own children,
+    /// which have its pipes, are killed with it.
     pub fn run(&self, arguments: &[&str]) -> Output {
         let mut command = self.command(arguments);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
         let child = command.spawn().expect("the program starts");
-        let pid = child.id().to_string();
+        let group = format!("-{}", child.id());
         let (ended, watched) = mpsc::channel::<()>();
         let watch = thread::spawn(move || {
             if watched.recv_timeout(LONGEST_COMMAND) == Err(mpsc::RecvTimeoutError::Timeout) {
-                let _ = Command::new("kill").args(["-KILL", &pid]).status();
+                let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
             }
         });
         let output = child.wait_with_output().expect("an end");

@@ -86,14 +86,13 @@ impl ChildDaemon {
         process_cpu_s(self.child.id())
     }
 
-    /// What it has said since it was asked last, the latest first: lines such as `READY=1` and `STATUS=0 exports ...`.
+    /// What it has said since it was asked last, in its order: lines such as `READY=1` and `STATUS=0 exports ...`.
     pub(super) fn said(&self) -> Vec<String> {
         let mut buffer = [0; 1024];
         let mut lines = Vec::new();
         while let Ok(length) = self.said.recv(&mut buffer) {
             lines.extend(String::from_utf8_lossy(&buffer[..length]).lines().map(str::to_owned));
         }
-        lines.reverse();
         lines
     }
 
