@@ -49,6 +49,9 @@ const MEANT: [(&[&str], &str); 19] = [
     (&["clean", "cleanup", "vacuum", "purge", "shrink", "retention", "compact"], "prune"),
 ];
 
+/// Options of other programs that ask for what `--json` gives.
+const MEANT_AS_JSON: [&str; 4] = ["--format", "--output", "--out-format", "--output-format"];
+
 /// Most letters that differ between a mistyped command and the one that is proposed.
 const FAR: usize = 2;
 
@@ -177,11 +180,38 @@ fn ungrouped(command: &Command) -> impl Iterator<Item = &Command> {
     command.get_subcommands().filter(move |command| !command.is_hide_set() && !is_grouped(command.get_name()))
 }
 
-/// An error of the command line, with the command that was probably meant in place of one that is only spelt alike.
-pub(super) fn with_what_is_meant(mut error: clap::Error, command: &Command) -> clap::Error {
-    if error.kind() != ErrorKind::InvalidSubcommand {
-        return error;
+/// An error of the command line, with the command or option that was probably meant in place of one that is only spelt
+/// alike.
+pub(super) fn with_what_is_meant(error: clap::Error, command: &Command) -> clap::Error {
+    match error.kind() {
+        ErrorKind::InvalidSubcommand => with_command_meant(error, command),
+        ErrorKind::UnknownArgument => {
+            let words: Vec<String> = std::env::args().skip(1).collect();
+            with_option_meant(error, command, &words)
+        }
+        _ => error,
     }
+}
+
+/// With `--json` in place of `--format json` and the like, for a command that has it.
+fn with_option_meant(mut error: clap::Error, command: &Command, words: &[String]) -> clap::Error {
+    let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return error };
+    let called = words.iter().fold(command, |at, word| at.find_subcommand(word).unwrap_or(at));
+    let has_json = called.get_arguments().any(|argument| argument.get_long() == Some("json"));
+    if has_json && MEANT_AS_JSON.contains(&typed.as_str()) {
+        error.remove(ContextKind::SuggestedArg);
+        propose(&mut error, "--json");
+    }
+    error
+}
+
+fn propose(error: &mut clap::Error, meant: &str) {
+    let literal = *Styles::styled().get_valid();
+    let tip: StyledStr = format!("did you mean `{literal}{meant}{literal:#}`?").into();
+    error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+}
+
+fn with_command_meant(mut error: clap::Error, command: &Command) -> clap::Error {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return error };
     let typed = typed.to_lowercase();
     // a command of a command, such as `alerts lst`, is clap's to propose
@@ -196,9 +226,7 @@ pub(super) fn with_what_is_meant(mut error: clap::Error, command: &Command) -> c
     }
     error.remove(ContextKind::SuggestedSubcommand);
     if let Some(meant) = meant(&typed, command) {
-        let literal = *Styles::styled().get_valid();
-        let tip: StyledStr = format!("did you mean `{literal}armwatch {meant}{literal:#}`?").into();
-        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+        propose(&mut error, &format!("armwatch {meant}"));
     }
     error
 }
@@ -266,6 +294,20 @@ mod tests {
             );
             assert!(is_known, "{words:?} -> {meant}: {refused:?}");
         }
+    }
+
+    #[test]
+    fn a_format_that_other_programs_have_is_json() {
+        let command = dressed(Cli::command());
+        let told = |line: &str| {
+            let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            let parsed =
+                command.clone().try_get_matches_from([&["armwatch".to_owned()], &words[..]].concat());
+            with_option_meant(parsed.expect_err("no option of ours"), &command, &words).to_string()
+        };
+        assert!(told("alerts list --format json").contains("did you mean `--json`?"));
+        assert!(!told("alerts list --format json").contains("--log-format"));
+        assert!(!told("alerts ack 1 --frmat json").contains("--json`"));
     }
 
     #[test]
