@@ -185,21 +185,18 @@ fn ungrouped(command: &Command) -> impl Iterator<Item = &Command> {
 pub(super) fn with_what_is_meant(error: clap::Error, command: &Command) -> clap::Error {
     match error.kind() {
         ErrorKind::InvalidSubcommand => with_command_meant(error, command),
-        ErrorKind::UnknownArgument => {
-            let words: Vec<String> = std::env::args().skip(1).collect();
-            with_option_meant(error, command, &words)
-        }
+        ErrorKind::UnknownArgument => with_option_meant(error),
         _ => error,
     }
 }
 
-/// With `--json` in place of `--format json` and the like, for a command that has it.
-fn with_option_meant(mut error: clap::Error, command: &Command, words: &[String]) -> clap::Error {
+/// With `--json`, which every command has, in place of `--format json` and the like.
+fn with_option_meant(mut error: clap::Error) -> clap::Error {
     let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidArg) else { return error };
-    let called = words.iter().fold(command, |at, word| at.find_subcommand(word).unwrap_or(at));
-    let has_json = called.get_arguments().any(|argument| argument.get_long() == Some("json"));
-    if has_json && MEANT_AS_JSON.contains(&typed.as_str()) {
+    if MEANT_AS_JSON.contains(&typed.as_str()) {
         error.remove(ContextKind::SuggestedArg);
+        // it was made for what is only spelt alike
+        error.remove(ContextKind::Usage);
         propose(&mut error, "--json");
     }
     error
@@ -298,16 +295,13 @@ mod tests {
 
     #[test]
     fn a_format_that_other_programs_have_is_json() {
-        let command = dressed(Cli::command());
         let told = |line: &str| {
-            let words: Vec<String> = line.split(' ').map(str::to_owned).collect();
-            let parsed =
-                command.clone().try_get_matches_from([&["armwatch".to_owned()], &words[..]].concat());
-            with_option_meant(parsed.expect_err("no option of ours"), &command, &words).to_string()
+            let parsed = dressed(Cli::command()).try_get_matches_from(line.split(' '));
+            with_option_meant(parsed.expect_err("no option of ours")).to_string()
         };
-        assert!(told("alerts list --format json").contains("did you mean `--json`?"));
-        assert!(!told("alerts list --format json").contains("--log-format"));
-        assert!(!told("alerts ack 1 --frmat json").contains("--json`"));
+        assert!(told("armwatch alerts list --format json").contains("did you mean `--json`?"));
+        assert!(!told("armwatch alerts list --format json").contains("--log-format"));
+        assert!(!told("armwatch alerts ack 1 --frmat json").contains("--json`"));
     }
 
     #[test]

@@ -364,15 +364,24 @@ impl LevelSums {
     }
 }
 
-/// Thermal deficit for each kelvin below the usual ambient temperature, 1/K, with its standard error; `None` where
-/// the record has no ambient temperature.
-pub(super) fn ambient_coefficient(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<Estimate> {
+/// Friction for each kelvin below the usual ambient temperature at the level where cold adds most, Nm/K, with its
+/// standard error; `None` where the record has no ambient temperature.
+///
+/// It is the product of `cold` and the coefficient `c`, with the variance `c² var cold + 2 c cold cov(cold, c) + cold² var c`.
+/// Where the first cycles hardly resolve the fast part, the two alone are uncertain, and their product is not.
+pub(super) fn ambient_effect(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<Estimate> {
     if !matches!(record.sensor, ThermalSensor::Ambient(_)) {
         return None;
     }
-    let at = MapLayout::of(record).law(LawParameter::Sensor);
-    let variance = covariance(record, fitted, runs)?[(at, at)];
-    Some(Estimate { value: fitted.law.sensor, std_error: variance.max(0.0).sqrt() })
+    let layout = MapLayout::of(record);
+    let level = (0..layout.levels).max_by(|a, b| fitted.cold[*a].total_cmp(&fitted.cold[*b]))?;
+    let (cold, c) = (fitted.cold[level], fitted.law.sensor);
+    let (at_cold, at_c) = (layout.cold(level), layout.law(LawParameter::Sensor));
+    let covariance = covariance(record, fitted, runs)?;
+    let variance = c * c * covariance[(at_cold, at_cold)]
+        + 2.0 * c * cold * covariance[(at_cold, at_c)]
+        + cold * cold * covariance[(at_c, at_c)];
+    Some(Estimate { value: cold * c, std_error: variance.max(0.0).sqrt() })
 }
 
 /// The map with its covariance and the part of friction's variance that it explains; `None` where the covariance

@@ -6,7 +6,7 @@
 //! temperature; a fast part that follows the motion stands for them. An ambient temperature below the usual one adds
 //! to the thermal deficit in proportion, with a fitted coefficient.
 
-use super::map::{FittedMap, ambient_coefficient, fit_map};
+use super::map::{FittedMap, ambient_effect, fit_map};
 use super::record::{
     AmbientTemperatures, CycleMotion, JointRecord, MapRun, MotorTemperatures, RecordPoint, ThermalSensor,
     reading_at, runs_of,
@@ -39,7 +39,7 @@ const MAX_RESIDUAL_RATIO: f64 = 2.0;
 /// Largest residual with a motor's temperature, as a fraction of the variation of friction.
 const MAX_RESIDUAL: f64 = 0.4;
 
-/// An ambient coefficient of fewer standard errors than this is not used.
+/// An ambient temperature whose effect on friction is fewer standard errors than this is not used.
 const MIN_STANDARD_ERRORS: f64 = 2.0;
 
 /// The temperature to use for a joint with these points, and a sentence on why a recorded one is not used.
@@ -92,7 +92,7 @@ pub(super) fn held_sensor(
 /// Fits the map of a record for the first time, and again without its sensor if friction contradicts the sensor.
 ///
 /// A motor's temperature is rejected if it leaves a far larger residual than motion alone does. An ambient
-/// temperature is rejected if its coefficient is not significantly above zero.
+/// temperature is rejected if its effect on friction is not significantly above zero.
 pub(super) fn first_fit(record: &mut JointRecord, runs: usize) -> FittedMap {
     let fit = fit_map(record, None);
     let reason = match &record.sensor {
@@ -122,8 +122,8 @@ fn motor_rejection(record: &JointRecord, fit: &FittedMap) -> Option<String> {
 
 /// Why the ambient temperature of a record is rejected.
 fn ambient_rejection(record: &JointRecord, fit: &FittedMap, runs: usize) -> Option<String> {
-    let coefficient = ambient_coefficient(record, fit, runs)?;
-    let rejected = coefficient.value < MIN_STANDARD_ERRORS * coefficient.std_error;
+    let effect = ambient_effect(record, fit, runs)?;
+    let rejected = effect.value < MIN_STANDARD_ERRORS * effect.std_error;
     rejected.then(|| "the ambient temperature is not used: friction does not tell that it matters".to_owned())
 }
 

@@ -228,6 +228,19 @@ fn a_joint_that_always_swung_is_found_in_its_first_run() {
 }
 
 #[test]
+fn a_joint_that_goes_on_swinging_keeps_its_alarm() {
+    let arms = 12;
+    let of_arm = |seed: u64| {
+        let swings = |_| State { swing: Some((4, 0.12)), ..State::default() };
+        let found = alarms(&fleet(25, seed, swings));
+        let of_joint = |of: &&Anomaly| of.kind == AnomalyKind::Oscillation && of.quantity == "friction_swing";
+        found.iter().filter(of_joint).count()
+    };
+    let episodes: Vec<usize> = (1..=arms).map(of_arm).collect();
+    assert!(episodes.iter().all(|count| *count == 1), "{episodes:?}");
+}
+
+#[test]
 fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
     let slower = |run: i64| State { slower: (run >= 7).then_some((3, 2.0)), ..State::default() };
     let found = only(&fleet(10, 5, slower), AnomalyKind::Thermal, Some(4));

@@ -37,8 +37,9 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                 return Verdict::Unknown;
             }
             let Some(Cause::Scatter(size)) = found.clear() else {
-                before = false;
-                return Verdict::Quiet;
+                // a few cycles do not always show clearly what goes on; that they may show it does not end it
+                before = before && found.may_scatter();
+                return if before { Verdict::Unknown } else { Verdict::Quiet };
             };
             let is_confirmed = std::mem::replace(&mut before, true) || size >= PLAIN;
             let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };

@@ -295,3 +295,34 @@ fn runs_without_the_halls_temperature_count_as_in_the_usual_hall() {
         assert!(indices.iter().all(|index| (index.index.value - 1.0).abs() < ADMITTED), "{indices:?}");
     }
 }
+
+/// Tests every third day over half a year, of forty minutes after a day's rest, in a hall between 13 K colder and 13 K
+/// warmer than usual.
+fn half_a_year(seed: u64) -> Arm {
+    let mut arm = Arm::unlike(seed);
+    arm.sensors = HALL;
+    for day in (0..180).step_by(3) {
+        let season = (std::f64::consts::TAU * f64::from(day) / 360.0 + seed as f64).sin();
+        let hall = 10.0 * season + 1.5 * arm.normal();
+        arm.rest(71.0 * HOUR, hall);
+        arm.run_of(8, hall, [0.0; JOINTS]);
+    }
+    arm
+}
+
+#[test]
+fn a_season_is_no_wear_where_the_hall_is_measured() {
+    for seed in 30..40 {
+        let found = half_a_year(seed).friction();
+        let off = |joint: usize| {
+            let of_joint = found.indices[BASELINE..].iter().flatten();
+            let changes: Vec<f64> =
+                of_joint.filter(|of| of.joint.index() == joint).map(|of| of.index.value - 1.0).collect();
+            largest(&changes)
+        };
+        let of_joints: Vec<f64> = (0..JOINTS).map(off).collect();
+        println!("arm {seed}, largest change of each joint's index: {of_joints:.3?}");
+        // a warning is 0.05
+        assert!(largest(&of_joints) < 0.04, "arm {seed}: {of_joints:.3?}");
+    }
+}

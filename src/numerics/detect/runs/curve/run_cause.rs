@@ -125,6 +125,14 @@ impl RunCause {
         (size >= 1.0 && clear).then_some(cause)
     }
 
+    /// Whether scatter that is worth a word explains the run about as well as the likeliest cause, clear or not.
+    pub(in crate::numerics::detect::runs) fn may_scatter(&self) -> bool {
+        let close = |of: &Kind| of.weight >= (-LEAST_LEAD).exp();
+        self.kinds
+            .iter()
+            .any(|of| matches!(of.cause, Cause::Scatter(size) if size >= LEAST_SCATTER) && close(of))
+    }
+
     /// Advantage over no cause, in logarithms, that a cause needs.
     pub(in crate::numerics::detect::runs) fn needed(&self) -> f64 {
         self.least_advantage
