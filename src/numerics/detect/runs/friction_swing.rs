@@ -37,7 +37,7 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                 return Verdict::Unknown;
             }
             let Some(Cause::Scatter(size)) = found.clear() else {
-                // a few cycles do not always show clearly what goes on; that they may show it does not end it
+                // a few cycles do not always show it clearly: a run that may show it does not end it
                 before = before && found.may_scatter();
                 return if before { Verdict::Unknown } else { Verdict::Quiet };
             };
