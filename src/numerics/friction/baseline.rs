@@ -10,7 +10,8 @@
 //! surroundings as they do.
 
 use super::held_map::{HeldMap, Zero, held_record};
-use super::map::{FittedMap, fit_map, published};
+use super::map::{FittedMap, fit_map};
+use super::published_map::published;
 use super::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of};
 use super::run_effects::{JointScales, PriorScales, RunEffect, run_effects};
 use super::run_points::start_decay;

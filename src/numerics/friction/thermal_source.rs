@@ -6,7 +6,8 @@
 //! temperature; a fast part that follows the motion stands for them. An ambient temperature below the usual one adds
 //! to the thermal deficit in proportion, with a fitted coefficient.
 
-use super::map::{FittedMap, ambient_effect, fit_map};
+use super::map::{FittedMap, fit_map};
+use super::published_map::ambient_effect;
 use super::record::{
     AmbientTemperatures, CycleMotion, JointRecord, MapRun, MotorTemperatures, RecordPoint, ThermalSensor,
     reading_at, runs_of,

@@ -7,7 +7,7 @@ use super::tests::{
 };
 use crate::analysis::CycleTemperatures;
 use crate::analysis::friction::{FrictionMap, ThermalSource};
-use crate::numerics::friction::map::{map_friction, with_temperatures};
+use crate::numerics::friction::published_map::{map_friction, with_temperatures};
 use crate::numerics::friction::record::{CycleMotion, MapRun};
 use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
 

@@ -9,7 +9,7 @@ use super::{REMEMBERED_S, Reference, learnt_runs, run_indices, stages};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
 use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
-use crate::numerics::friction::map::map_friction;
+use crate::numerics::friction::published_map::map_friction;
 use crate::numerics::friction::record::{CycleMotion, MapRun};
 use crate::numerics::friction::run_record::{FULL_RUN_POINTS, coverage};
 use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
