@@ -141,6 +141,11 @@ impl LawParameters {
         Rates { heating: [self.slow.exp(), self.fast.exp()], cooling_ratio: self.cooling.exp() }
     }
 
+    /// The parameters as far beyond these as these are beyond `before`: `2 self - before`.
+    pub(super) fn beyond(&self, before: &Self) -> Self {
+        LawParameter::ALL.into_iter().fold(*self, |law, k| law.with(k, 2.0 * self.get(k) - before.get(k)))
+    }
+
     /// Thermal deficit that friction depends on: `share x_slow + (1 - share) x_fast`.
     pub(super) fn mixed(&self, x: ThermalDeficit) -> f64 {
         self.share * x[0] + (1.0 - self.share) * x[1]

@@ -6,11 +6,13 @@
 //!
 //! The deficits of the two parts follow from the thermal law ([`super::thermal_state`]), or from a measured
 //! temperature. `warm` and `cold` enter linearly and are solved for. The parameters of the law enter nonlinearly and
-//! are found by a search along one coordinate after the other (variable projection, Golub & Pereyra 1973). Each has
-//! a weak prior.
+//! are found by a search along one coordinate after the other (variable projection, Golub & Pereyra 1973). With an ambient
+//! temperature the cost has long narrow valleys, in which such a search stops: its coefficient is solved for at every law,
+//! and the search goes on along the way it came (Hooke & Jeeves 1961). Each parameter has a weak prior.
 
 use super::record::{JointRecord, RecordPoint, ThermalSensor};
 use super::thermal_state::{ThermalDeficit, thermal_deficits};
+use crate::numerics::friction::golden_section::least_on_grid;
 use crate::numerics::friction::law::{
     BOUNDS, Bounds, LawParameter, LawParameters, LawPrior, MOTOR_AHEAD, MOTOR_BOUNDS, MOTOR_PRIOR, PRIOR,
 };
@@ -19,6 +21,11 @@ use crate::numerics::friction::law::{
 const STEPS: LawParameters = LawParameters { slow: 0.4, fast: 0.4, share: 0.15, cooling: 0.4, sensor: 0.04 };
 /// The search ends where halving has made the step of the slow time constant smaller than this.
 const LAST_STEP: f64 = 0.01;
+/// The same with an ambient temperature.
+const LAST_STEP_IN_VALLEYS: f64 = 0.0002;
+/// Intervals of the bounds of an ambient temperature's coefficient, between which its best value is sought: 0.0125 1/K, half
+/// of the coefficient of a gear that warms by 40 K.
+const COEFFICIENT_INTERVALS: usize = 80;
 /// Most rounds of the search over all parameters.
 const MAX_ROUNDS: usize = 60;
 
@@ -133,6 +140,15 @@ pub(super) fn fitted_parameters(record: &JointRecord) -> Vec<LawParameter> {
     fitted
 }
 
+/// Those of them that are searched for: the coefficient of an ambient temperature follows from the others.
+fn searched_parameters(record: &JointRecord) -> Vec<LawParameter> {
+    let mut searched = fitted_parameters(record);
+    if matches!(record.sensor, ThermalSensor::Ambient(_)) {
+        searched.retain(|parameter| *parameter != LawParameter::Sensor);
+    }
+    searched
+}
+
 /// Whether any rest was short enough for the joint to be warm after it.
 fn has_warm_start(record: &JointRecord) -> bool {
     record.spans.windows(2).any(|w| (1.0..COLD_AFTER_S).contains(&(w[1].start - w[0].end)))
@@ -150,27 +166,21 @@ pub(super) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> Fit
     ahead.filter(|ahead| ahead.cost < from_mean.cost).unwrap_or(from_mean)
 }
 
-/// Coordinate search: steps up and down along each fitted parameter, and halves all steps after a round without a
-/// better map.
+/// Coordinate search: steps up and down along each searched parameter, and halves all steps after a round without a
+/// better map. With an ambient temperature a pattern search.
 fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
+    let in_valleys = matches!(record.sensor, ThermalSensor::Ambient(_));
+    let last_step = if in_valleys { LAST_STEP_IN_VALLEYS } else { LAST_STEP };
+    let searched = searched_parameters(record);
     let mut best = at_law(record, start);
     let mut steps = STEPS;
-    let fitted = fitted_parameters(record);
     for _ in 0..MAX_ROUNDS {
-        let mut moved = false;
-        for &parameter in &fitted {
-            for sign in [1.0, -1.0] {
-                let value = best.law.get(parameter) + sign * steps.get(parameter);
-                let tried = at_law(record, best.law.with(parameter, value));
-                if tried.cost < best.cost {
-                    (best, moved) = (tried, true);
-                    break;
-                }
-            }
-        }
-        if !moved {
+        let explored = explored(record, best.clone(), &steps, &searched);
+        if explored.cost < best.cost {
+            best = if in_valleys { on_pattern(record, best, explored, &steps, &searched) } else { explored };
+        } else {
             steps = steps.map(|step| 0.5 * step);
-            if steps.slow < LAST_STEP {
+            if steps.slow < last_step {
                 break;
             }
         }
@@ -178,7 +188,46 @@ fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
     best
 }
 
-/// The map at one law, its levels solved for.
+/// The best map after a step up or down along each parameter, from `best` on.
+fn explored(
+    record: &JointRecord,
+    mut best: FittedMap,
+    steps: &LawParameters,
+    searched: &[LawParameter],
+) -> FittedMap {
+    for &parameter in searched {
+        for sign in [1.0, -1.0] {
+            let value = best.law.get(parameter) + sign * steps.get(parameter);
+            let tried = at_law(record, best.law.with(parameter, value));
+            if tried.cost < best.cost {
+                best = tried;
+                break;
+            }
+        }
+    }
+    best
+}
+
+/// The best map on the way from `from` to the better `to` and as far again beyond it, again and again, with a round of steps
+/// at each place.
+fn on_pattern(
+    record: &JointRecord,
+    mut from: FittedMap,
+    mut to: FittedMap,
+    steps: &LawParameters,
+    searched: &[LawParameter],
+) -> FittedMap {
+    for _ in 0..MAX_ROUNDS {
+        let tried = explored(record, at_law(record, to.law.beyond(&from.law)), steps, searched);
+        if tried.cost >= to.cost {
+            break;
+        }
+        (from, to) = (to, tried);
+    }
+    to
+}
+
+/// The map at one law, its levels solved for, and the coefficient of an ambient temperature with them.
 ///
 /// `cost = n ln Q + sum ((theta - mean) / deviation)²`: minus twice the logarithm of the posterior, with `n` points,
 /// the sum `Q` of squared relative residuals and the law's parameters `theta`.
@@ -186,7 +235,12 @@ fn at_law(record: &JointRecord, law: LawParameters) -> FittedMap {
     if !is_admissible(record, &law) {
         return FittedMap::rejected(law);
     }
-    let lines: Vec<LevelLine> = level_sums(record, &law).iter().map(LevelSums::line).collect();
+    let sums = level_sums(record, &law);
+    let law = match record.sensor {
+        ThermalSensor::Ambient(_) => law.with(LawParameter::Sensor, best_coefficient(record, &sums, &law)),
+        ThermalSensor::None | ThermalSensor::Motor(_) => law,
+    };
+    let lines = lines(&sums, &law);
     let squares = lines.iter().fold(0.0, |sum, line| sum + line.squares);
     let n = record.map_points() as f64;
     // friction without noise has no residuals, and zero has no logarithm
@@ -219,6 +273,35 @@ fn prior_cost(record: &JointRecord, law: &LawParameters) -> f64 {
     LawParameter::ALL.into_iter().map(square).sum()
 }
 
+/// Coefficient of the ambient temperature, 1/K, with which the cost is least, the other parameters of the law held.
+fn best_coefficient(record: &JointRecord, sums: &[AmbientSums], law: &LawParameters) -> f64 {
+    let n = record.map_points() as f64;
+    let cost = |coefficient: f64| {
+        let law = law.with(LawParameter::Sensor, coefficient);
+        let squares: f64 = lines(sums, &law).iter().map(|line| line.squares).sum();
+        n * squares.max(f64::MIN_POSITIVE).ln() + prior_cost(record, &law)
+    };
+    let Bounds { low, high } = law_bounds(record).sensor;
+    least_on_grid(cost, [low, high], COEFFICIENT_INTERVALS)
+}
+
+/// The line of each level, with the law's coefficient of the ambient temperature.
+fn lines(sums: &[AmbientSums], law: &LawParameters) -> Vec<LevelLine> {
+    sums.iter().map(|sums| sums.with_coefficient(law.sensor).line()).collect()
+}
+
+/// Sums over the points of a level: of the thermal deficits `x` without an ambient temperature, of how much that was below
+/// the usual, `d`, K, and of friction `y`, Nm.
+#[derive(Debug, Clone, Copy, Default)]
+struct AmbientSums {
+    /// Sums of `x` and `y`.
+    without: LevelSums,
+    d: f64,
+    dd: f64,
+    dx: f64,
+    dy: f64,
+}
+
 /// Sums over the points of a level, of thermal deficits `x` and friction `y`, Nm.
 #[derive(Debug, Clone, Copy, Default)]
 struct LevelSums {
@@ -242,13 +325,39 @@ struct LevelLine {
 }
 
 /// Sums of each level over the points of the map, at the thermal deficits of a law.
-fn level_sums(record: &JointRecord, law: &LawParameters) -> Vec<LevelSums> {
-    let deficits = point_deficits(record, law);
-    let mut sums = vec![LevelSums::default(); record.levels.len()];
+fn level_sums(record: &JointRecord, law: &LawParameters) -> Vec<AmbientSums> {
+    let (below_usual, without) = match &record.sensor {
+        ThermalSensor::Ambient(ambient) => (&ambient.below_usual[..], law.with(LawParameter::Sensor, 0.0)),
+        ThermalSensor::None | ThermalSensor::Motor(_) => (&[][..], *law),
+    };
+    let deficits = point_deficits(record, &without);
+    let mut sums = vec![AmbientSums::default(); record.levels.len()];
     for (p, x) in record.in_map(&deficits) {
-        sums[p.level].add(law.mixed(*x) + p.offset, p.healthy());
+        let below_usual = below_usual.get(p.run).copied().unwrap_or(0.0);
+        sums[p.level].add(law.mixed(*x) + p.offset, below_usual, p.healthy());
     }
     sums
+}
+
+impl AmbientSums {
+    fn add(&mut self, x: f64, d: f64, y: f64) {
+        self.without.add(x, y);
+        self.d += d;
+        self.dd += d * d;
+        self.dx += d * x;
+        self.dy += d * y;
+    }
+
+    /// Sums over the deficits `x + c d`.
+    fn with_coefficient(&self, c: f64) -> LevelSums {
+        let of = self.without;
+        LevelSums {
+            x: of.x + c * self.d,
+            xx: of.xx + c * (2.0 * self.dx + c * self.dd),
+            xy: of.xy + c * self.dy,
+            ..of
+        }
+    }
 }
 
 impl LevelSums {

@@ -4,6 +4,7 @@ pub mod composite;
 pub mod plateaus;
 mod plateau;
 mod slow_passes;
+mod golden_section;
 pub mod over_speed;
 pub mod level_means;
 pub mod excitation;

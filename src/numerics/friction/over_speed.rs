@@ -7,6 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::golden_section::least_between;
 use super::separable::{Terms, on_gradient};
 use crate::analysis::friction::{Asymmetry, JointSpeedFits, SpeedCoefficient, SpeedFit, SpeedModel};
 use crate::analysis::{Estimate, FrictionPoint};
@@ -34,9 +35,8 @@ const EXPONENT: [f64; 2] = [0.1, 3.0];
 /// see nothing of it (`exp(-4)` is left of it), to this fraction of the fastest, where it is curvature.
 const STRIBECK: [f64; 2] = [0.5, 0.5];
 
-/// Grid over the bounds, then steps of the golden section: to 1e-4 of the grid's step.
+/// Intervals of the grid over the bounds; the minimum is then sought between the neighbours of its best place.
 const GRID: usize = 24;
-const GOLDEN_STEPS: usize = 20;
 
 /// Places at which a polynomial is held against zero.
 const SIGN_PLACES: usize = 50;
@@ -373,7 +373,7 @@ fn fit(side: &Side, model: SpeedModel) -> Option<Raw> {
         // the data push it out of what they can show
         return None;
     }
-    let log = golden(cost, low + step * (best as f64 - 1.0), low + step * (best as f64 + 1.0));
+    let log = least_between(cost, low + step * (best as f64 - 1.0), low + step * (best as f64 + 1.0));
     finished(side, model, Some(finished_log(side, model, log)))
 }
 
@@ -408,20 +408,6 @@ fn column_slope(model: SpeedModel, log: f64, u: f64) -> f64 {
         }
         SpeedModel::Coulomb | SpeedModel::CoulombViscous | SpeedModel::Polynomial => 0.0,
     }
-}
-
-/// Golden-section search of a minimum between `low` and `high`.
-fn golden(cost: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
-    let ratio = f64::midpoint(5.0_f64.sqrt(), -1.0);
-    for _ in 0..GOLDEN_STEPS {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if cost(a) < cost(b) {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    f64::midpoint(low, high)
 }
 
 /// Linear coefficients under their bounds: of all choices of coefficients held at zero, the feasible one

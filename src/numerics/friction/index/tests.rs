@@ -227,6 +227,20 @@ impl Arm {
         self.gears.iter().zip(&self.heat).map(|(gear, heat)| gear.friction(LEVELS[level], heat[0])).collect()
     }
 
+    /// What a kelvin less of the hall adds to friction at the largest speed, Nm/K: of each gear in lasting motion, where it
+    /// warms itself the more, and of each gear that is as cold as the hall.
+    pub(super) fn friction_per_kelvin(&self) -> [Vec<f64>; 2] {
+        let lasting = |gear: &Gear, hall: f64| {
+            let mut state = [gear.warm() + hall, gear.rise[0] + hall];
+            (0..8 * 720).for_each(|_| gear.step(&mut state, hall, 1.0, 5.0));
+            gear.friction(1.0, state[0])
+        };
+        let of = |friction: &dyn Fn(&Gear, f64) -> f64| {
+            self.gears.iter().map(|gear| friction(gear, -0.5) - friction(gear, 0.5)).collect()
+        };
+        [of(&lasting), of(&|gear, hall| gear.friction(1.0, hall))]
+    }
+
     /// A run in a hall that is `hall` K warmer than usual, with wear by joint.
     pub(super) fn run(&mut self, hall: f64, wear: [f64; JOINTS]) {
         self.run_of(CYCLES, hall, wear);
