@@ -275,7 +275,7 @@ pub struct Anomaly {
     /// Where the change most likely began.
     pub onset: Onset,
     /// Posterior odds of the cause that `kind` and `joint` name against all others together; `None` where causes
-    /// were not compared.
+    /// were not compared. Those of friction that is away from its baseline are of the latest test's friction curve.
     pub odds: Option<f64>,
     /// The rejected causes, the likeliest first.
     pub alternatives: Vec<Alternative>,

@@ -121,7 +121,7 @@ export function mount({ main, argument, title }) {
     draw: (one) => {
       if (!one) return empty("No hypotheses.");
       const others = alternatives(one);
-      if (!isNumber(one.odds) && !others.length) return h("p", { class: "muted" }, "Causes were not compared for this kind of anomaly.");
+      if (!isNumber(one.odds) && !others.length) return h("p", { class: "muted" }, "Other causes were not compared.");
       return h("ol", { class: "causes" },
         h("li", null, h("b", null, `${kindName(one.kind)}, ${jointName(one.joint)}`), h("span", null, `${likelihood(one.odds)}, against all others together`)),
         others.map((other) => h("li", null, h("span", null, sentence(String(other.cause ?? ""))), h("span", { class: "muted" }, likelihood(other.odds)))));

@@ -10,7 +10,7 @@ use super::*;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing};
-use crate::anomaly::{Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
+use crate::anomaly::{Alternative, Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use crate::robot::{ParameterId, ParameterKind};
 
 pub(super) const JOINTS: usize = 6;
@@ -192,6 +192,7 @@ fn a_step_inside_a_run_is_found_in_that_run_with_its_cycle() {
                 (9, Some(5), 9),
                 "{runs}"
             );
+            assert!(rejects(&found, "no change"), "{runs}: {found:?}");
             assert!(!found.ended, "{runs}: {found:?}");
         }
     }
@@ -257,6 +258,24 @@ fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
     };
     let found = only(&fleet(11, 6, worn), AnomalyKind::Drift, Some(3));
     assert!((7..=9).contains(&found.onset.run_id) && found.first_run_id <= 10, "{found:?}");
+    assert!(rejects(&found, "no change") && rejects(&found, "another warmth at the start"), "{found:?}");
+}
+
+/// Whether an alarm has odds, and these words among the causes that are much less likely.
+fn rejects(alarm: &Anomaly, words: &str) -> bool {
+    let rejected = |of: &Alternative| of.cause == words && of.odds < 0.01;
+    alarm.odds.is_some_and(|odds| odds > 100.0) && alarm.alternatives.iter().any(rejected)
+}
+
+#[test]
+fn friction_that_is_higher_from_a_test_on_says_which_causes_were_rejected() {
+    let higher = |run: i64| State {
+        friction: (run >= 8).then_some(|j, _| if j == 2 { 0.1 } else { 0.0 }),
+        ..State::default()
+    };
+    let found = only(&fleet(12, 4, higher), AnomalyKind::Step, Some(3));
+    assert_eq!((found.onset.run_id, found.onset.cycle), (9, None), "{found:?}");
+    assert!(rejects(&found, "no change") && rejects(&found, "another warmth at the start"), "{found:?}");
 }
 
 #[test]

@@ -9,6 +9,7 @@
 //! of the average move it to their level. A change is over below three quarters of its limit. A smaller change is a warning
 //! too where it grows with every test ([`super::steady_rise`]).
 
+use super::curve::run_cause::RunCause;
 use super::forecast::{Test, forecast};
 use super::friction_change::{Shape, shape};
 use super::friction_history::{FrictionHistory, Observed, Source};
@@ -45,9 +46,9 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
-                    for verdict in &mut verdicts[first..=last] {
-                        if let Verdict::Out { why, .. } = verdict {
-                            why.onset = Some((run, None));
+                    for place in first..=last {
+                        if let Verdict::Out { why, .. } = &mut verdicts[place] {
+                            *why = Why { onset: Some((run, None)), ..why_level(series, place) };
                         }
                     }
                 }
@@ -60,6 +61,13 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
         }
         verdicts
     }
+}
+
+/// What the causes of a test's friction curve say of another level of friction.
+pub(super) fn why_level(series: &JointSeries<'_>, run: usize) -> Why {
+    let compared = series.causes.get(run).and_then(Option::as_ref).and_then(RunCause::odds_of_level);
+    let (odds, alternatives) = compared.unzip();
+    Why { onset: None, odds, alternatives: alternatives.unwrap_or_default() }
 }
 
 /// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so

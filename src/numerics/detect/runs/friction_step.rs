@@ -8,9 +8,9 @@
 
 use super::curve::hypothesis::Cause;
 use super::friction_change::Shape;
-use super::friction_drift::{Judged, episode_shape, episodes, judged};
+use super::friction_drift::{Judged, episode_shape, episodes, judged, why_level};
 use super::series::JointSeries;
-use crate::anomaly::{Alternative, AnomalyKind, Severity};
+use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{Verdict, Why};
 
@@ -31,11 +31,19 @@ impl Detector<JointSeries<'_>> for FrictionStep {
             match episode_shape(series, &rises, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {
-                    let odds = series.causes.get(run).and_then(Option::as_ref).map(|of| of.odds());
-                    for verdict in &mut verdicts[first..=last] {
-                        if let Verdict::Out { why, message, .. } = verdict {
+                    // what the test says in which it jumped, or, between two, each test behind it
+                    let inside = series.causes.get(run).and_then(Option::as_ref).filter(|_| cycle.is_some());
+                    for place in first..=last {
+                        if let Verdict::Out { why, message, .. } = &mut verdicts[place] {
+                            *why = match inside {
+                                Some(of) => Why {
+                                    odds: Some(of.odds()),
+                                    alternatives: of.alternatives(),
+                                    ..Why::default()
+                                },
+                                None => why_level(series, place),
+                            };
                             why.onset = Some((run, cycle));
-                            why.odds = odds.filter(|_| cycle.is_some());
                             *message = format!(
                                 "friction jumped by {:+.0} %{}; {message}",
                                 100.0 * size,
@@ -68,7 +76,6 @@ fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
     let Some(Cause::Step { cycle, size }) = found.clear() else { return None };
     let change = size.exp_m1();
     let threshold = series.settings.drift_warning;
-    let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
     Some(Verdict::Out {
         severity: match change.abs() {
             size if size >= series.settings.drift_critical => Severity::Critical,
@@ -87,7 +94,7 @@ fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
         why: Why {
             onset: Some((run, Some(cycle))),
             odds: Some(found.odds()),
-            alternatives: found.alternatives().into_iter().map(rejected).collect(),
+            alternatives: found.alternatives(),
         },
     })
 }

@@ -8,7 +8,7 @@
 
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;
-use crate::anomaly::{Alternative, AnomalyKind, Severity};
+use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::verdict::{Verdict, Why};
 
@@ -42,7 +42,6 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                 return if before { Verdict::Unknown } else { Verdict::Quiet };
             };
             let is_confirmed = std::mem::replace(&mut before, true) || size >= PLAIN;
-            let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             Verdict::Out {
                 severity: match size {
                     _ if size >= CRITICAL => Severity::Critical,
@@ -60,11 +59,7 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                     found.cycles,
                     100.0 * found.scatter
                 ),
-                why: Why {
-                    onset: None,
-                    odds: Some(found.odds()),
-                    alternatives: found.alternatives().into_iter().map(rejected).collect(),
-                },
+                why: Why { onset: None, odds: Some(found.odds()), alternatives: found.alternatives() },
             }
         };
         (0..series.causes.len()).map(verdict).collect()

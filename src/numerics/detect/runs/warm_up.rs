@@ -10,7 +10,7 @@
 use super::curve::hypothesis::Cause;
 use super::series::JointSeries;
 use super::warm_up_jump::{LEAST_FACTOR, WarmUpJump};
-use crate::anomaly::{Alternative, AnomalyKind, Severity};
+use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::detect::verdict::{Verdict, Why};
@@ -58,7 +58,6 @@ impl Detector<JointSeries<'_>> for WarmUp {
             };
             // one test that shows it by itself may be the first of those that do
             let onset = jump.map(|jump| (jump.since, None));
-            let rejected = |(cause, odds): (Cause, f64)| Alternative { cause: cause.words(), odds };
             let side = if factor > 1.0 { "longer" } else { "less" };
             let is_own = matches!(found.likeliest(), Cause::TimeConstant(_));
             Verdict::Out {
@@ -74,11 +73,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 why: Why {
                     onset,
                     odds: is_own.then(|| found.odds()),
-                    alternatives: if is_own {
-                        found.alternatives().into_iter().map(rejected).collect()
-                    } else {
-                        Vec::new()
-                    },
+                    alternatives: if is_own { found.alternatives() } else { Vec::new() },
                 },
             }
         };

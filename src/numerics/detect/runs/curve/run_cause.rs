@@ -2,7 +2,7 @@
 
 use super::hypothesis::{Cause, Judged, PRIOR};
 use crate::analysis::Estimate;
-use crate::anomaly::RunSummary;
+use crate::anomaly::{Alternative, RunSummary};
 use crate::numerics::detect::rate::budget::advantage;
 use crate::numerics::detect::verdict::{DetectSettings, MOST_ODDS};
 
@@ -144,8 +144,20 @@ impl RunCause {
     }
 
     /// The best of each other kind, with its odds, the likeliest first.
-    pub(in crate::numerics::detect::runs) fn alternatives(&self) -> Vec<(Cause, f64)> {
-        self.kinds.iter().skip(1).map(|of| (of.cause, self.odds_of(of))).collect()
+    pub(in crate::numerics::detect::runs) fn alternatives(&self) -> Vec<Alternative> {
+        self.kinds.first().map_or_else(Vec::new, |first| self.others(first))
+    }
+
+    /// Odds of another level of friction in all cycles against all other causes together, and the best of each other kind;
+    /// `None` where the run is too near the usual for causes to be told apart.
+    pub(in crate::numerics::detect::runs) fn odds_of_level(&self) -> Option<(f64, Vec<Alternative>)> {
+        let level = self.kinds.iter().find(|of| matches!(of.cause, Cause::Scale(_)))?;
+        (self.kinds.len() > 1).then(|| (self.odds_of(level), self.others(level)))
+    }
+
+    fn others(&self, kind: &Kind) -> Vec<Alternative> {
+        let others = self.kinds.iter().filter(|of| !is_same_kind(&of.cause, &kind.cause));
+        others.map(|of| Alternative { cause: of.cause.words(), odds: self.odds_of(of) }).collect()
     }
 
     fn odds_of(&self, kind: &Kind) -> f64 {
