@@ -65,7 +65,7 @@ use crate::metrics::Metrics;
 use crate::store::Store;
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
-use answer::Refusal;
+use answer::{BODY_BYTES, Refusal};
 use rates::{Peer, Rates};
 use shared::{STATEMENTS, Uploads};
 use spool::Spool;
@@ -81,9 +81,6 @@ const HEADERS: usize = 64;
 
 /// How long a client may take over the headers of a request, and stay connected without one.
 const HEADER_TIME: Duration = Duration::from_secs(15);
-
-/// Most bytes of a body that is no upload.
-const BODY_BYTES: usize = 256 << 10;
 
 /// How long a request may take until its answer begins; one that is no upload.
 const REQUEST_TIME: Duration = Duration::from_secs(60);
@@ -256,9 +253,11 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     }
 }
 
-/// A refusal of the library, such as that of a number that is none, in the form of all others.
+/// A refusal of the library, such as that of an address with what is no text, in the form of all others.
 async fn explained(answer: Response) -> Response {
     const LONGEST: usize = 4 << 10;
+    /// Where requests are described.
+    const DESCRIBED: &str = "GET /v1/openapi.json and docs/api.md describe the requests";
     let is_text =
         answer.headers().get(CONTENT_TYPE).is_some_and(|media| media.as_bytes().starts_with(b"text/plain"));
     if !(answer.status().is_client_error() && is_text) {
@@ -266,8 +265,11 @@ async fn explained(answer: Response) -> Response {
     }
     let status = answer.status();
     match to_bytes(answer.into_body(), LONGEST).await {
-        Ok(text) => Refusal::new(status, String::from_utf8_lossy(&text)).into_response(),
-        Err(_) => Refusal::new(status, "the request is not understood").into_response(),
+        Ok(text) => {
+            let text = String::from_utf8_lossy(&text);
+            Refusal::new(status, format!("{text}; {DESCRIBED}")).into_response()
+        }
+        Err(_) => Refusal::new(status, format!("the request is not understood; {DESCRIBED}")).into_response(),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{ArgGroup, Args};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, ToSpan};
@@ -36,15 +36,16 @@ an earlier export. A file that is no export of its view is replaced with --force
 With --by-month, views with the rows of runs become folders: fleet/cycles/robot=R01/month=2026-11/cycles.parquet, which
 DuckDB, polars, Spark and others read as one table. A file whose rows have not changed is left alone, so that only what is
 new has to be copied elsewhere.")]
+#[command(group(ArgGroup::new("destination").args(["csv", "parquet", "output"]).required(true)))]
 pub(super) struct ExportArgs {
     /// Views to write [default: all]
     #[arg(value_name = "VIEW", value_parser = view_names(), hide_possible_values = true)]
     views: Vec<String>,
     /// Write VIEW.csv into this folder, which is made where there is none
-    #[arg(help_heading = "Where to", long, value_name = "DIR", required_unless_present_any = ["parquet", "output"], conflicts_with_all = ["parquet", "output"])]
+    #[arg(help_heading = "Where to", long, value_name = "DIR")]
     csv: Option<PathBuf>,
     /// Write VIEW.parquet into this folder
-    #[arg(help_heading = "Where to", long, value_name = "DIR", conflicts_with = "output")]
+    #[arg(help_heading = "Where to", long, value_name = "DIR")]
     parquet: Option<PathBuf>,
     /// Write one view to this file; its name ends with .csv or .parquet
     #[arg(help_heading = "Where to", short, long, value_name = "FILE", requires = "views")]

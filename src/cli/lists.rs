@@ -6,6 +6,7 @@ use clap::builder::PossibleValuesParser;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::rows::{self, RowArgs};
+use super::shared::unknown_robot::require_robot;
 use crate::run::{RunKind, RunStatus};
 use crate::store::{AskError, ListFilter, Store, Table};
 
@@ -40,7 +41,7 @@ pub(super) struct RunsArgs {
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
     kind: Option<String>,
     /// So many at most
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 20, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]
     rows: RowArgs,
@@ -54,7 +55,7 @@ Examples:
   armwatch cycles --run 12 --json | jq .residual_std_nm")]
 pub(super) struct CyclesArgs {
     /// Only cycles of this run
-    #[arg(long, value_name = "RUN_ID")]
+    #[arg(long, value_name = "RUN_ID", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..))]
     run: Option<i64>,
     /// Only cycles of this robot
     #[arg(long, value_name = "NAME")]
@@ -63,7 +64,7 @@ pub(super) struct CyclesArgs {
     #[arg(long, value_name = "STATUS", value_parser = ["complete", "doubtful", "refused"])]
     status: Option<String>,
     /// So many at most, the newest
-    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 50, allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..))]
     limit: u32,
     #[command(flatten)]
     rows: RowArgs,
@@ -76,7 +77,7 @@ const NO_RUN: &str =
     "no run is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders";
 
 pub(super) fn robots(global: &Global, args: &RobotsArgs) -> Result<u8, CliError> {
-    let table = asked(global, async |store| store.robot_list().await)?;
+    let table = asked(global, &ListFilter::default(), async |store| store.robot_list().await)?;
     rows::print(&table, args.rows, global.json, NO_RUN)?;
     Ok(EXIT_DONE)
 }
@@ -89,7 +90,7 @@ pub(super) fn runs(global: &Global, args: &RunsArgs) -> Result<u8, CliError> {
         kind: args.kind.as_deref(),
         most: args.limit,
     };
-    let table = asked(global, async |store| store.run_list(&wanted).await)?;
+    let table = asked(global, &wanted, async |store| store.run_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.kind.is_some();
     rows::print(&table, args.rows, global.json, if is_asked { "no run is as asked for" } else { NO_RUN })?;
     say_limit(&table, args.limit);
@@ -104,7 +105,7 @@ pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError>
         kind: None,
         most: args.limit,
     };
-    let table = asked(global, async |store| store.cycle_list(&wanted).await)?;
+    let table = asked(global, &wanted, async |store| store.cycle_list(&wanted).await)?;
     let is_asked = args.robot.is_some() || args.status.is_some() || args.run.is_some();
     rows::print(&table, args.rows, global.json, if is_asked { "no cycle is as asked for" } else { NO_RUN })?;
     say_limit(&table, args.limit);
@@ -118,15 +119,35 @@ fn say_limit(table: &Table, limit: u32) {
     }
 }
 
+/// The rows that are asked for. Where there are none, the robot and the run that are named have to be there.
 fn asked(
     global: &Global,
+    wanted: &ListFilter<'_>,
     ask: impl AsyncFnOnce(&Store) -> Result<Table, AskError>,
 ) -> Result<Table, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
         let table = ask(&store).await.map_err(rows::as_cli_error);
+        let named = match &table {
+            Ok(table) if table.rows.is_empty() => require_named(&store, wanted).await,
+            _ => Ok(()),
+        };
         store.close().await?;
+        named?;
         table
     })
+}
+
+/// Refuses a robot that no run is of, and a run that is not there.
+async fn require_named(store: &Store, wanted: &ListFilter<'_>) -> Result<(), CliError> {
+    if let Some(run_id) = wanted.run_id
+        && store.known_run(run_id).await?.is_none()
+    {
+        return Err(CliError::Usage(format!("there is no run {run_id}; `armwatch runs` lists them")));
+    }
+    match wanted.robot {
+        Some(robot) => require_robot(store, robot).await,
+        None => Ok(()),
+    }
 }

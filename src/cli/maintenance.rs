@@ -1,24 +1,21 @@
 //! `armwatch maintenance`: work on robots, which begins new baselines.
 
 use clap::Args;
-use jiff::{SignedDuration, Timestamp};
+use jiff::Timestamp;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime, shared};
 use super::shared::moment::moment;
 use super::shared::output;
 use super::shared::said::said;
+use super::shared::unknown_robot::unknown_robot;
 use super::shared::user::user;
 use crate::anomaly::epoch::Maintenance;
 use crate::config::Config;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::Pipeline;
 use crate::robot::JointIndex;
-use crate::store::{MaintenanceRow, NewMaintenance, Store};
-
-/// Entries that say the same of the same joint and lie less than this apart are one: the command was given twice, and
-/// nobody does the same work twice within a minute.
-const SAME_WORK: SignedDuration = SignedDuration::from_mins(1);
+use crate::store::{MaintenanceRow, NewMaintenance, NotEntered, Store, time_in_views};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -47,7 +44,7 @@ pub(super) struct MaintenanceArgs {
     #[arg(long, value_name = "TEXT", required_unless_present_any = ["list", "remove"], value_parser = said)]
     what: Option<String>,
     /// The joint, from 1 [default: the whole arm]
-    #[arg(long, value_name = "JOINT", value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, value_name = "JOINT", allow_negative_numbers = true, value_parser = clap::value_parser!(u8).range(1..))]
     joint: Option<u8>,
     /// When it was done, UTC: a date, a date with time, or RFC 3339 with an offset [default: now]
     #[arg(long, value_name = "TIME", value_parser = moment)]
@@ -59,7 +56,7 @@ pub(super) struct MaintenanceArgs {
     #[arg(long, conflicts_with_all = ["what", "joint", "at", "by", "remove"])]
     list: bool,
     /// Remove the entry of this number, as --list shows it
-    #[arg(long, value_name = "NUMBER", conflicts_with_all = ["robot", "what", "joint", "at", "by"])]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..), conflicts_with_all = ["robot", "what", "joint", "at", "by"])]
     remove: Option<i64>,
 }
 
@@ -130,19 +127,20 @@ async fn enter(
         what: args.what.clone().unwrap_or_default(),
         who: Some(args.by.clone().unwrap_or_else(user)),
     };
-    let known = store.maintenance(Some(&robot)).await?;
-    if let Some(row) = known.iter().find(|row| is_same(&row.work, &new)) {
-        return Err(CliError::Usage(format!(
-            "this work is entered already, as number {}: {}; `armwatch maintenance --list {robot}` shows all",
-            row.work.maintenance_id,
-            in_words(row)
-        )));
-    }
-    let number = store.enter_maintenance(&new).await?.ok_or_else(|| unknown(&robot))?;
+    let number = match store.enter_maintenance(&new).await? {
+        Ok(number) => number,
+        Err(NotEntered::NoRobot) => return Err(unknown_robot(store, &robot).await),
+        Err(NotEntered::Known(row)) => {
+            return Err(CliError::Usage(format!(
+                "this work is entered already, as number {}: {row}; `armwatch maintenance --list {robot}` shows all",
+                row.work.maintenance_id
+            )));
+        }
+    };
     let outcome = judge(config, store, &robot).await?;
     if global.json {
         output::json(&json!({
-            "maintenance_id": number, "robot": robot, "joint": joint.map(JointIndex::number), "at": at.to_string(),
+            "maintenance_id": number, "robot": robot, "joint": joint.map(JointIndex::number), "at": time_in_views(at),
             "what": new.what, "by": new.who, "outcome": "entered", "judged": outcome.is_now(),
         }));
     } else {
@@ -172,8 +170,7 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
         output::json(&value);
     } else {
         output::line(&format!(
-            "removed      {number}: {}\n             the baseline before it counts again{}",
-            in_words(&row),
+            "removed      {number}: {row}\n             the baseline before it counts again{}",
             outcome.words()
         ));
     }
@@ -197,19 +194,8 @@ fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether what is entered now was entered before.
-fn is_same(known: &Maintenance, new: &NewMaintenance) -> bool {
-    known.joint == new.joint && known.what == new.what && known.at.duration_since(new.at).abs() < SAME_WORK
-}
-
 fn place(joint: Option<JointIndex>) -> String {
     joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"))
-}
-
-/// An entry for people: where, when and what.
-fn in_words(row: &MaintenanceRow) -> String {
-    let Maintenance { joint, at, what, .. } = &row.work;
-    format!("{}, {}, {}: {what}", row.robot, place(*joint), minute(*at))
 }
 
 /// Whether the history was judged with what has changed.
@@ -248,21 +234,17 @@ async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, Cli
 
 /// How many joints a robot has.
 async fn known_joints(store: &Store, robot: &str) -> Result<usize, CliError> {
-    store.known_joints(robot).await?.ok_or_else(|| unknown(robot))
-}
-
-fn unknown(robot: &str) -> CliError {
-    CliError::Usage(format!(
-        "no export of a robot \"{robot}\" is stored; the view `runs` has the names, and an export is stored before work \
-         on its robot is entered"
-    ))
+    match store.known_joints(robot).await? {
+        Some(joints) => Ok(joints),
+        None => Err(unknown_robot(store, robot).await),
+    }
 }
 
 fn as_value(row: &MaintenanceRow) -> serde_json::Value {
     let Maintenance { maintenance_id, joint, at, what, who } = &row.work;
     json!({
         "maintenance_id": maintenance_id, "robot": row.robot, "joint": joint.map(JointIndex::number),
-        "at": at.to_string(), "what": what, "by": who, "recorded_at": row.recorded_at.to_string(),
+        "at": time_in_views(*at), "what": what, "by": who, "recorded_at": time_in_views(row.recorded_at),
     })
 }
 
@@ -278,11 +260,6 @@ mod tests {
         text.parse().expect("a time")
     }
 
-    fn work(joint: Option<usize>, at: &str) -> Maintenance {
-        let joint = joint.and_then(JointIndex::from_number);
-        Maintenance { maintenance_id: 7, joint, at: time(at), what: "gearbox changed".into(), who: None }
-    }
-
     #[test]
     fn work_was_done_between_1970_and_now() {
         let now = time("2026-03-01T14:30:00Z");
@@ -292,37 +269,5 @@ mod tests {
         assert!(
             check_time(time("2026-03-01T14:31:00Z"), now).is_err_and(|words| words.contains("lies ahead"))
         );
-    }
-
-    #[test]
-    fn the_same_work_is_known_again_and_other_work_is_not() {
-        let entered = |joint: usize, at: &str, what: &str| NewMaintenance {
-            robot: "Left".into(),
-            joint: JointIndex::from_number(joint),
-            at: time(at),
-            what: what.into(),
-            who: Some("mueller".into()),
-        };
-        let known = work(Some(3), "2026-03-01T14:30:00Z");
-        let (same, what) = ("2026-03-01T14:30:00Z", "gearbox changed");
-        assert!(is_same(&known, &entered(3, same, what)));
-        assert!(is_same(&known, &entered(3, "2026-03-01T14:30:20Z", what)));
-        assert!(!is_same(&known, &entered(4, same, what)));
-        assert!(!is_same(&known, &entered(3, same, "brake changed")));
-        assert!(!is_same(&known, &entered(3, "2026-03-02T14:30:00Z", what)));
-        // a joint is not the whole arm
-        assert!(!is_same(&work(None, same), &entered(3, same, what)));
-    }
-
-    #[test]
-    fn an_entry_says_where_when_and_what() {
-        let recorded_at = time("2026-03-02T08:00:00Z");
-        let row = |joint| MaintenanceRow {
-            robot: "Left".into(),
-            work: work(joint, "2026-03-01T14:30:00Z"),
-            recorded_at,
-        };
-        assert_eq!(in_words(&row(Some(3))), "Left, joint 3, 2026-03-01 14:30Z: gearbox changed");
-        assert_eq!(in_words(&row(None)), "Left, the whole arm, 2026-03-01 14:30Z: gearbox changed");
     }
 }

@@ -1,7 +1,7 @@
 //! `armwatch man`: manual pages, one a command.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Command};
 use clap_mangen::Man;
@@ -11,6 +11,7 @@ use serde_json::json;
 use super::context::{CliError, EXIT_DONE, Global};
 use super::help::{Block, blocks};
 use super::shared::output;
+use super::shared::paths::not_written;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -29,8 +30,7 @@ pub(super) struct ManArgs {
 /// Writes pages of all of `command`.
 pub(super) fn man(global: &Global, args: &ManArgs, command: Command) -> Result<u8, CliError> {
     let folder = &args.folder;
-    let fail = |path: &Path, error: std::io::Error| CliError::Io(format!("{}: {error}", path.display()));
-    std::fs::create_dir_all(folder).map_err(|error| fail(folder, error))?;
+    std::fs::create_dir_all(folder).map_err(|error| not_written(folder, &error))?;
     let mut command = command.disable_help_subcommand(true);
     command.build();
     let version = command.get_version().unwrap_or_default().to_owned();
@@ -40,8 +40,8 @@ pub(super) fn man(global: &Global, args: &ManArgs, command: Command) -> Result<u
     for command in commands {
         let name = command.get_display_name().unwrap_or_else(|| command.get_name()).to_owned();
         let path = folder.join(format!("{name}.1"));
-        let page = page(&name, &version, command).map_err(|error| fail(&path, error))?;
-        std::fs::write(&path, page).map_err(|error| fail(&path, error))?;
+        let page = page(&name, &version, command).map_err(|error| not_written(&path, &error))?;
+        std::fs::write(&path, page).map_err(|error| not_written(&path, &error))?;
     }
     let first = folder.join("armwatch.1");
     if global.json {

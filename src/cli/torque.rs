@@ -7,7 +7,9 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
-use super::shared::plot::{PlotFile, refuse_export, write_lines};
+use super::shared::paths;
+use super::shared::plot::PlotFile;
+use super::shared::result_file::{refuse_source, result_file, write_lines};
 use super::shared::selection::NamedCandidate;
 use crate::analysis::{RmsdScope, TorqueRmsd};
 use crate::config::Config;
@@ -69,7 +71,7 @@ pub(super) struct TorqueArgs {
     #[arg(help_heading = "Rows", long, value_name = "N", value_parser = clap::value_parser!(u32).range(8..))]
     points: Option<u32>,
     /// Write the rows as CSV into this file
-    #[arg(help_heading = "Files", short, long, value_name = "FILE", conflicts_with = "json")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE", conflicts_with = "json", value_parser = result_file())]
     output: Option<PathBuf>,
     /// Draw only this joint, from 1
     #[arg(long, value_name = "JOINT", requires = "plot", value_parser = clap::value_parser!(u8).range(1..))]
@@ -128,6 +130,9 @@ struct Replayed {
 }
 
 pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError> {
+    if let Some(source) = &args.source {
+        paths::metadata(source)?;
+    }
     let config = global.read_config()?;
     let replayed = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
@@ -163,7 +168,7 @@ async fn replay(args: &TorqueArgs, config: &Config, store: &Store) -> Result<Rep
     let (parameters, name) = parameters(args, config, store, &replay).await?;
     let export = replay.export(config, args.source.as_deref()).await?;
     for target in [args.output.as_deref(), args.plot.as_ref().map(PlotFile::path)] {
-        refuse_export(target, &export)?;
+        refuse_source(target, &export, "the export itself")?;
     }
     let rows = if args.all_rows { SeriesRows::Filtered } else { SeriesRows::Counted };
     let series = replay.torque(&export, parameters, rows).await?;

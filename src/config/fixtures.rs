@@ -119,6 +119,10 @@ const DAEMON: &[Expectation] = &[
         ],
     ),
     ("retention_forever", &[]),
+    (
+        "snapshot_over_the_database",
+        &[(9, "snapshot.file", "is the database itself, of which it is to be a copy; name another file")],
+    ),
     ("estimator_unknown", &[(19, "analysis.estimator", "must be \"ordinary\", \"weighted\" or \"huber\"")]),
     ("finding_misspelt", &[(19, "analysis.accept[2]", "did you mean late_torque?")]),
     ("key_misspelt", &[(5, "watch.scan_intervall_s", "did you mean scan_interval_s?")]),

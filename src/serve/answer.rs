@@ -1,6 +1,7 @@
 //! Answers: JSON, and refusals that say what to do.
 
 use axum::Json;
+use axum::extract::rejection::{BytesRejection, JsonRejection};
 use axum::http::header::{CONNECTION, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
@@ -9,6 +10,9 @@ use utoipa::{IntoResponses, ToSchema};
 
 use crate::config::Scope;
 use crate::store::AskError;
+
+/// Most bytes of a body that is no upload.
+pub const BODY_BYTES: usize = 256 << 10;
 
 /// How much of an upload is there, bytes.
 pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
@@ -72,6 +76,39 @@ impl Refusal {
     pub fn after(mut self, seconds: u64) -> Self {
         self.retry_after = Some(seconds);
         self
+    }
+
+    /// A body that is larger than allowed, or broke off.
+    pub fn of_body(rejection: &BytesRejection) -> Self {
+        if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
+            let most = BODY_BYTES >> 10;
+            let sentence = format!(
+                "the body is larger than {most} KiB, the most of a request that is no upload; send less, and exports with \
+                 PUT /v1/exports/NAME"
+            );
+            return Self::new(rejection.status(), sentence);
+        }
+        Self::new(rejection.status(), "the body broke off before its end; send the request again")
+    }
+
+    /// A body that is not the JSON that is asked for, which looks as `example` does.
+    pub fn of_json(rejection: &JsonRejection, example: &str) -> Self {
+        match rejection {
+            JsonRejection::BytesRejection(rejection) => Self::of_body(rejection),
+            JsonRejection::MissingJsonContentType(_) => Self::new(
+                StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                format!("send JSON with Content-Type: application/json, such as {example}"),
+            ),
+            rejection => {
+                let text = rejection.body_text();
+                // what the library was about stands before what is wrong
+                let wrong = text.split_once(": ").map_or(&*text, |(_, wrong)| wrong);
+                Self::new(
+                    StatusCode::BAD_REQUEST,
+                    format!("the body is not understood: {wrong}; send {example}"),
+                )
+            }
+        }
     }
 
     /// Without a token.

@@ -7,6 +7,7 @@
 mod act;
 mod events;
 mod fleet;
+mod number;
 mod row;
 mod rows;
 mod session;

@@ -69,7 +69,8 @@ pub struct Readiness {
     pub(super) spool: bool,
 }
 
-/// Contents remembered until the ledger knows them, so that a client can ask at once.
+/// Uploads remembered, so that a client can ask at once: those that the ledger may not know yet, and names of contents that
+/// it knew by another one.
 const REMEMBERED: usize = 1024;
 
 /// Time between two looks for uploads that nobody goes on with.
@@ -85,7 +86,17 @@ pub struct Uploads {
     pub(super) places: Semaphore,
     /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
     pub(super) placing: tokio::sync::Mutex<()>,
-    pub(super) waiting: Mutex<VecDeque<ContentHash>>,
+    /// Uploads that got their name, the latest last.
+    pub(super) waiting: Mutex<VecDeque<Sent>>,
+    /// Uploads that were not taken, since their content was here or stored already; the latest last.
+    pub(super) known: Mutex<VecDeque<Sent>>,
+}
+
+/// A content as it was sent.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Sent {
+    name: String,
+    hash: ContentHash,
 }
 
 impl Uploads {
@@ -99,12 +110,24 @@ impl Uploads {
             places,
             placing: tokio::sync::Mutex::default(),
             waiting: Mutex::default(),
+            known: Mutex::default(),
         }
     }
 
     /// Whether a content was taken that the ledger may not know yet.
     pub fn is_waiting(&self, hash: &ContentHash) -> bool {
-        self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(hash)
+        let waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.iter().any(|sent| sent.hash == *hash)
+    }
+
+    /// The content that was taken last under this name, which the ledger may not know yet.
+    pub fn waiting_as(&self, name: &str) -> Option<ContentHash> {
+        latest(&self.waiting, name)
+    }
+
+    /// The content that was sent last under this name and not taken, since it was here already.
+    pub fn known_as(&self, name: &str) -> Option<ContentHash> {
+        latest(&self.known, name)
     }
 
     /// Whether the spool can be written to.
@@ -113,11 +136,49 @@ impl Uploads {
         matches!(tokio::task::spawn_blocking(move || spool.probe()).await, Ok(Ok(())))
     }
 
-    pub(super) fn remember(&self, hash: ContentHash) {
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.len() >= REMEMBERED {
-            waiting.pop_front();
-        }
-        waiting.push_back(hash);
+    /// Remembers a content that got this name.
+    pub(super) fn remember(&self, name: &str, hash: ContentHash) {
+        remember(&self.waiting, name, hash);
+    }
+
+    /// Remembers the name of a content that was not taken.
+    pub(super) fn remember_known(&self, name: &str, hash: ContentHash) {
+        remember(&self.known, name, hash);
+    }
+}
+
+fn latest(sent: &Mutex<VecDeque<Sent>>, name: &str) -> Option<ContentHash> {
+    let sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
+    sent.iter().rfind(|sent| sent.name == name).map(|sent| sent.hash)
+}
+
+/// Puts an upload last; the oldest goes where there are too many.
+fn remember(sent: &Mutex<VecDeque<Sent>>, name: &str, hash: ContentHash) {
+    let mut sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
+    let new = Sent { name: name.to_owned(), hash };
+    sent.retain(|sent| *sent != new);
+    if sent.len() >= REMEMBERED {
+        sent.pop_front();
+    }
+    sent.push_back(new);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_latest_content_of_a_name_is_remembered_and_few_are() {
+        let sent = Mutex::default();
+        let content = |number: u8| ContentHash([number; 32]);
+        remember(&sent, "a.csv", content(1));
+        remember(&sent, "a.csv", content(2));
+        remember(&sent, "b.csv", content(1));
+        assert_eq!((latest(&sent, "a.csv"), latest(&sent, "c.csv")), (Some(content(2)), None));
+        // sent again, it is the latest and takes no second place
+        remember(&sent, "a.csv", content(1));
+        assert_eq!((latest(&sent, "a.csv"), sent.lock().unwrap().len()), (Some(content(1)), 3));
+        (0..REMEMBERED).for_each(|number| remember(&sent, &format!("{number}.csv"), content(7)));
+        assert_eq!((latest(&sent, "a.csv"), sent.lock().unwrap().len()), (None, REMEMBERED));
     }
 }

@@ -1,5 +1,6 @@
 //! What became of an export, and whether the program lives.
 
+use std::path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -14,7 +15,7 @@ use super::access::Scope;
 use super::answer::{Problem, Refusal, Refused};
 use super::shared::Shared;
 use crate::run::ContentHash;
-use crate::serve::shared::Readiness;
+use crate::serve::shared::{Readiness, Uploads};
 use crate::store::ViewRows;
 
 /// What became of an export
@@ -72,44 +73,101 @@ pub async fn of_export(
     if shared.access.check_for(Scope::Upload, &headers).is_err() {
         shared.access.check(&headers)?;
     }
-    let Some(hash) = content_hash(&name) else { return of_name(&shared, name).await };
-    let known = shared.store.lookup(&hash).await.map_err(|error| Refusal::internal(&error))?;
-    let hash_told = Some(hash.to_string());
+    let (found, unknown) = match content_hash(&name) {
+        Some(hash) => (of_content(&shared, &hash).await?, "no export of this content is known".to_owned()),
+        None => {
+            let wanted = "give the name of a file or the BLAKE3 hash of its content, 64 hexadecimal digits";
+            (of_name(&shared, &name).await?, format!("no export {name} is known; {wanted}"))
+        }
+    };
+    found.map(Json).ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, unknown))
+}
+
+/// What became of a content: its run, or that it waits for one.
+async fn of_content(shared: &Shared, hash: &ContentHash) -> Result<Option<ExportStatus>, Refusal> {
+    let known = shared.store.lookup(hash).await.map_err(|error| Refusal::internal(&error))?;
     if let Some(run) = known {
-        return Ok(Json(ExportStatus {
-            hash: hash_told,
+        return Ok(Some(ExportStatus {
+            hash: Some(hash.to_string()),
             run_id: Some(run.run_id),
             status: run.status.name().to_owned(),
             cycles: run.cycles_stored.into(),
             reason: run.reason,
         }));
     }
-    if shared.uploads.as_ref().is_some_and(|uploads| uploads.is_waiting(&hash)) {
-        let status = "waiting".to_owned();
-        return Ok(Json(ExportStatus { hash: hash_told, run_id: None, status, cycles: 0, reason: None }));
-    }
-    Err(Refusal::new(StatusCode::NOT_FOUND, "no export of this content is known"))
+    let is_waiting = shared.uploads.as_ref().is_some_and(|uploads| uploads.is_waiting(hash));
+    Ok(is_waiting.then(|| waiting(hash)))
 }
 
-/// What became of the latest export of a name.
-async fn of_name(shared: &Shared, name: String) -> Result<Json<ExportStatus>, Refusal> {
+/// An upload that the ledger does not know yet.
+fn waiting(hash: &ContentHash) -> ExportStatus {
+    let (hash, status) = (Some(hash.to_string()), "waiting".to_owned());
+    ExportStatus { hash, run_id: None, status, cycles: 0, reason: None }
+}
+
+/// What became of the latest export of a name: of an upload that waits, else of the latest run whose file had this name,
+/// else of a content that is known by another name.
+async fn of_name(shared: &Shared, name: &str) -> Result<Option<ExportStatus>, Refusal> {
+    let uploads = shared.uploads.as_ref();
+    if let Some(sent) = uploads.and_then(|uploads| uploads.waiting_as(name))
+        && let Some(found) = of_content(shared, &sent).await?.filter(|found| found.run_id.is_none())
+    {
+        return Ok(Some(found));
+    }
+    if let Some(run) = latest_run(shared, "source_name", name).await? {
+        return Ok(Some(run));
+    }
+    if let Some(uploads) = uploads {
+        for sent in [uploads.waiting_as(name), uploads.known_as(name)].into_iter().flatten() {
+            if let Some(found) = of_content(shared, &sent).await? {
+                return Ok(Some(found));
+            }
+        }
+        // an upload from before the start of this process, which nobody has looked at yet
+        if let Some(there) = content_in_spool(uploads, name).await? {
+            return Ok(Some(of_content(shared, &there).await?.unwrap_or_else(|| waiting(&there))));
+        }
+    }
+    let seen = shared.store.run_of_file_named(name).await.map_err(|error| Refusal::internal(&error))?;
+    match seen {
+        Some(run_id) => latest_run(shared, "run_id", &run_id.to_string()).await,
+        None => Ok(None),
+    }
+}
+
+/// The latest run that has this value in a column of the view `runs`.
+async fn latest_run(shared: &Shared, column: &str, value: &str) -> Result<Option<ExportStatus>, Refusal> {
     let wanted = ViewRows {
-        filters: vec![("source_name".into(), name.clone())],
+        filters: vec![(column.to_owned(), value.to_owned())],
         order: Some(("run_id".into(), true)),
         limit: 1,
     };
     let runs = shared.looking().await?.rows_of_view("runs", &wanted).await.map_err(Refusal::unanswered)?;
-    let run = runs.objects().next().ok_or_else(|| {
-        let wanted = "give the name of a file or the BLAKE3 hash of its content, 64 hexadecimal digits";
-        Refusal::new(StatusCode::NOT_FOUND, format!("no export {name} is known; {wanted}"))
-    })?;
-    let text = |column: &str| run[column].as_str().map(str::to_owned);
-    Ok(Json(ExportStatus {
-        hash: text("content_hash"),
-        run_id: run["run_id"].as_i64(),
-        status: text("status").unwrap_or_default(),
-        cycles: run["cycles"].as_u64().unwrap_or_default(),
-        reason: text("reason"),
+    let status = |run: serde_json::Value| {
+        let text = |column: &str| run[column].as_str().map(str::to_owned);
+        ExportStatus {
+            hash: text("content_hash"),
+            run_id: run["run_id"].as_i64(),
+            status: text("status").unwrap_or_default(),
+            cycles: run["cycles"].as_u64().unwrap_or_default(),
+            reason: text("reason"),
+        }
+    };
+    Ok(runs.objects().next().map(status))
+}
+
+/// The content of the upload of this name, where one lies in the spool and can be read.
+async fn content_in_spool(uploads: &Uploads, name: &str) -> Result<Option<ContentHash>, Refusal> {
+    // nothing outside the folder is looked at
+    if name.starts_with('.') || path::Path::new(name).file_name() != Some(name.as_ref()) {
+        return Ok(None);
+    }
+    let (spool, of) = (uploads.spool.clone(), name.to_owned());
+    let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
+    Ok(there.map_err(|error| Refusal::internal(&error))?.unwrap_or_else(|error| {
+        // a name that no file can have is nobody's fault
+        tracing::debug!(name, %error, "an upload that is asked for cannot be read");
+        None
     }))
 }
 

@@ -140,6 +140,7 @@ pub async fn put(
     if let Some(content) = &content
         && let Some(run) = stored(&shared.store, content).await?
     {
+        uploads.remember_known(&name, *content);
         return Ok(Taken::new(name, content, None, Some(&run), false).answer());
     }
     let _place = uploads.places.try_acquire().map_err(|_| {
@@ -386,6 +387,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     // the bytes of a faulty or unfinished one may be gone from where they were, and are wanted
     if there == Some(content) || known.is_some_and(|run| run.status == RunStatus::Complete) {
         claim.remove();
+        uploads.remember_known(&name, content);
         return Ok(taken);
     }
     if !supersede && let Some(other) = other_content(&shared.store, &name, there).await? {
@@ -400,7 +402,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let put = tokio::task::spawn_blocking(move || spool.put(&claim, &to)).await;
     put.map_err(|error| Refusal::internal(&error))?.map_err(|error| of_disk(&error))?;
     tracing::info!(name, bytes = length, "uploaded");
-    uploads.remember(content);
+    uploads.remember(&name, content);
     Ok(taken)
 }
 

@@ -140,6 +140,19 @@ pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
     if rmsd.samples == 0 { None } else { finite(value) }
 }
 
+/// A time as the views show it: RFC 3339 in UTC, always with milliseconds.
+///
+/// It is rounded as SQLite rounds, which counts milliseconds from the noon of 4714 BC in floating point, so that the text
+/// is that of the view to the last digit.
+#[must_use]
+pub fn time_in_views(time: Timestamp) -> String {
+    /// Milliseconds from that noon to 1970.
+    const TO_1970: f64 = 210_866_760_000_000.0;
+    let milliseconds = (time.as_microsecond() as f64 / 1e6 * 1000.0 + TO_1970 + 0.5).floor() - TO_1970;
+    let rounded = Timestamp::from_millisecond(milliseconds as i64).unwrap_or(time);
+    rounded.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
+}
+
 /// Reads a time as a view shows it.
 pub(super) fn time_text(row: &EngineRow, column: &str) -> Result<Timestamp, sqlx::Error> {
     let text: &str = row.try_get(column)?;
@@ -151,6 +164,20 @@ mod tests {
     use super::*;
     use crate::numerics::model::base_parameters::base_parameters;
     use crate::testing::er3a;
+
+    #[test]
+    fn times_have_milliseconds_and_are_rounded_as_the_views_round() {
+        let shown = |microseconds| time_in_views(Timestamp::from_microsecond(microseconds).expect("a time"));
+        assert_eq!(shown(0), "1970-01-01T00:00:00.000Z");
+        assert_eq!(shown(1_767_602_820_000_000), "2026-01-05T08:47:00.000Z");
+        assert_eq!(shown(1_767_602_820_250_000), "2026-01-05T08:47:00.250Z");
+        // what `strftime('%Y-%m-%dT%H:%M:%fZ', microseconds / 1000000.0, 'unixepoch')` makes of them
+        assert_eq!(shown(1_767_602_820_000_484), "2026-01-05T08:47:00.000Z");
+        assert_eq!(shown(1_767_602_820_000_493), "2026-01-05T08:47:00.001Z");
+        assert_eq!(shown(1_767_602_820_999_500), "2026-01-05T08:47:01.000Z");
+        let of_a_nanosecond: Timestamp = "2026-01-05T08:47:00.123456789Z".parse().expect("a time");
+        assert_eq!(time_in_views(of_a_nanosecond), "2026-01-05T08:47:00.123Z");
+    }
 
     #[test]
     fn a_grouping_is_read_as_it_is_written() {

@@ -60,7 +60,10 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     assert!(of_robot.lines().any(|line| json(line)["anomaly_id"].as_i64() == id.parse().ok()), "{of_robot}");
     let other = workshop.stdout(&["alerts", "list", "--kind", "fleet"], 0);
     assert!(other.contains("none of the") && other.contains("--all"), "{other}");
-    assert!(refused(&workshop, &["alerts", "list", "--robot", "R02"]).contains("robots with runs: R01"));
+    assert!(refused(&workshop, &["alerts", "list", "--robot", "R02"]).contains("there are runs of R01"));
+    assert!(
+        refused(&workshop, &["alerts", "list", "--robot", "r01", "--json"]).contains("did you mean R01?")
+    );
     let unknown = refused(&workshop, &["alerts", "ack", "99"]);
     assert!(unknown.contains("there is no anomaly 99; did you mean") && unknown.contains(id), "{unknown}");
 
@@ -97,19 +100,31 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
 
     let past = refused(&workshop, &["alerts", "shelve", id, "--until", "2026-01-01"]);
     assert!(past.contains("has passed"), "{past}");
-    assert!(refused(&workshop, &["alerts", "shelve", id]).contains("--until"));
+    let neither = refused(&workshop, &["alerts", "shelve", id]);
+    assert!(neither.contains("--until <TIME>") && neither.contains("--days <N>"), "{neither}");
     let shelved =
         json(&workshop.stdout(&["alerts", "shelve", id, "--until", "2090-01-01T06:00", "--json"], 0));
-    assert_eq!(shelved["shelved_until"].as_str(), Some("2090-01-01T06:00:00Z"));
+    assert_eq!(shelved["shelved_until"].as_str(), Some("2090-01-01T06:00:00.000Z"));
     assert!(workshop.stdout(&["alerts", "list"], 0).contains("shelved until 2090-01-01 06:00Z"));
 
     workshop.stdout(&["alerts", "false-alarm", id, "--why", "other gripper"], 0);
+    let twice = refused(&workshop, &["alerts", "false-alarm", id]);
+    assert!(twice.contains(&format!("anomaly {id} is a false alarm already")), "{twice}");
     let closed =
         workshop.stdout(&["alerts", "list", "--robot", "R01", "--state", "false_alarm", "--json"], 0);
     assert_eq!(closed.lines().count(), 1, "{closed}");
     assert!(!workshop.stdout(&["alerts", "list"], 0).contains(&message));
     workshop.stdout(&["alerts", "ack", id], 0);
     workshop.stdout(&["alerts", "resolve", id, "--why", "gearbox changed"], 0);
+    let told = json(&workshop.stdout(&["alerts", "show", id, "--json"], 0));
+    let in_view = workshop.query(&format!(
+        "SELECT first_seen_at, last_seen_at, onset_at, (SELECT max(at) FROM anomaly_history WHERE anomaly_id = {id})
+         FROM anomalies WHERE anomaly_id = {id}"
+    ));
+    let latest = &told["history"].as_array().expect("a history").last().expect("an event")["at"];
+    let times = [&told["first_seen_at"], &told["last_seen_at"], &told["onset_at"], latest];
+    let times: Vec<&str> = times.iter().map(|time| time.as_str().unwrap_or_default()).collect();
+    assert_eq!(in_view, [times.join("|")], "times are those of the views, to the last digit");
     let deeds = history(&workshop, id);
     assert_eq!(deeds.first().map(String::as_str), Some("opened"));
     let of_people: Vec<&String> =

@@ -169,8 +169,17 @@ fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
     let entered = served
         .post("/v1/robots/A/maintenance", &json!({"who": "Lena", "what": "gearbox changed", "joint": 2}));
     assert_eq!(entered.status, 201, "{}", entered.body);
-    let row = served.workshop.query("SELECT robot, joint, what, who FROM maintenance_log");
-    assert_eq!(row, ["A|2|gearbox changed|Lena"]);
+    let row = served.workshop.query("SELECT robot, joint, what, who, at FROM maintenance_log");
+    let at = entered.json()["at"].as_str().expect("a time").to_owned();
+    assert_eq!(row, [format!("A|2|gearbox changed|Lena|{at}")]);
+    // a double click
+    let again = served
+        .post("/v1/robots/A/maintenance", &json!({"who": "Otto", "what": "gearbox changed", "joint": 2}));
+    assert_eq!(again.status, 409, "{}", again.body);
+    assert!(again.body.contains("entered already, as number 1: A, joint 2, "), "{}", again.body);
+    assert_eq!(served.workshop.number("SELECT count(*) FROM maintenance_log"), 1);
+    let other_joint = json!({"who": "Otto", "what": "gearbox changed", "joint": 1});
+    assert_eq!(served.post("/v1/robots/A/maintenance", &other_joint).status, 201);
     for (address, body, status, said) in [
         ("/v1/robots/B/maintenance", json!({"who": "Lena", "what": "x"}), 404, "no export of a robot"),
         ("/v1/robots/A/maintenance", json!({"who": "Lena", "what": "x", "joint": 9}), 400, "no joint 9"),
@@ -181,7 +190,13 @@ fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
             400,
             "lies ahead",
         ),
-        ("/v1/robots/A/maintenance", json!({"who": "Lena", "waht": "x"}), 422, "waht"),
+        ("/v1/robots/A/maintenance", json!({"who": "Lena", "waht": "x"}), 400, "waht"),
+        ("/v1/robots/A/maintenance", json!({"what": "x"}), 400, "missing field `who`"),
+        ("/v1/robots/A/maintenance", json!({"what": "x"}), 400, "\"what\": \"gearbox changed\""),
+        ("/v1/robots/A/maintenance", json!({"who": "Lena", "what": "x", "joint": "y"}), 400, "joint: "),
+        ("/v1/robots/A/maintenance", json!({"who": "x".repeat(300_000)}), 413, "larger than 256 KiB"),
+        ("/v1/anomalies/x/acknowledge", json!({"who": "Lena"}), 400, "anomaly \"x\" is no whole number"),
+        ("/v1/quarantine/x/retry", json!({}), 400, "run \"x\" is no whole number"),
         ("/v1/anomalies/7/acknowledge", json!({"who": "Lena"}), 404, "no anomaly 7"),
         ("/v1/anomalies/7/shelve", json!({"who": "Lena"}), 400, "until"),
         ("/v1/anomalies/7/forget", json!({"who": "Lena"}), 404, "no action forget"),
@@ -190,6 +205,15 @@ fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
         let refused = served.post(address, &body);
         assert_eq!(refused.status, status, "{address} {body}: {}", refused.body);
         assert!(refused.json()["error"].as_str().is_some_and(|text| text.contains(said)), "{}", refused.body);
+        assert!(
+            !refused.body.contains("deserialize") && !refused.body.contains("Invalid URL"),
+            "{}",
+            refused.body
+        );
+    }
+    for address in ["/v1/session", "/v1/fleet"] {
+        let now = served.get(address).json()["now"].as_str().expect("a time").to_owned();
+        assert!(now.len() == "2026-01-05T08:47:00.000Z".len() && now.ends_with('Z'), "{address}: {now}");
     }
     served.end();
 }
@@ -372,6 +396,7 @@ fn statements_read_the_views_and_nothing_else() {
         ("SELECT robo\nFROM runs", 400, "line 1, column 8: no such column: robo"),
         ("SELECT * FROM run", 403, "run is not public"),
         ("DELETE FROM run", 403, "begins with SELECT"),
+        (" \n", 400, "the statement is empty"),
         ("SELECT 1; SELECT 2", 400, "more than one statement"),
         ("SELECT printf('%.*c', 1000000, 'x') FROM cycle_parameters", 422, "larger than"),
     ] {
@@ -467,12 +492,15 @@ fn answers_are_as_the_description_of_the_api_says() {
         ("GET /v1/runs/1/cycles/99/torque", torque, &token, b"", 404),
         ("GET /v1/runs/1/cycles/1/torque?points=1", torque, &token, b"", 400),
         ("GET /v1/runs/1/cycles/one/torque", torque, &token, b"", 400),
+        ("GET /v1/runs/1/cycles/1/torque?points=few", torque, &token, b"", 400),
         ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 200),
         ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 409),
         ("POST /v1/anomalies/9/acknowledge", answer, &json_body, deed, 404),
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 201),
-        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 422),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 409),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 400),
         ("POST /v1/quarantine/1/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 409),
+        ("POST /v1/quarantine/one/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 400),
         (&put, name, &token, &export.bytes, 201),
         (&put, name, &token, &export.bytes, 200),
         (&put, name, &token, b"", 400),

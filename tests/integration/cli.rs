@@ -3,6 +3,7 @@
 use armwatch::cli::Cli;
 use clap::Command;
 
+use crate::small::{self, CYCLES, export};
 use crate::support::{self, Workshop, reference, text};
 
 /// Words that lead to each command that does something and is not hidden, with the command.
@@ -177,6 +178,119 @@ fn commands_say_alike_what_is_missing_on_their_line() {
     }
     let speed = said(&["friction", "--run", "1", "--speed", "60"]);
     assert!(speed.contains("did you mean 0.6?"), "{speed}");
+}
+
+#[test]
+fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
+    let workshop = small::workshop();
+    let export = export("Left", 1, 5);
+    std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let cases: [(&[&str], &str); 7] = [
+        (&["runs", "--robot", "Nope"], "there is no robot Nope; there are runs of Left"),
+        (&["runs", "--robot", "left", "--json"], "did you mean Left?"),
+        (&["cycles", "--robot", "lfet", "--csv"], "did you mean Left?"),
+        (&["cycles", "--run", "99"], "there is no run 99; `armwatch runs` lists them"),
+        (&["cycles", "--run", "-1"], "-1 is not in 1.."),
+        (&["runs", "--limit", "-3"], "-3 is not in 1.."),
+        (&["ingest", "--again", "-1"], "-1 is not in 1.."),
+    ];
+    for (arguments, says) in cases {
+        let output = workshop.run(arguments);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(says) && !said.contains("to pass"), "{arguments:?}: {said}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+    // what is there and has none of that kind is no fault
+    let none = workshop.stdout(&["runs", "--robot", "Left", "--status", "quarantined"], 0);
+    assert_eq!(none, "no run is as asked for\n");
+}
+
+#[test]
+fn a_known_export_names_its_robot_and_names_of_files_give_a_terminal_no_orders() {
+    let workshop = small::workshop();
+    let export = export("Left", 1, 5);
+    std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    let evil = "R\u{1b}[31m\u{7}_20260105_0847.csv";
+    std::fs::write(workshop.inbox(evil), "time,pos_1\n0,1\n").expect("written");
+    let first = workshop.run(&["ingest", "inbox"]);
+    assert_eq!(first.status.code(), Some(1));
+    // the same content under the name of another robot
+    let copy = export.name.replace("Left", "Right");
+    std::fs::write(workshop.inbox(&copy), &export.bytes).expect("written");
+    let again = workshop.run(&["ingest", "inbox"]);
+    let said = text(&again.stdout);
+    let known = |name: &str| said.lines().any(|line| line.contains(name) && line.ends_with(" of robot Left"));
+    assert!(known(&export.name) && known(&copy), "{said}");
+    let json = workshop.stdout(&["ingest", &format!("inbox/{copy}"), "--json"], 0);
+    let known: serde_json::Value =
+        serde_json::from_str(json.lines().next().expect("an object")).expect("an object");
+    assert_eq!((&known["outcome"], &known["robot"]), (&"known".into(), &"Left".into()), "{json}");
+    let listed = workshop.run(&["quarantine", "list"]);
+    let missing = workshop.run(&["ingest", "not\u{1b}[2Jthere.csv"]);
+    for output in [&first, &again, &listed, &missing] {
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert!(said.contains("\\u{1b}[") && !said.contains(['\u{1b}', '\u{7}']), "{said:?}");
+    }
+}
+
+#[test]
+fn an_interrupt_says_what_was_done_and_that_the_same_command_goes_on() {
+    let workshop = small::workshop();
+    let scara = format!("{}/config/robots/scara.toml", env!("CARGO_MANIFEST_DIR"));
+    let shape = ["--cycles", "24", "--warming-s", "2", "--rate-hz", "30", "--robot", &scara];
+    workshop.simulate("exports", &shape);
+    let file = |name: &str| std::fs::File::create(workshop.path(name)).expect("a file");
+    let mut command = workshop.command(&["ingest", "exports", "--json"]);
+    let child = command.stdout(file("out")).stderr(file("err")).spawn().expect("it starts");
+    let ingest = support::Daemon { child };
+    workshop.wait_for("SELECT min(count(*), 1) FROM cycles", 1);
+    ingest.signal("INT");
+    assert_eq!(ingest.end(), Some(130));
+    let read = |name: &str| std::fs::read_to_string(workshop.path(name)).expect("text");
+    let (out, err) = (read("out"), read("err"));
+    let last = out.lines().last().unwrap_or_default();
+    let summary: serde_json::Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{out}{err}"));
+    assert_eq!(
+        ["outcome", "interrupted", "stored", "not_read"].map(|key| summary[key].to_string()),
+        ["\"summary\"", "true", "0", "1"],
+        "{out}"
+    );
+    assert!(err.contains("stopped after 0 of 1 export") && err.contains("the same command again"), "{err}");
+    let done = workshop.stdout(&["ingest", "exports", "--json"], 0);
+    assert!(done.contains("\"interrupted\":false"), "{done}");
+    assert_eq!(workshop.query("SELECT status, cycles FROM runs"), ["complete|24"]);
+}
+
+/// One of two aborted with "run 7 in database .. is not being stored", without a summary.
+#[test]
+fn two_commands_at_once_leave_exports_to_each_other_and_both_come_to_their_summary() {
+    let workshop = small::workshop();
+    // a seed is a content
+    for (robot, seed) in [("A", 100), ("B", 200)] {
+        for day in 5..9 {
+            let export = export(robot, seed + day, day);
+            std::fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+        }
+    }
+    // both find a database, so that neither waits until the other has made it
+    std::fs::create_dir(workshop.path("empty")).expect("a folder");
+    workshop.stdout(&["ingest", "empty"], 0);
+    let outputs = std::thread::scope(|scope| {
+        let both = [(); 2].map(|()| scope.spawn(|| workshop.run(&["ingest", "inbox", "--json"])));
+        both.map(|one| one.join().expect("an end"))
+    });
+    for output in outputs {
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(0), "{out}\n{err}");
+        let last = out.lines().last().unwrap_or_default();
+        let summary: serde_json::Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{out}{err}"));
+        let count = |key: &str| summary[key].as_u64().expect("a count");
+        assert_eq!((count("stored") + count("known"), count("not_read")), (8, 0), "{out}\n{err}");
+    }
+    let runs = "SELECT status, cycles, count(*) FROM runs GROUP BY status, cycles";
+    assert_eq!(workshop.query(runs), [format!("complete|{CYCLES}|8")]);
 }
 
 #[test]

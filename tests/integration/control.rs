@@ -70,7 +70,7 @@ type Case = (&'static str, fn(String) -> String, &'static str);
 
 #[test]
 fn what_run_would_refuse_is_found_by_config_check() {
-    let cases: [Case; 5] = [
+    let cases: [Case; 6] = [
         (
             "a token file that is not there",
             |config| format!("[serve]\ntoken_file = \"none\"\n\n{config}"),
@@ -91,6 +91,11 @@ fn what_run_would_refuse_is_found_by_config_check() {
             "a folder as database",
             |config| format!("database = \"inbox\"\n{config}"),
             "is a folder; name a file",
+        ),
+        (
+            "a copy for readers over the database, spelt otherwise",
+            |config| format!("{config}\n[snapshot]\nfile = \"inbox/../armwatch.db\"\n"),
+            "snapshot.file = \"inbox/../armwatch.db\": is the database itself",
         ),
     ];
     for (case, change, says) in cases {

@@ -315,7 +315,7 @@ fn what_cannot_be_meant_is_said_before_anything_is_written() {
     let cases: [(&[&str], i32, &str); 9] = [
         (&["friction_indexes", "--csv", "out"], 2, "'friction_index'"),
         (&["--csv", "out", "--robot", "C"], 2, "there is no robot C; there are A, B"),
-        (&["runs"], 2, "--csv <DIR>"),
+        (&["runs"], 2, "--csv <DIR>|--parquet <DIR>|--output <FILE>"),
         (&["runs", "--csv", "out", "--parquet", "out"], 2, "cannot be used with"),
         (&["runs", "-o", "out/runs.xlsx"], 2, "neither with .csv nor with .parquet"),
         (&["runs", "cycles", "-o", "out/runs.csv"], 2, "takes one view"),

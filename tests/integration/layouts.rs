@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::bad_input::decompressed;
-use crate::support::{REFERENCE_NAME, Workshop, query, reference};
+use crate::support::{REFERENCE_NAME, Workshop, query, reference, text};
 
 /// Degrees are written with twelve decimals; the identification multiplies their rounding by its condition
 /// number.
@@ -88,8 +88,14 @@ fn proposals_for_what_is_shipped_load_and_ask_what_only_people_know() {
 
     let empty = workshop.path("empty.csv");
     fs::write(&empty, "").expect("a file");
-    let refused = workshop.run(&["layout", "infer", "empty.csv"]);
-    assert_eq!(refused.status.code(), Some(1));
+    fs::write(workshop.path("binary.csv"), [0, 1, 2, 0xff]).expect("a file");
+    for (file, said) in
+        [("empty.csv", "empty.csv"), ("binary.csv", "binary.csv"), ("none.csv", "there is no such file")]
+    {
+        let refused = workshop.run(&["layout", "infer", file]);
+        assert_eq!(refused.status.code(), Some(2), "{file}");
+        assert!(text(&refused.stderr).contains(said), "{}", text(&refused.stderr));
+    }
 }
 
 #[test]
@@ -113,9 +119,18 @@ fn a_layout_is_written_whole_and_needs_none_that_exists() {
     assert_eq!(refused.status.code(), Some(2));
     assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("as it was"), "# by hand\n");
     let bad = ["layout", "infer", "armwatch.toml", "-o", "cell4.toml", "--force"];
-    assert_eq!(workshop.run(&bad).status.code(), Some(1));
+    assert_eq!(workshop.run(&bad).status.code(), Some(2));
     assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("as it was"), "# by hand\n");
+    // the export is not written to, whatever is asked for, and no database is
+    let before = fs::read(workshop.path(&export)).expect("the export");
+    fs::write(workshop.path("own.db"), "SQLite format 3\0").expect("a database");
     workshop.stdout(&[&infer[..], &["--force"]].concat(), 0);
+    for (target, said) in [(export.as_str(), "never written to"), ("own.db", "never written over")] {
+        let refused = workshop.run(&["layout", "infer", &export, "-o", target, "--force"]);
+        assert_eq!(refused.status.code(), Some(2), "{target}");
+        assert!(text(&refused.stderr).contains(said), "{}", text(&refused.stderr));
+    }
+    assert_eq!(fs::read(workshop.path(&export)).expect("the export"), before);
     assert_eq!(fs::read_to_string(workshop.path("cell4.toml")).expect("a layout"), first);
     let entries: Vec<_> =
         fs::read_dir(workshop.path("")).expect("the folder").flatten().map(|e| e.file_name()).collect();

@@ -51,6 +51,7 @@ mod resume;
 mod robot_code;
 mod robot_urdf;
 mod shipped;
+mod simulate;
 mod small;
 mod stored_factors;
 mod torque_sources;

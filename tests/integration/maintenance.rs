@@ -53,6 +53,13 @@ fn work_on_a_joint_begins_its_baseline_anew_until_the_entry_is_taken_back() {
         serde_json::from_str(&workshop.stdout(&["maintenance", "--list", "Left", "--json"], 0))
             .expect("JSON");
     assert_eq!((&listed["joint"], &listed["by"]), (&3.into(), &"mueller".into()));
+    // as the view has them, so that both can be joined by time
+    let times = format!(
+        "{}|{}",
+        listed["at"].as_str().expect("a time"),
+        listed["recorded_at"].as_str().expect("a time")
+    );
+    assert_eq!(workshop.query("SELECT at, recorded_at FROM maintenance_log"), [times]);
     let removed = workshop.stdout(&["maintenance", "--remove", "1"], 0);
     assert!(removed.starts_with("removed      1: Left, joint 3, "), "{removed}");
     assert!(removed.contains("Z: gearbox changed\n"), "{removed}");
@@ -98,8 +105,11 @@ fn what_cannot_be_entered_is_told_with_its_remedy() {
     let nothing = workshop.stdout(&["maintenance", "--list"], 0);
     assert!(nothing.contains("no work was entered"), "{nothing}");
     let robot = "Left";
-    let refused: [(&[&str], &str); 9] = [
-        (&["maintenance", "Nobody", "--what", "grease"], "no export of a robot \"Nobody\" is stored"),
+    let refused: [(&[&str], &str); 12] = [
+        (&["maintenance", "Nobody", "--what", "grease"], "there is no robot Nobody; there are runs of Left"),
+        (&["maintenance", "left", "--what", "grease"], "there is no robot left; did you mean Left?"),
+        (&["maintenance", "left", "--list"], "did you mean Left?"),
+        (&["maintenance", robot, "--what", "grease", "--joint", "-1"], "-1 is not in 1..=255"),
         (&["maintenance", robot, "--what", "grease", "--joint", "9"], "has no joint 9"),
         (&["maintenance", robot, "--what", "grease", "--at", "2999-01-01"], "lies ahead"),
         (&["maintenance", robot, "--what", "grease", "--at", "soon"], "2026-03-01T14:30"),

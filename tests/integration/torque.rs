@@ -232,7 +232,12 @@ fn what_there_is_nothing_of_is_said() {
         (&["friction", "--run", "9"], "there is no run 9"),
         (&["friction", "--robot", "Left"], "there are runs of: R00"),
         (&["friction", "--robot", "R00", "--index"], "R00 has no friction index"),
-        (&["friction", "--run", "1", "--joint", "7"], "no friction points of joint 7"),
+        (&["friction", "--run", "1", "--joint", "7"], "R00 has 6 joints, there is no joint 7"),
+        (&["friction", "--robot", "R00", "--index", "--joint", "7"], "R00 has 6 joints, there is no joint 7"),
+        (
+            &["torque", "--run", "1", "--cycle", "1", "--source", "none.csv"],
+            "none.csv: there is no such file",
+        ),
     ] {
         let output = workshop.run(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
@@ -240,6 +245,8 @@ fn what_there_is_nothing_of_is_said() {
     }
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1", "-o", "nowhere/a.csv"]);
     assert_eq!(output.status.code(), Some(74));
+    assert!(text(&output.stderr).contains("in a folder that is there"), "{}", text(&output.stderr));
+    on_a_full_disk_the_remedy_is_room(&workshop);
 
     // the export is not written to, by whatever name it is called
     let export = format!("exports/../exports/{REFERENCE_NAME}");
@@ -253,6 +260,73 @@ fn what_there_is_nothing_of_is_said() {
     let output = workshop.run(&["torque", "--run", "1", "--cycle", "1"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(text(&output.stderr).contains("there is no run 1"), "{}", text(&output.stderr));
+}
+
+/// `/dev/full` takes no byte, as a full disk does; it is no file, and so is not looked into.
+fn on_a_full_disk_the_remedy_is_room(workshop: &Workshop) {
+    if !Path::new("/dev/full").exists() {
+        println!("skipped: there is no /dev/full");
+        return;
+    }
+    std::os::unix::fs::symlink("/dev/full", workshop.path("full.html")).expect("a link");
+    for arguments in [
+        &["torque", "--run", "1", "--cycle", "1", "-o", "/dev/full"][..],
+        &["friction", "--run", "1", "-o", "/dev/full"],
+        &["rmsd", "--run", "1", "--plot", "full.html"],
+        &["report", "R00", "-o", "full.html"],
+    ] {
+        let output = workshop.run(arguments);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(74), "{arguments:?}: {said}");
+        assert!(
+            said.contains("; free space there, or name a place on another disk"),
+            "{arguments:?}: {said}"
+        );
+    }
+}
+
+/// Results are written over results, and over nothing else: the database in use and what belongs to it, exports, and
+/// files of the configuration stay as they are.
+#[test]
+fn results_are_written_over_earlier_results_only() {
+    let workshop = archived();
+    let plain = crate::bad_input::decompressed();
+    std::fs::write(workshop.path("plain.csv"), &plain).expect("an export");
+    for target in ["armwatch.db", "armwatch.db-wal", "armwatch.db-shm", "plain.csv", "armwatch.toml"] {
+        let before = std::fs::read(workshop.path(target)).ok();
+        for arguments in [
+            &["torque", "--run", "1", "--cycle", "1"][..],
+            &["friction", "--run", "1"],
+            &["robot", "urdf", "--run", "1"],
+            &["trajectory", "test", "--robot", "er3a"],
+        ] {
+            let output = workshop.run(&[arguments, &["-o", target]].concat());
+            let said = text(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{arguments:?} {target}: {said}");
+            assert!(said.contains(target) && said.contains("name another file"), "{arguments:?}: {said}");
+        }
+        assert_eq!(std::fs::read(workshop.path(target)).ok(), before, "{target}");
+    }
+    std::os::unix::fs::symlink("armwatch.db", workshop.path("link.html")).expect("a link");
+    for arguments in
+        [&["report", "R00", "-o", "link.html"][..], &["rmsd", "--run", "1", "--plot", "link.html"]]
+    {
+        let output = workshop.run(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains("it is a database"), "{}", text(&output.stderr));
+    }
+    assert_eq!(workshop.number("SELECT COUNT(*) FROM runs"), 1);
+
+    // each again, over its own and over another's
+    for arguments in [
+        &["torque", "--run", "1", "--cycle", "1", "--points", "8"][..],
+        &["friction", "--run", "1"],
+        &["torque", "--run", "1", "--cycle", "2", "--points", "8"],
+    ] {
+        workshop.stdout(&[arguments, &["-o", "results.csv"]].concat(), 0);
+    }
+    let csv = std::fs::read_to_string(workshop.path("results.csv")).expect("the last results");
+    assert!(csv.starts_with("time_s,stage,joint,"), "{csv}");
 }
 
 fn delete_run(workshop: &Workshop, run_id: i64) {

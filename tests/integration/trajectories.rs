@@ -491,10 +491,16 @@ fn broken_limits_are_named_and_not_written(workshop: &Workshop) {
     for (arguments, said) in [
         (["trajectory", "check", "mine.json", "--robot", "er3a"], "has 6 joints"),
         (["trajectory", "check", "mine.json", "--robot", "er3b"], "neither a robot nor a model"),
-        (["trajectory", "check", "nothing.json", "--robot", "er3a"], "cannot read"),
+        (["trajectory", "check", "nothing.json", "--robot", "er3a"], "there is no such file or folder"),
     ] {
         let output = workshop.run(&arguments);
         assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
-        assert_ne!(output.status.code(), Some(0));
+        assert_eq!(output.status.code(), Some(2));
     }
+    let programme = fs::read_to_string(workshop.path("mine.json")).expect("a programme");
+    let over =
+        workshop.run(&["trajectory", "export", "mine.json", "--robot", "mine.toml", "-o", "mine.json"]);
+    assert_eq!(over.status.code(), Some(2));
+    assert!(text(&over.stderr).contains("is the programme itself"), "{}", text(&over.stderr));
+    assert_eq!(fs::read_to_string(workshop.path("mine.json")).expect("as it was"), programme);
 }

@@ -109,7 +109,12 @@ fn an_upload_becomes_a_run_and_the_same_again_does_nothing() {
     assert_eq!((told["new"].as_bool(), told["bytes"].as_u64()), (Some(true), Some(bytes.len() as u64)));
     let status_at = format!("GET {}", told["status_at"].as_str().expect("an address"));
     assert_eq!(receiver.send(&status_at, "", b"").status, 200, "waiting or known at once");
+    let by_name = |name: &str| receiver.send(&format!("GET /v1/exports/{name}"), "", b"");
+    let waits = by_name(REFERENCE_NAME);
+    assert_eq!(waits.status, 200, "by name as by hash: {}", waits.body);
     receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    let named = by_name(REFERENCE_NAME).json();
+    assert_eq!((named["status"].as_str(), named["run_id"].as_i64()), (Some("complete"), Some(1)), "{named}");
     let known = receiver.send(&status_at, "", b"").json();
     assert_eq!((known["status"].as_str(), known["cycles"].as_u64()), (Some("complete"), Some(5)), "{known}");
     assert_eq!(
@@ -121,6 +126,14 @@ fn an_upload_becomes_a_run_and_the_same_again_does_nothing() {
     assert_eq!((again.status, again.json()["new"].as_bool()), (200, Some(false)), "{}", again.body);
     let renamed = receiver.put("R09_20260105_0847.csv.gz", "", &bytes);
     assert_eq!(renamed.status, 200, "{}", renamed.body);
+    let known = by_name("R09_20260105_0847.csv.gz");
+    assert_eq!((known.status, known.json()["run_id"].as_i64()), (200, Some(1)), "{}", known.body);
+    // a copy on disk, which the ledger knows by a path alone
+    let copy = "R08_20260105_0847.csv.gz";
+    fs::write(receiver.workshop.inbox(copy), &bytes).expect("a copy");
+    wait_until(|| by_name(copy).json()["run_id"].as_i64() == Some(1), || by_name(copy).body);
+    assert_eq!(by_name("8_20260105_0847.csv.gz").status, 404, "the end of a name is another name");
+    assert_eq!(by_name("..%2Farmwatch.toml").status, 404);
     // without a byte of the body, where the client says the content first
     let said =
         format!("X-Content-BLAKE3: {}\r\nTransfer-Encoding: chunked\r\n", told["hash"].as_str().expect("it"));

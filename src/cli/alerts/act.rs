@@ -7,7 +7,7 @@ use super::words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::user::user;
-use crate::store::{AlarmAction, NotDone, Store};
+use crate::store::{AlarmAction, NotDone, Store, time_in_views};
 
 pub(super) const ACKNOWLEDGE: AlarmAction = AlarmAction::Acknowledge;
 pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
@@ -68,7 +68,7 @@ pub(super) async fn act(
     }
     for row in store.anomalies_after(0).await?.iter().filter(|row| ids.contains(&row.anomaly_id)) {
         if global.json {
-            let until = row.shelved_until.map(|until| until.to_string());
+            let until = row.shelved_until.map(time_in_views);
             output::json(&json!({
                 "anomaly_id": row.anomaly_id, "robot": row.robot, "state": row.state, "shelved_until": until,
                 "by": by, "why": deed.why,

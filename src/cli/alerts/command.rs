@@ -1,7 +1,7 @@
 //! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
 
 use clap::builder::PossibleValuesParser;
-use clap::{Args, Subcommand};
+use clap::{ArgGroup, Args, Subcommand};
 use jiff::Timestamp;
 
 use super::act::{self, Deed};
@@ -62,11 +62,11 @@ Examples:
     #[command(after_help = "\
 Examples:
   armwatch alerts shelve 4 --days 14 --why \"gearbox comes in two weeks\"
-  armwatch alerts shelve 4 --until 2026-09-01 --why \"works holidays\"
-  armwatch alerts shelve 4 --until 2026-09-01T06:00
+  armwatch alerts shelve 4 --until 2099-01-07 --why \"works holidays\"
+  armwatch alerts shelve 4 --until 2099-01-07T06:00
 
 Shelving ends at that time, or before if the severity rises. The anomaly is open then. Dates begin at midnight UTC; times
-are UTC too, unless they have an offset, as 2026-09-01T06:00:00+02:00 has.")]
+are UTC too, unless they have an offset, as 2099-01-07T06:00:00+02:00 has.")]
     Shelve(ShelveArgs),
     /// Say that the cause is gone
     #[command(after_help = "\
@@ -131,14 +131,15 @@ struct DeedArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("end").args(["until", "days"]).required(true)))]
 struct ShelveArgs {
     #[command(flatten)]
     deed: DeedArgs,
     /// Until this time, UTC: a date, a date with time, or RFC 3339 with an offset
-    #[arg(long, value_name = "TIME", value_parser = moment, required_unless_present = "days")]
+    #[arg(long, value_name = "TIME", value_parser = moment)]
     until: Option<Timestamp>,
     /// For so many days from now on
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(1..=3650), conflicts_with = "until")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..=3650))]
     days: Option<i64>,
 }
 
@@ -215,6 +216,18 @@ mod tests {
         assert_eq!(until("2027-01-01T06:00").as_deref(), Some("2027-01-01T06:00:00Z"));
         assert_eq!(until("2026-09-01T06:00:00+02:00").as_deref(), Some("2026-09-01T04:00:00Z"));
         assert_eq!((until("tomorrow"), until("2026-13-01")), (None, None));
+    }
+
+    #[test]
+    fn the_end_of_shelving_is_asked_for_with_both_ways_to_say_it() {
+        let refused = |line: &[&str]| parsed(line).map(drop).expect_err("a fault");
+        let neither = refused(&["shelve", "4"]);
+        assert!(neither.contains("--until <TIME>") && neither.contains("--days <N>"), "{neither}");
+        assert!(refused(&["shelve", "4", "--until", "2099-01-07", "--days", "3"]).contains("cannot be used"));
+        for days in ["-3", "0", "3651"] {
+            let said = refused(&["shelve", "4", "--days", days]);
+            assert!(said.contains("1..=3650") && !said.contains("-- "), "{said}");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::words;
 use crate::anomaly::Severity;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::unknown_robot::require_robot;
 use crate::store::{AlarmState, AnomalyRow, Store};
 
 /// Which anomalies are asked for; an empty list asks for all.
@@ -47,6 +48,11 @@ pub(super) async fn list(
     rows.sort_by_key(|row| {
         (is_closed(row), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)
     });
+    if rows.is_empty()
+        && let Some(robot) = wanted.robot
+    {
+        require_robot(store, robot).await?;
+    }
     if global.json {
         rows.iter().for_each(|row| output::json(&words::as_value(row)));
         return Ok(EXIT_DONE);
@@ -83,16 +89,6 @@ pub(super) async fn list(
 
 /// What is said where no anomaly is as asked for.
 async fn nothing(store: &Store, wanted: &Wanted<'_>, known: &[AnomalyRow]) -> Result<String, CliError> {
-    if let Some(name) = wanted.robot {
-        let mut robots: Vec<String> = store.runs().await?.into_iter().map(|run| run.robot).collect();
-        robots.dedup();
-        if !robots.iter().any(|robot| robot == name) {
-            let robots = if robots.is_empty() { "none yet".to_owned() } else { robots.join(", ") };
-            return Err(CliError::Usage(format!(
-                "there is no run of robot {name}; robots with runs: {robots}"
-            )));
-        }
-    }
     let closed = known.iter().filter(|row| is_closed(row)).count();
     let asks = wanted.all
         || wanted.robot.is_some()

@@ -13,7 +13,7 @@ use crate::cli::shared::plot::PlotFile;
 use crate::report::anomaly::{EvidencePoint, anomaly_figure};
 use crate::report::figure::day;
 use crate::robot::JointIndex;
-use crate::store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store};
+use crate::store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store, time_in_views};
 
 /// Tests that are printed; a picture and JSON have all.
 const TESTS_SHOWN: usize = 20;
@@ -44,7 +44,8 @@ pub(super) async fn show(
         output::json(&value);
         return Ok(EXIT_DONE);
     }
-    output::lines(facts(&row).into_iter().chain(forecast.as_ref().map(forecast_text)));
+    facts(&row).iter().for_each(|fact| output::line(fact));
+    forecast.iter().for_each(|forecast| output::line(&forecast_text(forecast)));
     output::line(&format!("\n{}", tests_text(&row, &tests)));
     output::line(&format!("\n{}", history_text(&history)));
     Ok(EXIT_DONE)
@@ -215,7 +216,7 @@ fn history_text(history: &[AnomalyHistoryRow]) -> String {
 
 fn test_value(row: &AnomalyRow, test: &SeriesRun) -> Value {
     json!({
-        "run_id": test.run_id, "started_at": test.started_at.to_string(), "joint": test.joint.number(),
+        "run_id": test.run_id, "started_at": time_in_views(test.started_at), "joint": test.joint.number(),
         "shows_it": is_within(row, test.started_at), "friction_index": test.friction_index,
         "friction_index_std_error": test.friction_index_std_error, "warm_friction_nm": test.warm_friction_nm,
         "moving_relative_rmsd": test.moving_relative_rmsd, "rmsd_swing": test.rmsd_swing,
@@ -224,7 +225,7 @@ fn test_value(row: &AnomalyRow, test: &SeriesRun) -> Value {
 
 fn event_value(event: &AnomalyHistoryRow) -> Value {
     json!({
-        "at": event.at.to_string(), "what": event.what.name(), "severity": event.severity.name(),
+        "at": time_in_views(event.at), "what": event.what.name(), "severity": event.severity.name(),
         "score": event.score, "value": event.value, "run_id": event.run_id, "who": event.who, "why": event.why,
         "message": event.message,
     })

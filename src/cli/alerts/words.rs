@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::anomaly::Alternative;
 use crate::cli::context::CliError;
-use crate::store::{AlarmState, AnomalyRow, NotDone, Store};
+use crate::store::{AlarmState, AnomalyRow, NotDone, Store, time_in_views};
 
 /// Most numbers that are proposed in place of one that does not exist.
 const PROPOSED: usize = 3;
@@ -94,7 +94,7 @@ pub(super) fn figure(value: Option<f64>) -> String {
 
 /// Columns of the view `anomalies`.
 pub(in crate::cli) fn as_value(row: &AnomalyRow) -> Value {
-    let time = |time: Option<Timestamp>| time.map(|time| time.to_string());
+    let time = |time: Option<Timestamp>| time.map(time_in_views);
     let one = |of: &Alternative| json!({"cause": of.cause, "odds": of.odds.is_finite().then_some(of.odds)});
     json!({
         "anomaly_id": row.anomaly_id, "robot": row.robot, "joint": row.joint_number(), "kind": row.kind,
@@ -102,8 +102,8 @@ pub(in crate::cli) fn as_value(row: &AnomalyRow) -> Value {
         "shelved_until": time(row.shelved_until), "ended": row.ended, "provisional": row.provisional,
         "message": row.message, "value": row.value, "baseline": row.baseline, "score": row.score, "threshold": row.threshold,
         "peak_value": row.peak_value, "peak_score": row.peak_score,
-        "run_id": row.run_id, "cycle": row.cycle, "first_seen_at": row.first_seen_at.to_string(),
-        "last_run_id": row.last_run_id, "last_seen_at": row.last_seen_at.to_string(),
+        "run_id": row.run_id, "cycle": row.cycle, "first_seen_at": time_in_views(row.first_seen_at),
+        "last_run_id": row.last_run_id, "last_seen_at": time_in_views(row.last_seen_at),
         "onset_at": time(row.onset_at), "onset_run_id": row.onset_run_id, "onset_cycle": row.onset_cycle,
         "odds": row.odds, "alternatives": row.alternatives.iter().map(one).collect::<Vec<_>>(),
     })

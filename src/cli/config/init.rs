@@ -9,6 +9,7 @@ use serde_json::json;
 
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::paths::not_written;
 use crate::config::shipped_files;
 
 #[derive(Debug, Args)]
@@ -28,8 +29,7 @@ pub(in crate::cli) struct InitArgs {
 pub(in crate::cli) fn init(global: &Global, args: &InitArgs) -> Result<u8, CliError> {
     for (name, text) in shipped_files() {
         let path = args.folder.join(name);
-        let is_new =
-            write_new(&path, text).map_err(|error| CliError::Io(format!("{}: {error}", path.display())))?;
+        let is_new = write_new(&path, text).map_err(|error| not_written(&path, &error))?;
         if global.json {
             output::json(&json!({"file": path.display().to_string(), "written": is_new}));
         } else {

@@ -1,5 +1,6 @@
 //! `armwatch friction`: friction points and their warm-up fits, made again from what is stored.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use clap::{ArgGroup, Args, ValueEnum};
@@ -11,7 +12,8 @@ use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::output;
-use crate::cli::shared::plot::{PlotFile, index_limits, write_lines};
+use crate::cli::shared::plot::{PlotFile, index_limits};
+use crate::cli::shared::result_file::{result_file, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
 use crate::numerics::analyse_run::warm_up_fits;
 use crate::numerics::friction::warm_up::warm_up_torque;
@@ -36,7 +38,7 @@ Examples:
 For each joint and speed the curve a + b exp(-t/t1) + c exp(-t/t2) is fitted to the friction of both
 directions over the minutes since the start of the run, points of several runs mixed, each counted from its
 own start. model says how many parts the points support: double, single or constant; a number in brackets is
-the standard error. A fast part that only the first cycle sees has none: what is known of it is its value at the
+the standard error. A fast part that only the first cycle sees has none, shown as -: what is known of it is its value at the
 first point and the longest time constant that it may have (--json: c_first_nm, t2_max_min). Nothing is stored; the fits of each run, and of all runs of a robot at the reference
 speed, stand in the view warmup_fits.
 
@@ -67,7 +69,7 @@ pub(in crate::cli) struct FrictionArgs {
     #[arg(help_heading = "What is taken", long, value_name = "FRACTION", value_parser = fraction)]
     speed: Option<f64>,
     /// Write the points as CSV into this file
-    #[arg(help_heading = "Files", short, long, value_name = "FILE")]
+    #[arg(help_heading = "Files", short, long, value_name = "FILE", value_parser = result_file())]
     output: Option<PathBuf>,
     /// Draw points and curves into this file, .svg or .html
     #[arg(help_heading = "Files", long, value_name = "FILE", value_parser = PlotFile::parse)]
@@ -163,6 +165,7 @@ async fn index_series(args: &FrictionArgs, store: &Store) -> Result<Vec<JointInd
         series.extend(JointIndexSeries::of(robot, &rows, &store.thermal_sources(robot).await?, &life));
     }
     if series.is_empty() {
+        refuse_missing_joint(store, args.robots.iter().map(String::as_str), args.joint).await?;
         return Err(CliError::Usage(format!(
             "{} has no friction index: that takes as many runs as the baseline, of six cycles or more with friction \
              stages, in which friction falls while the joint warms; view friction_map has the joints with a map",
@@ -196,6 +199,7 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
     }
     keep_chosen(args, &mut points);
     if points.is_empty() {
+        refuse_missing_joint(store, runs.iter().map(|run| run.robot.as_str()), args.joint).await?;
         let of_joint = args.joint.map_or_else(String::new, |joint| format!(" of joint {joint}"));
         return Err(CliError::Usage(format!(
             "there are no friction points{of_joint}: no cycle of {} has a friction stage with plateaus; \
@@ -204,6 +208,28 @@ async fn chosen_points(args: &FrictionArgs, store: &Store) -> Result<(String, Ve
         )));
     }
     Ok((names(&runs), points))
+}
+
+/// Refuses a joint that none of the robots has. Of a robot without a complete test it is not known how many it has.
+async fn refuse_missing_joint<'r>(
+    store: &Store,
+    robots: impl Iterator<Item = &'r str>,
+    joint: Option<u8>,
+) -> Result<(), CliError> {
+    let Some(joint) = joint.map(usize::from) else { return Ok(()) };
+    let health = store.fleet_health().await?;
+    let joints = |robot: &str| {
+        health.iter().filter(|row| row.robot == robot).map(|row| row.joint.number()).max().unwrap_or(0)
+    };
+    let robots: BTreeSet<&str> = robots.collect();
+    let counts: Vec<(&str, usize)> = robots.into_iter().map(|robot| (robot, joints(robot))).collect();
+    if counts.iter().any(|(_, count)| *count == 0 || *count >= joint) {
+        return Ok(());
+    }
+    let told =
+        counts.iter().map(|(robot, count)| format!("{robot} has {}", output::counted(*count, "joint")));
+    let told: Vec<String> = told.collect();
+    Err(CliError::Usage(format!("{}, there is no joint {joint}", told.join(", "))))
 }
 
 fn keep_chosen(args: &FrictionArgs, points: &mut Vec<Sourced>) {
@@ -243,8 +269,13 @@ fn fit_of(fits: &[WarmUpFit], level: (usize, f64)) -> Option<&WarmUpFit> {
     fits.iter().find(|fit| is_of(level, fit.joint.number(), fit.speed_fraction))
 }
 
+/// An estimate with its standard error in brackets, which is `-` where there is none.
+fn shown(estimate: Estimate) -> String {
+    let number = |value: f64| if value.is_finite() { format!("{value:.4}") } else { "-".to_owned() };
+    format!("{} ({})", number(estimate.value), number(estimate.std_error))
+}
+
 fn as_text(names: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String {
-    let shown = |estimate: Estimate| format!("{:.4} ({:.4})", estimate.value, estimate.std_error);
     let decay = |decay: &Option<Decay>| {
         decay.map_or_else(
             || ["-".to_string(), "-".to_string()],
@@ -396,4 +427,15 @@ fn as_value(level: (usize, f64), points: &[Sourced], fits: &[WarmUpFit]) -> serd
     value["c_first_std_error_nm"] = json!(shown.map(|shown| shown.at_first.std_error));
     value["t2_max_min"] = json!(shown.map(|shown| shown.longest));
     value
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_estimate_without_standard_error_has_a_dash_in_its_place() {
+        assert_eq!(shown(Estimate { value: 4.298_96, std_error: f64::NAN }), "4.2990 (-)");
+        assert_eq!(shown(Estimate { value: 8.564_1, std_error: 0.080_4 }), "8.5641 (0.0804)");
+    }
 }

@@ -5,7 +5,8 @@ mod tally;
 mod words;
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -23,10 +24,10 @@ use crate::daemon;
 use crate::ingest::find::watch;
 use crate::pipeline::conclude::history::RUNS_AT_ONCE;
 use crate::pipeline::conclude::isolation::Conclusion;
-use crate::pipeline::context::{Outcome, Pipeline, Retry};
+use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::look::replay;
 use crate::run::RunStatus;
-use crate::store::{EventKind, RunResult, SessionKind};
+use crate::store::{EventKind, RunResult, SessionKind, StoreError};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -41,7 +42,9 @@ Examples:
 Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
 
-The last line counts what became of the exports; with --json it is an object whose outcome is summary.
+The last line counts what became of the exports; with --json it is an object whose outcome is summary. After Ctrl-C too:
+then the object's interrupted is true, and the same command goes on. An export that another program takes at the same
+time is left to it, and looked at again at the end.
 
 With --again, complete runs are read anew from their exports, after a robot or layout file was corrected. They keep
 their numbers; conclusions follow. If the export is not understood any more, the run is quarantined.
@@ -52,13 +55,16 @@ pub(super) struct IngestArgs {
     #[arg(required_unless_present = "again", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Read these runs anew, instead
-    #[arg(long, value_name = "RUN_ID", num_args = 1.., conflicts_with = "paths")]
+    #[arg(long, value_name = "RUN_ID", num_args = 1.., allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..), conflicts_with = "paths")]
     again: Vec<i64>,
     /// Take cycles in spite of this finding, as doubtful ones; may be given several times. Adds to [analysis] accept of
     /// the configuration; a refusal says the name of its finding, docs/method.md explains them
     #[arg(long, value_name = "FINDING", value_parser = finding_kind())]
     accept: Vec<FindingKind>,
 }
+
+/// Looks at an export that another program was taking, before it is left for good.
+const LOOKS: usize = 3;
 
 /// Reads the name of a finding; clap proposes the nearest one.
 fn finding_kind() -> impl TypedValueParser<Value = FindingKind> {
@@ -75,7 +81,10 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     }
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
-        let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_STOPPED) };
+        let Some(store) = open_store_until(&stop, &config).await? else {
+            let count = exports.len() + args.again.len();
+            return Ok(end_early(&Tally::default(), Duration::ZERO, count, global.json));
+        };
         let session = store.join(SessionKind::Command).await?;
         let pipeline = Pipeline::new(shared(config), store);
         let done = match args.again.is_empty() {
@@ -130,6 +139,7 @@ pub(super) async fn take_all(
     take(pipeline, exports, Retry::Quarantined, stop, as_json).await
 }
 
+/// Takes exports one after the other, and prints what becomes of each and of all.
 async fn take(
     pipeline: &Pipeline,
     exports: &[PathBuf],
@@ -137,75 +147,178 @@ async fn take(
     stop: &CancellationToken,
     as_json: bool,
 ) -> Result<u8, CliError> {
-    if !reweight::reweight(pipeline, stop).await? {
-        return Ok(EXIT_STOPPED);
+    let is_ready = reweight::reweight(pipeline, stop).await?;
+    let mut turn = Turn {
+        pipeline,
+        retry,
+        stop,
+        as_json,
+        bar: ProgressLine::new(exports),
+        tally: Tally::default(),
+        ended: HashMap::new(),
+    };
+    if !is_ready || !turn.take_each(exports).await? {
+        let took = turn.bar.clear();
+        return Ok(end_early(&turn.tally, took, exports.len(), as_json));
     }
-    let mut tally = Tally::default();
-    let mut ended: HashMap<String, usize> = HashMap::new();
-    let bar = ProgressLine::new(exports);
-    let mut exports_ahead = pipeline.read_all_ahead(exports, retry, stop);
-    for path in exports {
-        let ahead = exports_ahead.next().await?;
-        bar.begin(path);
-        let moving = bar.clone();
-        let progress = move |progress| moving.note(progress);
-        let outcome = pipeline.process_ahead(path, ahead, retry, stop, progress).await?;
-        let empty = without_result(pipeline, &outcome).await?;
-        bar.end(&outcome);
-        bar.pause(|| print(path, &outcome, empty.as_ref(), as_json));
-        tally.add(&outcome, empty.is_some());
-        if let Outcome::Stored(run) = &outcome {
-            let runs = ended.entry(run.robot.clone()).or_default();
-            *runs += 1;
-            if runs.is_multiple_of(RUNS_AT_ONCE) {
-                conclude(pipeline, &run.robot, &bar, &mut tally, as_json).await?;
-            }
-        }
-        if matches!(outcome, Outcome::Interrupted) || stop.is_cancelled() {
-            return Ok(EXIT_STOPPED);
-        }
-    }
-    let mut is_faulty = false;
-    // conclusions of one robot may be news for others of its model, and these for no one
-    for _ in 0..2 {
-        for robot in pipeline.store().stale_robots().await? {
-            is_faulty |= !conclude(pipeline, &robot.name, &bar, &mut tally, as_json).await?;
-        }
-    }
-    let took = bar.clear();
+    let is_faulty = !turn.conclude_all().await?;
+    let took = turn.bar.clear();
+    print_tally(&turn.tally, took, false, as_json);
+    // other robots are concluded all the same
+    Ok(if is_faulty { EXIT_INTERNAL } else { turn.tally.exit_code() })
+}
+
+fn print_tally(tally: &Tally, took: Duration, is_interrupted: bool, as_json: bool) {
     if as_json {
-        output::json(&tally.as_value(took));
+        output::json(&tally.as_value(took, is_interrupted));
     } else {
         output::line(&tally.as_text(took));
     }
-    // other robots are concluded all the same
-    Ok(if is_faulty { EXIT_INTERNAL } else { tally.exit_code() })
 }
 
-/// Draws and prints what a robot's history says; `false`, with the reason in the log, if that cannot be.
-async fn conclude(
-    pipeline: &Pipeline,
-    robot: &str,
-    bar: &ProgressLine,
-    tally: &mut Tally,
+/// Says what was done before a stop, and how the rest is done.
+fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8 {
+    print_tally(tally, took, true, as_json);
+    output::print_hint(&format!(
+        "stopped after {} of {}; what is stored stays: run the same command again to go on",
+        tally.decided(),
+        output::counted(exports, "export")
+    ));
+    EXIT_STOPPED
+}
+
+/// Exports in work: what all of them share, and what has become of them so far.
+struct Turn<'a> {
+    pipeline: &'a Pipeline,
+    retry: Retry,
+    stop: &'a CancellationToken,
     as_json: bool,
-) -> Result<bool, CliError> {
-    match pipeline.conclude_isolated(robot).await? {
-        Conclusion::Drawn(concluded) => {
-            let opened = concluded.events.iter().filter(|event| event.what == EventKind::Opened);
-            opened.for_each(|event| tally.opened[event.severity as usize] += 1);
-            bar.pause(|| print_conclusions(&concluded, as_json));
+    bar: ProgressLine,
+    tally: Tally,
+    /// Stored exports by robot, since conclusions are drawn of some at once.
+    ended: HashMap<String, usize>,
+}
+
+impl Turn<'_> {
+    /// Takes one export after the other and, at the end, looks again at those that another program was taking at the same
+    /// time. `false` where a stop was asked for.
+    async fn take_each(&mut self, exports: &[PathBuf]) -> Result<bool, CliError> {
+        let mut exports_ahead = self.pipeline.read_all_ahead(exports, self.retry, self.stop);
+        let mut elsewhere = Vec::new();
+        for path in exports {
+            let ahead = exports_ahead.next().await?;
+            self.bar.begin(path);
+            let moving = self.bar.clone();
+            let progress = move |progress| moving.note(progress);
+            let taken = self.pipeline.process_ahead(path, ahead, self.retry, self.stop, progress).await;
+            if is_taken_elsewhere(&taken) {
+                self.bar.end(&Outcome::InWork { run_id: None });
+                self.bar.pause(|| output::print_hint(&words::elsewhere(path)));
+                elsewhere.push(path);
+            } else {
+                self.close(path, &taken?).await?;
+            }
+            if self.stop.is_cancelled() {
+                return Ok(false);
+            }
         }
-        Conclusion::UpToDate => {}
-        Conclusion::Elsewhere => {
-            bar.pause(|| output::print_hint(&format!("{robot}: a daemon judges its history now")));
+        for path in elsewhere {
+            let outcome = self.look_again(path).await?;
+            self.close(path, &outcome).await?;
+            if self.stop.is_cancelled() {
+                return Ok(false);
+            }
         }
-        Conclusion::Faulty(reason) => {
-            bar.pause(|| output::print_hint(&format!("{robot}: nothing new is concluded: {reason}")));
-            return Ok(false);
+        Ok(true)
+    }
+
+    /// Takes an export that another program was taking. Where that one ends its run meanwhile, the next look finds it.
+    async fn look_again(&self, path: &Path) -> Result<Outcome, CliError> {
+        let mut taken = self.look(path).await;
+        for _ in 1..LOOKS {
+            if taken.is_ok() || !is_taken_elsewhere(&taken) {
+                break;
+            }
+            taken = self.look(path).await;
+        }
+        match taken {
+            Err(PipelineError::Store(StoreError::RunNotOpen { run_id, .. })) => {
+                Ok(Outcome::InWork { run_id: Some(run_id) })
+            }
+            taken => Ok(taken?),
         }
     }
-    Ok(true)
+
+    async fn look(&self, path: &Path) -> Result<Outcome, PipelineError> {
+        self.pipeline.process(path, self.retry, self.stop, |_| ()).await
+    }
+
+    /// Prints and counts what became of an export; draws conclusions where several of its robot are stored.
+    async fn close(&mut self, path: &Path, outcome: &Outcome) -> Result<(), CliError> {
+        let known_robot = known_robot(self.pipeline, outcome).await?;
+        let empty = without_result(self.pipeline, outcome).await?;
+        self.bar.end(outcome);
+        let as_json = self.as_json;
+        self.bar.pause(|| print(path, outcome, known_robot.as_deref(), empty.as_ref(), as_json));
+        self.tally.add(outcome, empty.is_some());
+        if let Outcome::Stored(run) = outcome {
+            let runs = self.ended.entry(run.robot.clone()).or_default();
+            *runs += 1;
+            if runs.is_multiple_of(RUNS_AT_ONCE) {
+                self.conclude(&run.robot).await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws what the histories of all robots with news say; `false` if that cannot be for one of them.
+    async fn conclude_all(&mut self) -> Result<bool, CliError> {
+        let mut are_drawn = true;
+        // conclusions of one robot may be news for others of its model, and these for no one
+        for _ in 0..2 {
+            for robot in self.pipeline.store().stale_robots().await? {
+                are_drawn &= self.conclude(&robot.name).await?;
+            }
+        }
+        Ok(are_drawn)
+    }
+
+    /// Draws and prints what a robot's history says; `false`, with the reason in the log, if that cannot be.
+    async fn conclude(&mut self, robot: &str) -> Result<bool, CliError> {
+        let (bar, as_json) = (&self.bar, self.as_json);
+        match self.pipeline.conclude_isolated(robot).await? {
+            Conclusion::Drawn(concluded) => {
+                let opened = concluded.events.iter().filter(|event| event.what == EventKind::Opened);
+                opened.for_each(|event| self.tally.opened[event.severity as usize] += 1);
+                bar.pause(|| print_conclusions(&concluded, as_json));
+            }
+            Conclusion::UpToDate => {}
+            Conclusion::Elsewhere => {
+                bar.pause(|| output::print_hint(&format!("{robot}: a daemon judges its history now")));
+            }
+            Conclusion::Faulty(reason) => {
+                bar.pause(|| output::print_hint(&format!("{robot}: nothing new is concluded: {reason}")));
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Whether another program takes the same export at the same time. In a database in a file, both write to one run until
+/// one of them has ended it; where both begin it at once, the second one is refused.
+fn is_taken_elsewhere(taken: &Result<Outcome, PipelineError>) -> bool {
+    matches!(
+        taken,
+        Ok(Outcome::InWork { .. })
+            | Err(PipelineError::Store(StoreError::RunNotOpen { .. } | StoreError::Refused { .. }))
+    )
+}
+
+/// The robot of a run that was stored before.
+async fn known_robot(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option<String>, CliError> {
+    let Outcome::AlreadyStored { run_id } = outcome else { return Ok(None) };
+    Ok(pipeline.store().run_source(*run_id).await?.map(|source| source.robot))
 }
 
 /// What there is to say of a complete run that says nothing of the arm, stored now or before.

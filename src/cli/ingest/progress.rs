@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 
 use super::words::lasting;
+use crate::cli::shared::output;
 use crate::pipeline::context::{Outcome, Progress};
 
 /// Cycles of an export that are read and not stored yet: one is read, two are analysed, one waits.
@@ -108,7 +109,9 @@ impl ProgressLine {
         let mut work = self.work();
         work.begin(bytes_of(path));
         work.at += 1;
-        work.name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        // a terminal would obey what stands in it
+        work.name =
+            path.file_name().map(|name| output::on_one_line(&name.to_string_lossy())).unwrap_or_default();
         self.bar.set_prefix(format!("file {}/{}", work.at, self.files));
         self.show(&work);
     }

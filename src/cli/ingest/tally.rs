@@ -47,6 +47,11 @@ impl Tally {
         }
     }
 
+    /// Exports whose fate is decided.
+    pub(super) fn decided(&self) -> usize {
+        self.stored + self.known + self.quarantined
+    }
+
     pub(super) fn as_text(&self, took: Duration) -> String {
         let Self { stored, known, quarantined, without_result, not_read, cycles, refused, opened } = self;
         let mut text = format!(
@@ -69,7 +74,8 @@ impl Tally {
         text + &format!("; {}", lasting(took))
     }
 
-    pub(super) fn as_value(&self, took: Duration) -> serde_json::Value {
+    /// For scripts; `is_interrupted` says that exports are left over, since a stop was asked for.
+    pub(super) fn as_value(&self, took: Duration, is_interrupted: bool) -> serde_json::Value {
         let opened: serde_json::Map<_, _> = SEVERITIES
             .into_iter()
             .map(|severity| (severity.name().to_owned(), self.opened[severity as usize].into()))
@@ -77,7 +83,8 @@ impl Tally {
         json!({
             "outcome": "summary", "stored": self.stored, "known": self.known, "quarantined": self.quarantined,
             "without_result": self.without_result, "not_read": self.not_read, "cycles": self.cycles,
-            "refused_cycles": self.refused, "anomalies_opened": opened, "took_s": took.as_secs_f64(),
+            "refused_cycles": self.refused, "anomalies_opened": opened, "interrupted": is_interrupted,
+            "took_s": took.as_secs_f64(),
         })
     }
 
@@ -107,10 +114,12 @@ mod tests {
         assert_eq!(tally.as_text(second), line);
         tally.opened[Severity::Critical as usize] = 2;
         assert!(tally.as_text(Duration::from_secs(3750)).ends_with("; opened: 2 critical; 1 h 2 min"));
-        let value = tally.as_value(second);
+        let value = tally.as_value(second, false);
         assert_eq!(
-            (&value["outcome"], &value["anomalies_opened"]["critical"]),
-            (&"summary".into(), &2.into())
+            (&value["outcome"], &value["anomalies_opened"]["critical"], &value["interrupted"]),
+            (&"summary".into(), &2.into(), &false.into())
         );
+        tally.add(&Outcome::Interrupted, false);
+        assert_eq!((tally.decided(), &tally.as_value(second, true)["interrupted"]), (2, &true.into()));
     }
 }

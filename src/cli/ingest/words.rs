@@ -20,16 +20,34 @@ pub(super) fn lasting(time: Duration) -> String {
     }
 }
 
-pub(super) fn print(path: &Path, outcome: &Outcome, empty: Option<&RunResult>, as_json: bool) {
+/// What is said of an export that another program takes at the same time, when it is left to that.
+pub(super) fn elsewhere(path: &Path) -> String {
+    format!("{}: another program takes it at the same time; it is looked at again at the end", shown(path))
+}
+
+/// The name of a file on one line.
+fn shown(path: &Path) -> String {
+    output::on_one_line(&path.display().to_string())
+}
+
+/// Prints what became of an export: `known_robot` is that of a run that was stored before, `empty` what there is to say of
+/// a run without result.
+pub(super) fn print(
+    path: &Path,
+    outcome: &Outcome,
+    known_robot: Option<&str>,
+    empty: Option<&RunResult>,
+    as_json: bool,
+) {
     if as_json {
-        let mut value = as_value(path, outcome);
+        let mut value = as_value(path, outcome, known_robot);
         if matches!(outcome, Outcome::Stored(_) | Outcome::AlreadyStored { .. }) {
             value["without_result"] = empty.is_some().into();
         }
         output::json(&value);
         return;
     }
-    let text = as_text(path, outcome);
+    let text = as_text(path, outcome, known_robot);
     let (said, rest) = text.split_once(' ').unwrap_or((&text, ""));
     output::line(&format!("{} {rest}", output::coloured(said)));
     if let Some(result) = empty {
@@ -74,8 +92,8 @@ pub(super) fn print_conclusions(concluded: &Concluded, as_json: bool) {
     }
 }
 
-fn as_text(path: &Path, outcome: &Outcome) -> String {
-    let file = path.display();
+fn as_text(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> String {
+    let file = shown(path);
     match outcome {
         Outcome::Stored(run) => {
             let mut text = format!(
@@ -91,7 +109,10 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
             }
             text
         }
-        Outcome::AlreadyStored { run_id } => format!("known        {file}: stored as run {run_id}"),
+        Outcome::AlreadyStored { run_id } => {
+            let robot = known_robot.map(|robot| format!(" of robot {robot}")).unwrap_or_default();
+            format!("known        {file}: stored as run {run_id}{robot}")
+        }
         Outcome::Quarantined { rejection, cycles, .. } => {
             let kept = match cycles {
                 0 => String::new(),
@@ -103,16 +124,16 @@ fn as_text(path: &Path, outcome: &Outcome) -> String {
         Outcome::Unreadable { rejection } => format!("unreadable   {rejection}; then run again"),
         Outcome::Interrupted => format!("interrupted  {file}: run again to continue"),
         Outcome::InWork { run_id: Some(run_id) } => {
-            format!("in work      {file}: being read as run {run_id}; run again")
+            format!("in work      {file}: another program takes it as run {run_id}; run again")
         }
         Outcome::InWork { run_id: None } => {
-            format!("in work      {file}: another daemon reads it; run again")
+            format!("in work      {file}: another program takes it; run again")
         }
         Outcome::Changed => format!("changed      {file}: changed or vanished while it was read; run again"),
     }
 }
 
-fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
+fn as_value(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> serde_json::Value {
     let file = path.display().to_string();
     match outcome {
         Outcome::Stored(run) => json!({
@@ -120,7 +141,9 @@ fn as_value(path: &Path, outcome: &Outcome) -> serde_json::Value {
             "cycles": run.cycles, "rows": run.rows,
             "refused": run.refused.iter().map(|(cycle, reason)| json!({"cycle": cycle, "reason": reason})).collect::<Vec<_>>(),
         }),
-        Outcome::AlreadyStored { run_id } => json!({"file": file, "outcome": "known", "run_id": run_id}),
+        Outcome::AlreadyStored { run_id } => {
+            json!({"file": file, "outcome": "known", "run_id": run_id, "robot": known_robot})
+        }
         Outcome::Quarantined { run_id, rejection, cycles, .. } => json!({
             "file": file, "outcome": "quarantined", "run_id": run_id, "reason": rejection.sentence(),
             "line": rejection.line, "column": rejection.column, "value": rejection.value,

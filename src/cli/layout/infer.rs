@@ -6,6 +6,8 @@ use clap::Args;
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::paths;
+use crate::cli::shared::result_file::{refuse_database, refuse_source};
 use crate::config::{ConfigSource, read_robot};
 use crate::ingest::bytes::source;
 use crate::ingest::infer;
@@ -32,7 +34,7 @@ keys of a layout are in docs/layouts.md.
 --robot is the name of a robot, as exports carry it: the description that the configuration names for it says how many
 joints there are, how far they go and which torques gravity asks for. Its layout need not exist yet, and nothing else of
 the configuration is read. --description names such a file directly. Neither is needed where columns have names. Exit
-status 1 if questions are left, or the file holds no table.")]
+status 1 if questions are left, 2 if there is no such file or it holds no table.")]
 pub(in crate::cli) struct InferArgs {
     /// Export, plain, .gz or .zst
     #[arg(value_name = "FILE")]
@@ -62,9 +64,16 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     if let Some(rate) = args.sample_rate_hz.filter(|rate| !SAMPLE_RATES.contains(rate)) {
         return Err(CliError::Usage(format!("--sample-rate-hz {rate} is not between 0.1 and 1000000 Hz")));
     }
-    if let Some(output) = args.output.as_ref().filter(|output| !args.force && output.exists()) {
-        let output = output.display();
-        return Err(CliError::Usage(format!("{output} exists and is left as it is; --force writes over it")));
+    paths::metadata(&args.file)?;
+    refuse_source(args.output.as_deref(), &args.file, "the export itself")?;
+    if let Some(output) = &args.output {
+        refuse_database(output)?;
+        if !args.force && output.exists() {
+            let output = output.display();
+            return Err(CliError::Usage(format!(
+                "{output} exists and is left as it is; --force writes over it"
+            )));
+        }
     }
     let name = args.name.clone().unwrap_or_else(|| stem(args.output.as_ref().unwrap_or(&args.file)));
     let hints = Hints {
@@ -73,16 +82,12 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
         sample_rate: args.sample_rate_hz,
     };
     let proposed = source::open(&args.file).and_then(|reader| infer::infer(reader, &args.file, &name, hints));
-    let proposed = match proposed {
-        Ok(proposed) => proposed,
-        Err(rejection) => {
-            output::print_error(&rejection);
-            return Ok(EXIT_FOUND);
-        }
-    };
+    let proposed = proposed.map_err(|rejection| match rejection.is_passing {
+        true => CliError::Io(rejection.to_string()),
+        false => CliError::Usage(rejection.to_string()),
+    })?;
     if let Some(output) = &args.output {
-        write_whole(output, &proposed.toml)
-            .map_err(|error| CliError::Io(format!("{}: {error}", output.display())))?;
+        write_whole(output, &proposed.toml).map_err(|error| paths::not_written(output, &error))?;
     }
     if global.json {
         output::json(&serde_json::json!({

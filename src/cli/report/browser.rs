@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::process::Command;
 
 use crate::cli::context::CliError;
-use crate::cli::shared::output;
+use crate::cli::shared::result_file;
 
 /// Names of programs that print pages, the first that is found is taken.
 const NAMES: [&str; 8] = [
@@ -56,14 +56,7 @@ pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Re
         let done = done.map_err(|error| failed(&error.to_string()))?;
         if std::fs::metadata(&printed).is_ok_and(|file| file.len() > 0) {
             // another file system cannot be renamed onto
-            std::fs::copy(&printed, path).map_err(|error| {
-                CliError::Io(format!(
-                    "cannot write {}: {error}; name a file in a folder that is there",
-                    path.display()
-                ))
-            })?;
-            output::print_hint(&format!("wrote {}", path.display()));
-            return Ok(());
+            return result_file::copy(&printed, path);
         }
         said = String::from_utf8_lossy(&done.stderr).lines().last().unwrap_or("no word").trim().to_owned();
     }

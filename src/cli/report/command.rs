@@ -7,7 +7,7 @@ use jiff::Timestamp;
 
 use super::{browser, robot, run};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
-use crate::cli::shared::plot::write_lines;
+use crate::cli::shared::result_file::{objection, write_lines};
 use crate::config::Config;
 use crate::report::page::Page;
 use crate::store::{RunRow, Store};
@@ -50,14 +50,16 @@ struct ReportFile {
 }
 
 impl ReportFile {
+    /// Of a file name that ends in `.html` or `.pdf`; what lies there must be none, or an earlier result.
     fn parse(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-        match ending.as_deref() {
-            Some("html" | "htm") => Ok(Self { path, as_pdf: false }),
-            Some("pdf") => Ok(Self { path, as_pdf: true }),
-            _ => Err("a report is written as .html or .pdf; end the name with one of them".into()),
-        }
+        let file = match ending.as_deref() {
+            Some("html" | "htm") => Self { path, as_pdf: false },
+            Some("pdf") => Self { path, as_pdf: true },
+            _ => return Err("a report is written as .html or .pdf; end the name with one of them".into()),
+        };
+        objection(&file.path).map_or(Ok(file), Err)
     }
 }
 

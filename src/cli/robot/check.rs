@@ -8,6 +8,7 @@ use serde_json::json;
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
+use crate::cli::shared::programme::read;
 use crate::config::read_robot;
 use crate::numerics::model::robot_check;
 use crate::numerics::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
@@ -90,8 +91,7 @@ fn agreement_text(found: &ReferenceAgreement) -> String {
 }
 
 fn compare(robot: &Robot, path: &Path) -> Result<ReferenceAgreement, CliError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| CliError::Usage(format!("{}: {error}", path.display())))?;
+    let text = read(path)?;
     let rows = reference_rows(robot.joint_count(), &text)
         .map_err(|problem| CliError::Usage(format!("{}: {problem}", path.display())))?;
     robot_check::compare_with_reference(robot, &rows)

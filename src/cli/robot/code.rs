@@ -11,6 +11,7 @@ use super::sources::{described, recorded, source_lines};
 use crate::analysis::FrictionPoint;
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::output;
+use crate::cli::shared::paths::not_written;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
 use crate::config::{Config, read_robot};
 use crate::numerics::model::base_parameters::base_parameters;
@@ -358,15 +359,12 @@ fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
 
 /// Writes all files, or none if one of them would replace a file that is not of this command.
 fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliError> {
-    let fail = |path: &Path, error: std::io::Error| {
-        CliError::Io(format!("cannot write {}: {error}", path.display()))
-    };
     for file in files.iter().filter(|_| !force) {
         let path = folder.join(&file.name);
         let known = match std::fs::read(&path) {
             Ok(known) => known,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
-            Err(error) => return Err(fail(&path, error)),
+            Err(error) => return Err(not_written(&path, &error)),
         };
         if !is_generated(&known, file) {
             return Err(CliError::Usage(format!(
@@ -376,10 +374,10 @@ fn write(folder: &Path, files: &[SourceFile], force: bool) -> Result<(), CliErro
             )));
         }
     }
-    std::fs::create_dir_all(folder).map_err(|error| fail(folder, error))?;
+    std::fs::create_dir_all(folder).map_err(|error| not_written(folder, &error))?;
     for file in files {
         let path = folder.join(&file.name);
-        std::fs::write(&path, &file.text).map_err(|error| fail(&path, error))?;
+        std::fs::write(&path, &file.text).map_err(|error| not_written(&path, &error))?;
     }
     Ok(())
 }

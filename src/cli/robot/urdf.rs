@@ -11,6 +11,7 @@ use serde_json::json;
 use super::sources::{described, recorded, source_lines};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::output;
+use crate::cli::shared::result_file::{result_file, write_lines};
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
 use crate::config::{Config, read_robot, straight_friction, urdf_text};
 use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
@@ -49,7 +50,7 @@ pub(in crate::cli) struct RobotUrdfArgs {
     #[arg(long, value_name = "FILE")]
     description: Option<PathBuf>,
     /// URDF file to write; an existing one is replaced
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = result_file())]
     output: PathBuf,
 }
 
@@ -80,13 +81,11 @@ pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, 
         return Ok(EXIT_FOUND);
     }
     let text = urdf_text(&fitted.robot, &fitted.fit.estimate.model, &comments(&fitted));
-    std::fs::write(&args.output, text)
-        .map_err(|error| CliError::Io(format!("{}: {error}", args.output.display())))?;
+    write_lines(&args.output, text.lines().map(str::to_owned))?;
     if global.json {
         output::json(&as_value(&fitted, args));
     } else {
         output::line(&as_text(&fitted));
-        output::print_hint(&format!("wrote {}", args.output.display()));
     }
     Ok(EXIT_DONE)
 }

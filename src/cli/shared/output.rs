@@ -1,4 +1,7 @@
 //! The one place that prints: results on standard output, words on standard error.
+//!
+//! Lines for people show control characters, as they may stand in the name of a file, as `\u{1b}`: a terminal would obey
+//! them. What programs read, CSV and JSON, is printed as it is.
 
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, Write};
@@ -11,13 +14,18 @@ use anstyle::{AnsiColor, Style};
 /// Why results could not be printed, the first time that happened.
 static FAILED: OnceLock<String> = OnceLock::new();
 
-/// Prints a line of results. A reader that went away, as in `armwatch ... | head`, is not an error; of any other
-/// failure [`failure`] tells at the end.
+/// Prints a line of results for people. A reader that went away, as in `armwatch ... | head`, is not an error; of any
+/// other failure [`failure`] tells at the end.
 pub fn line(text: &str) {
+    data(&for_people(text));
+}
+
+/// Prints results for programs as they are, with the end of a line.
+pub fn data(text: &str) {
     note(writeln!(std::io::stdout().lock(), "{text}"));
 }
 
-/// Prints lines of results as they come; ends where they cannot be printed.
+/// Prints lines of results for programs as they come; ends where they cannot be printed.
 pub fn lines(lines: impl Iterator<Item = String>) {
     let mut stdout = std::io::BufWriter::new(std::io::stdout().lock());
     for line in lines {
@@ -42,10 +50,55 @@ fn note(printed: std::io::Result<()>) {
     }
 }
 
+/// Begins a style of this program in place of the escape character until the line is printed, so that one in the name
+/// of a file is told apart. Unicode gives it to no character.
+const STYLE: char = '\u{fdd0}';
+
+/// The escape character, with which a terminal is given orders.
+const ESCAPE: char = '\u{1b}';
+
 /// The text in a style where standard output shows it: on a terminal, and not where `NO_COLOR` is set.
 pub fn styled(text: &str, style: Style) -> String {
     let plain = AutoStream::choice(&std::io::stdout()) == ColorChoice::Never;
-    if plain { text.to_owned() } else { format!("{style}{text}{style:#}") }
+    if plain { text.to_owned() } else { in_style(text, style) }
+}
+
+fn in_style(text: &str, style: Style) -> String {
+    let marked = |code: String| code.replace(ESCAPE, STYLE.encode_utf8(&mut [0; 4]));
+    format!("{}{text}{}", marked(style.to_string()), marked(format!("{style:#}")))
+}
+
+/// A text as people see it: styles of this program, ends of lines and tabulators as they are, other control characters
+/// such that a terminal shows them.
+fn for_people(text: &str) -> String {
+    let mut shown = String::with_capacity(text.len());
+    for (at, character) in text.char_indices() {
+        match character {
+            '\n' | '\t' => shown.push(character),
+            STYLE if is_style(&text[at + STYLE.len_utf8()..]) => shown.push(ESCAPE),
+            STYLE => shown.extend(STYLE.escape_unicode()),
+            _ if character.is_control() => shown.extend(character.escape_debug()),
+            _ => shown.push(character),
+        }
+    }
+    shown
+}
+
+/// Whether a text goes on as the code of a colour does, behind its escape character: `[31m`.
+fn is_style(rest: &str) -> bool {
+    let numbers = rest.strip_prefix('[').and_then(|rest| rest.split_once('m'));
+    numbers.is_some_and(|(numbers, _)| numbers.bytes().all(|byte| byte.is_ascii_digit() || byte == b';'))
+}
+
+/// A text on one line for people, as the name of a file: all its control characters are shown.
+pub fn on_one_line(text: &str) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |mut shown, character| {
+        match character.is_control() {
+            true => shown.extend(character.escape_debug()),
+            false => shown.push(character),
+        }
+        shown
+    })
 }
 
 /// A word for a severity, a status or an outcome in its colour; other words as they are.
@@ -74,7 +127,7 @@ pub fn padded(text: &str, width: usize) -> String {
 }
 
 fn shown_width(text: &str) -> usize {
-    strip_str(text).to_string().chars().count()
+    strip_str(&for_people(text)).to_string().chars().count()
 }
 
 /// A count with its noun, which is in the plural unless the count is one.
@@ -85,7 +138,7 @@ pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> Strin
 
 /// Prints a line of words.
 pub fn print_hint(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{text}");
+    let _ = writeln!(std::io::stderr().lock(), "{}", for_people(text));
 }
 
 /// Prints an error.
@@ -95,7 +148,7 @@ pub fn print_error(error: &dyn std::fmt::Display) {
 
 /// Prints a result as one line of JSON.
 pub fn json(value: &serde_json::Value) {
-    line(&value.to_string());
+    data(&value.to_string());
 }
 
 /// Narrowest width that a column of long text is cut to.
@@ -105,9 +158,11 @@ const NARROWEST: usize = 16;
 /// columns hold words for a status.
 pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
     let width = std::io::stdout().is_terminal().then(terminal_size::terminal_size).flatten();
+    let rows: Vec<Vec<String>> =
+        rows.iter().map(|row| row.iter().map(|cell| on_one_line(cell)).collect()).collect();
     let mut rows = match width {
-        Some((terminal_size::Width(width), _)) => fitted(header, rows, usize::from(width)),
-        None => rows.to_vec(),
+        Some((terminal_size::Width(width), _)) => fitted(header, &rows, usize::from(width)),
+        None => rows,
     };
     let is_cut = rows.iter().flatten().any(|cell| cell.ends_with(ELLIPSIS));
     for (column, _) in header.iter().enumerate().filter(|(_, name)| in_colour.contains(name)) {
@@ -186,9 +241,21 @@ mod tests {
     fn colours_take_no_width() {
         let red = AnsiColor::Red.on_default();
         let row = |word: String| vec![word, "x".to_owned()];
-        let text = table(&["status", ""], &[row(format!("{red}ok{red:#}")), row("critical".into())]);
-        let plain = strip_str(&text).to_string();
+        let text = table(&["status", ""], &[row(in_style("ok", red)), row("critical".into())]);
+        let plain = strip_str(&for_people(&text)).to_string();
         assert_eq!(plain, "status\nok        x\ncritical  x");
         assert_eq!((style_of("critical").is_some(), style_of("R07")), (true, None));
+    }
+
+    #[test]
+    fn a_terminal_obeys_the_program_and_no_name_of_a_file() {
+        let named = "known  R00\u{1b}[31m_\u{7}\r\u{9b}2J.csv: run 1\n\tand more";
+        let shown = "known  R00\\u{1b}[31m_\\u{7}\\r\\u{9b}2J.csv: run 1\n\tand more";
+        assert_eq!(for_people(named), shown);
+        assert_eq!(on_one_line("a\nb\u{1b}[2J ü"), "a\\nb\\u{1b}[2J ü");
+        let bold = AnsiColor::Red.on_default().bold();
+        assert_eq!(for_people(&in_style("critical", bold)), format!("{bold}critical{bold:#}"));
+        // what begins a style of this program gives a name no more than a colour
+        assert_eq!(for_people("\u{fdd0}[2J\u{fdd0}"), "\\u{fdd0}[2J\\u{fdd0}");
     }
 }

@@ -1,7 +1,7 @@
-//! Files that are named on the command line.
+//! Files that are named on the command line, and what helps where one cannot be read or written.
 
 use std::fs::Metadata;
-use std::io::ErrorKind;
+use std::io::{Error, ErrorKind};
 use std::path::Path;
 
 use crate::cli::context::CliError;
@@ -18,4 +18,61 @@ pub(in crate::cli) fn metadata(path: &Path) -> Result<Metadata, CliError> {
             _ => format!("{shown}: {error}"),
         })
     })
+}
+
+/// Why a file that is there could not be read, and what helps.
+pub(in crate::cli) fn not_read(path: &Path, error: &Error) -> CliError {
+    let remedy = match error.kind() {
+        ErrorKind::PermissionDenied => "ask for permission to read it",
+        _ => "check the disk or the share",
+    };
+    CliError::Io(format!("cannot read {}: {error}; {remedy}", path.display()))
+}
+
+/// Why a file or folder could not be written, and what helps.
+pub(in crate::cli) fn not_written(path: &Path, error: &Error) -> CliError {
+    let remedy = match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => {
+            "free space there, or name a place on another disk"
+        }
+        ErrorKind::FileTooLarge => "name a place on a disk that takes larger files",
+        ErrorKind::PermissionDenied => {
+            "name a folder that this user may write to, or ask for permission to write there"
+        }
+        ErrorKind::ReadOnlyFilesystem => "name a place on a disk that is not read-only",
+        ErrorKind::NotFound => "name a place in a folder that is there",
+        ErrorKind::NotADirectory | ErrorKind::AlreadyExists => {
+            "a file lies where a folder is needed; name another folder"
+        }
+        ErrorKind::IsADirectory => "a folder lies there; name a file",
+        _ => "check the disk, or name another place",
+    };
+    CliError::Io(format!("cannot write {}: {error}; {remedy}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::context::EXIT_IO;
+
+    #[test]
+    fn what_helps_depends_on_what_the_system_says() {
+        // numbers of errors as Linux and other systems have them
+        for (number, remedy) in [
+            (28, "free space there"),
+            (13, "ask for permission to write there"),
+            (30, "not read-only"),
+            (2, "a folder that is there"),
+            (20, "a file lies where a folder is needed"),
+            (21, "a folder lies there; name a file"),
+            (5, "check the disk"),
+        ] {
+            let error = not_written(Path::new("a/r.html"), &Error::from_raw_os_error(number));
+            let said = error.to_string();
+            assert!(said.starts_with("cannot write a/r.html: ") && said.contains(remedy), "{said}");
+            assert_eq!(error.exit_code(), EXIT_IO);
+        }
+        let said = not_read(Path::new("a.csv"), &Error::from_raw_os_error(13)).to_string();
+        assert!(said.starts_with("cannot read a.csv: ") && said.contains("permission to read"), "{said}");
+    }
 }

@@ -1,10 +1,8 @@
-//! Where pictures and tables go that are asked for with a file name.
+//! Where pictures go that are asked for with a file name, and the limits that they show.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::output;
+use super::result_file::{objection, write_lines};
 use crate::cli::context::CliError;
 use crate::config::Config;
 use crate::report::figure::Figure;
@@ -19,15 +17,16 @@ pub(in crate::cli) struct PlotFile {
 }
 
 impl PlotFile {
-    /// Of a file name that ends in `.svg` or `.html`.
+    /// Of a file name that ends in `.svg` or `.html`; what lies there must be none, or an earlier result.
     pub(in crate::cli) fn parse(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-        match ending.as_deref() {
-            Some("svg") => Ok(Self { path, as_page: false }),
-            Some("html" | "htm") => Ok(Self { path, as_page: true }),
-            _ => Err("a picture is written as .svg or .html; end the name with one of them".into()),
-        }
+        let file = match ending.as_deref() {
+            Some("svg") => Self { path, as_page: false },
+            Some("html" | "htm") => Self { path, as_page: true },
+            _ => return Err("a picture is written as .svg or .html; end the name with one of them".into()),
+        };
+        objection(&file.path).map_or(Ok(file), Err)
     }
 
     /// Where the picture goes.
@@ -50,41 +49,6 @@ pub(in crate::cli) fn rmsd_limits(config: &Config) -> RmsdLimits {
 /// Limits of the friction index as the configuration has them.
 pub(in crate::cli) fn index_limits(config: &Config) -> IndexLimits {
     IndexLimits { warning: config.detect.drift_warning, critical: config.detect.drift_critical }
-}
-
-/// Writes a file of these lines and says so.
-pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = String>) -> Result<(), CliError> {
-    let written = || -> std::io::Result<()> {
-        let mut file = BufWriter::new(File::create(path)?);
-        for line in lines {
-            writeln!(file, "{line}")?;
-        }
-        file.flush()
-    };
-    written().map_err(|error| {
-        CliError::Io(format!(
-            "cannot write {}: {error}; name a file in a folder that is there",
-            path.display()
-        ))
-    })?;
-    output::print_hint(&format!("wrote {}", path.display()));
-    Ok(())
-}
-
-/// Refuses to write over an export: it is the only copy of its recording.
-pub(in crate::cli) fn refuse_export(target: Option<&Path>, export: &Path) -> Result<(), CliError> {
-    let Some(target) = target else { return Ok(()) };
-    let same = match (target.canonicalize(), export.canonicalize()) {
-        (Ok(target), Ok(export)) => target == export,
-        _ => false,
-    };
-    if same {
-        return Err(CliError::Usage(format!(
-            "{} is the export itself, which is never written to; name another file",
-            target.display()
-        )));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

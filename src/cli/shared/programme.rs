@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::paths::{metadata, not_read};
 use crate::cli::context::CliError;
 use crate::design::programme::Programme;
 use crate::robot::Robot;
@@ -15,8 +16,20 @@ pub(in crate::cli) fn programme(path: &Path, robot: &Robot) -> Result<Programme,
     Ok(programme)
 }
 
-/// The text of a file.
+/// The text of a file that was named.
+///
+/// # Errors
+/// [`CliError::Usage`] where there is no such file, or it is no text; [`CliError::Io`] where it cannot be read.
 pub(in crate::cli) fn read(path: &Path) -> Result<String, CliError> {
-    std::fs::read_to_string(path)
-        .map_err(|error| CliError::Io(format!("cannot read {}: {error}", path.display())))
+    if metadata(path)?.is_dir() {
+        return Err(CliError::Usage(format!("{}: is a folder; name a file", path.display())));
+    }
+    let bytes = std::fs::read(path).map_err(|error| not_read(path, &error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        CliError::Usage(format!(
+            "{}: is no UTF-8 text from byte {} on; name another file, or save it as UTF-8",
+            path.display(),
+            error.utf8_error().valid_up_to()
+        ))
+    })
 }

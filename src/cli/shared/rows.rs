@@ -34,7 +34,7 @@ pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<
         output::lines(table.objects().map(|object| object.to_string()));
     } else if args.csv {
         let text = csv(table).map_err(|error| CliError::Internal(format!("CSV: {error}")))?;
-        output::line(text.trim_end_matches('\n'));
+        output::data(text.trim_end_matches('\n'));
     } else if table.rows.is_empty() {
         output::line(nothing);
     } else {

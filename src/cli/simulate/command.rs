@@ -10,17 +10,19 @@ use serde_json::json;
 
 use super::arm_options::ArmOptions;
 use super::export_format::export_format;
+use super::files;
 use super::stage_signal::StageSignalArg;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::cycle::CycleArgs;
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
+use crate::cli::shared::paths::not_written;
 use crate::cli::shared::programme::programme;
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::{JointIndex, Robot};
 use crate::simulate::error::SimulateError;
-use crate::simulate::fault::Fault;
+use crate::simulate::fault::{Fault, FaultKind};
 use crate::simulate::friction::FrictionShape;
 use crate::simulate::load::Load;
 use crate::simulate::recording::Clock;
@@ -77,7 +79,8 @@ Faults, each with from= (first run) and perhaps to= (last run):
   contact:joint=,nm=[,cycle=]  a push from outside
 
 Each run is one export in the native layout or the one given, with a truth file NAME.truth.json beside it that holds
-the parameters, friction and faults behind the numbers. The same seed gives the same bytes.")]
+the parameters, friction and faults behind the numbers. The same seed gives the same bytes. Exports of the same
+names are replaced.")]
 pub(in crate::cli) struct SimulateArgs {
     /// Folder for exports and truth files; made if missing
     #[arg(help_heading = "Exports", short, long, value_name = "DIR")]
@@ -261,13 +264,46 @@ pub(in crate::cli) fn simulate(global: &Global, args: &SimulateArgs) -> Result<u
     if let Some(signal) = args.stage_signal {
         settings.format = Some(export_format(&signal.layout()?, &robot, settings.temperatures.columns)?);
     }
-    for name in args.arm.names(&args.name)? {
-        settings.robot_name = name;
+    let named = |robot_name| SimulationSettings { robot_name, ..settings.clone() };
+    let robots: Vec<SimulationSettings> = args.arm.names(&args.name)?.into_iter().map(named).collect();
+    let replaced = files::replaced(robot.joint_count(), &robots, &args.output)?;
+    replaced.iter().for_each(|sentence| output::print_hint(sentence));
+    let unseen = settings.faults.iter().filter_map(|fault| unseen(fault, settings.runs, settings.cycles));
+    unseen.for_each(|sentence| output::print_hint(&sentence));
+    for settings in &robots {
         for run in 0..settings.runs {
-            simulate_one(&robot, &settings, run, args, global.json)?;
+            simulate_one(&robot, settings, run, args, global.json)?;
         }
     }
     Ok(EXIT_DONE)
+}
+
+/// Why a fault is in none of so many runs of so many cycles, and what helps.
+fn unseen(fault: &Fault, runs: u32, cycles: u32) -> Option<String> {
+    let last = fault.last_run.map_or(runs, |last| last.min(runs));
+    let (why, remedy) = match fault.kind {
+        _ if fault.start_run > runs => (
+            format!("begins with run {}, and there {}", fault.start_run, are(runs, "run")),
+            "more --runs, or an earlier from=",
+        ),
+        _ if fault.start_run > last => {
+            (format!("begins with run {} and ends with run {last}", fault.start_run), "a later to=")
+        }
+        // a step is in all of every later run
+        FaultKind::Step { cycle, .. } if cycle > cycles && fault.start_run == last => (
+            format!("begins with cycle {cycle}, and a run has {cycles}"),
+            "more --cycles, or an earlier cycle=",
+        ),
+        FaultKind::Contact { cycle, .. } if cycle > cycles => {
+            (format!("is in cycle {cycle}, and a run has {cycles}"), "more --cycles, or an earlier cycle=")
+        }
+        _ => return None,
+    };
+    Some(format!("--fault {fault} is in no export: it {why}; give {remedy}"))
+}
+
+fn are(count: u32, noun: &str) -> String {
+    format!("{} {}", if count == 1 { "is" } else { "are" }, output::counted(count, noun))
 }
 
 /// The arm with the motion of a programme in place of its description's excitation.
@@ -379,8 +415,8 @@ fn simulate_one(
         bar.set_message(format!("cycle {}/{}", progress.cycle, progress.cycles));
     })
     .map_err(|error| match error {
-        SimulateError::Write { .. } => CliError::Io(error.to_string()),
-        _ => CliError::Usage(error.to_string()),
+        SimulateError::Write { path, source } => not_written(&path, &source),
+        error => CliError::Usage(error.to_string()),
     })?;
     bar.finish_and_clear();
     if as_json {
@@ -392,4 +428,38 @@ fn simulate_one(
         output::line(&format!("{} ({} rows)", files.export.display(), files.rows));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_that_no_export_shows_is_told() {
+        let told = |fault: &str, runs, cycles| unseen(&fault.parse().expect("a fault"), runs, cycles);
+        let wear = "wear:joint=1,from=6,rate=0.1";
+        assert_eq!(
+            told(wear, 1, 5).as_deref(),
+            Some(
+                "--fault wear:joint=1,from=6,rate=0.1,cap=1 is in no export: it begins with run 6, and there is 1 run; give \
+                 more --runs, or an earlier from="
+            )
+        );
+        assert!(told(wear, 5, 5).is_some_and(|said| said.contains("there are 5 runs")));
+        let past = "noise:joint=1,from=3,to=2,factor=2";
+        assert!(told(past, 9, 5).is_some_and(|said| said.contains("ends with run 2; give a later to=")));
+        let step = "step:joint=2,from=4,cycle=9,size=0.25";
+        assert!(told(step, 4, 8).is_some_and(|said| said.contains("cycle 9, and a run has 8")));
+        let contact = "contact:joint=2,from=1,nm=30,cycle=6";
+        assert!(told(contact, 4, 5).is_some_and(|said| said.contains("is in cycle 6")));
+        for (fault, runs, cycles) in [
+            (wear, 6, 1),
+            (step, 5, 8),
+            (step, 4, 9),
+            (contact, 1, 6),
+            ("jitter:joint=1,from=1,size=0.1", 1, 1),
+        ] {
+            assert_eq!(told(fault, runs, cycles), None, "{fault} in {runs} runs of {cycles} cycles");
+        }
+    }
 }

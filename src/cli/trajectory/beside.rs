@@ -5,6 +5,8 @@ use serde_json::{Value, json};
 
 use crate::cli::context::{CliError, Global, open_to_read, runtime};
 use crate::cli::shared::output;
+use crate::cli::trajectory::words::without_numbers;
+use crate::numerics::NumericsError;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::trajectory::information::Information;
 use crate::numerics::trajectory::recorded_rows::Recording;
@@ -124,7 +126,7 @@ impl Beside {
         series: &FourierExcitation,
         recording: &Recording,
     ) -> Result<Precision, CliError> {
-        let fault = |error: crate::numerics::NumericsError| CliError::Usage(error.to_string());
+        let fault = |error: NumericsError| without_numbers(&robot.model, series, &error);
         let addition = Information::of_series(robot, base, series, recording).map_err(fault)?;
         let together = self.information.with(&addition);
         Ok(Precision {

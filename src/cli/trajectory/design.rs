@@ -15,11 +15,11 @@ use self::settings::sizes;
 use super::arm::arm;
 use super::beside::{Beside, Precision};
 use super::motion_check::MotionCheck;
-use super::words::slower;
+use super::words::{slower, without_numbers};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
-use crate::cli::shared::plot::write_lines;
 use crate::cli::shared::programme::programme;
+use crate::cli::shared::result_file::write_lines;
 use crate::design::programme::{BesideRecord, Programme, SearchRecord};
 use crate::design::search::{Budget, Earlier, Found, search};
 use crate::numerics::model::base_parameters::{BaseParameters, base_parameters};
@@ -56,7 +56,8 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
             (args.search(&problem, args.earlier(&robot, &base, &chosen)?.as_ref())?, None)
         }
     };
-    let conditions = conditioning(&robot, &base, &chosen, &found.series, args.rate_hz).map_err(refused)?;
+    let conditions = conditioning(&robot, &base, &chosen, &found.series, args.rate_hz)
+        .map_err(|error| without_numbers(&args.robot, &found.series, &error))?;
     let programme = Programme {
         model: robot.model.clone(),
         kinds: robot.joints.iter().map(|joint| joint.kind).collect(),

@@ -10,8 +10,8 @@ use super::motion_check::MotionCheck;
 use super::surroundings::SurroundingsArgs;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
-use crate::cli::shared::plot::write_lines;
 use crate::cli::shared::programme::programme;
+use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
 use crate::numerics::trajectory::series::state_at;
 use crate::robot::{FourierExcitation, JointKind, Robot};
 
@@ -40,7 +40,7 @@ pub(in crate::cli) struct ExportArgs {
     #[arg(long, value_name = "NAME")]
     robot: String,
     /// CSV file to write
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", value_parser = result_file())]
     output: PathBuf,
     /// Rows a second, Hz
     #[arg(long, default_value_t = 250.0, value_name = "HZ")]
@@ -59,6 +59,7 @@ pub(in crate::cli) struct ExportArgs {
 }
 
 pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, CliError> {
+    refuse_source(Some(&args.output), &args.file, "the programme itself")?;
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;
     let limit = args.surroundings.limit(&robot)?;

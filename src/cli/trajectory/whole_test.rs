@@ -14,8 +14,9 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::cycle::CycleArgs;
 use crate::cli::shared::levels::Levels;
 use crate::cli::shared::output;
-use crate::cli::shared::plot::{PlotFile, write_lines};
+use crate::cli::shared::plot::PlotFile;
 use crate::cli::shared::programme::programme;
+use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
 use crate::numerics::trajectory::limits::SampledMotion;
 use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
@@ -77,7 +78,7 @@ pub(in crate::cli) struct WholeTestArgs {
     #[arg(help_heading = "File", long, default_value_t = 250.0, value_name = "HZ")]
     rate_hz: f64,
     /// CSV file to write; without it the test is only described
-    #[arg(help_heading = "File", short, long, value_name = "FILE")]
+    #[arg(help_heading = "File", short, long, value_name = "FILE", value_parser = result_file())]
     output: Option<PathBuf>,
     /// Picture to write, .svg or .html
     #[arg(help_heading = "File", long, value_name = "FILE", value_parser = PlotFile::parse)]
@@ -93,6 +94,7 @@ pub(in crate::cli) fn whole_test(global: &Global, args: &WholeTestArgs) -> Resul
     let mut robot = arm(global, &args.robot)?;
     let limit = args.surroundings.limit(&robot)?;
     if let Some(path) = &args.trajectory {
+        refuse_source(args.output.as_deref(), path, "the programme itself")?;
         robot.excitation = Some(programme(path, &robot)?.series);
     }
     let settings = PlanSettings {

@@ -2,7 +2,9 @@
 
 use serde_json::{Value, json};
 
+use crate::cli::context::CliError;
 use crate::cli::shared::output;
+use crate::numerics::NumericsError;
 use crate::numerics::trajectory::limits::{Breach, extremes};
 use crate::robot::{FourierExcitation, JointKind, Robot};
 
@@ -118,4 +120,38 @@ pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> V
         })
     };
     robot.joint_indices().filter_map(of_joint).collect()
+}
+
+/// Why a motion of the arm called `arm` gives no numbers, and what helps.
+pub(super) fn without_numbers(arm: &str, series: &FourierExcitation, error: &NumericsError) -> CliError {
+    let remedy = match error {
+        NumericsError::NotFinite(_) => format!(
+            "; in {:.2} s the arm moves too little to show every parameter, so allow a longer motion (--seconds)",
+            1.0 / series.base_frequency
+        ),
+        _ => String::new(),
+    };
+    CliError::Usage(format!("{arm}: {error}{remedy}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::context::EXIT_USAGE;
+    use crate::testing::er3a;
+
+    #[test]
+    fn a_motion_that_is_too_short_is_to_be_longer() {
+        let mut series = er3a().excitation.expect("Table 4.1");
+        series.base_frequency = 10.0;
+        let error = without_numbers("er3a", &series, &NumericsError::NotFinite("the observation matrix"));
+        assert_eq!(
+            error.to_string(),
+            "er3a: the observation matrix did not give finite numbers; in 0.10 s the arm moves too little to show every \
+             parameter, so allow a longer motion (--seconds)"
+        );
+        assert_eq!(error.exit_code(), EXIT_USAGE);
+        let other = without_numbers("er3a", &series, &NumericsError::Unsupported("a joint"));
+        assert_eq!(other.to_string(), "er3a: not provided: a joint");
+    }
 }

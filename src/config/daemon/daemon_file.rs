@@ -61,7 +61,7 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let watch = read_watch(root.table("watch").as_ref());
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
     let serve = read_serve(root.table("serve").as_ref());
-    let snapshot = read_snapshot(root.table("snapshot").as_ref());
+    let snapshot = read_snapshot(root.table("snapshot").as_ref(), database);
     let retention = read_retention(root.table("retention").as_ref());
     let alerts = root.table("alerts").map_or_else(|| Some(AlertSettings::default()), |t| read_alerts(&t));
     let recognition = read_recognition(root.table("recognition").as_ref());

@@ -53,7 +53,7 @@ use self::friction_swing::FrictionSwing;
 use self::health::health;
 use self::next_test::expected_by;
 use self::oscillation::Oscillation;
-use self::parts::{Parts, grouped};
+use self::parts::{Part, Parts, grouped};
 use self::series::{JointSeries, RunDetector};
 use self::unlike_peers::UnlikePeers;
 use self::warm_up::WarmUp;
@@ -61,7 +61,7 @@ use self::without_result::without_result;
 use super::episodes::anomalies;
 use super::verdict::DetectSettings;
 use crate::anomaly::peer::Peer;
-use crate::anomaly::{Findings, RunSummary};
+use crate::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
 use crate::robot::JointIndex;
 
 /// All detectors of a joint. Anomalies of a joint are found in this order.
@@ -107,6 +107,14 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
     if !parts.are_complete() {
         return parts.detection(findings);
     }
+    let mut needs = Vec::new();
+    let mut of_contacts = Vec::with_capacity(of_arm.len());
+    for places in &of_arm {
+        let mut asked = |at: usize| needs.push(places[at]);
+        let of = |part: &Part<'_>| contacts(&part.runs, &part.causes, &part.moments, settings, &mut asked);
+        of_contacts.push(parts.of(places).map_or_else(Vec::new, of));
+    }
+    let is_of_contact = |of: &Anomaly| of_contacts.iter().flatten().any(|contact| explains(contact, of));
     for (joint, of_joint) in (0..joints).map(JointIndex::new).zip(&of_joints) {
         for places in of_joint {
             let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
@@ -115,6 +123,7 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             let series =
                 JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings).among(peers);
             let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
+            found.retain(|of| !is_of_contact(of));
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));
             } else {
@@ -123,13 +132,12 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             findings.anomalies.extend(found);
         }
     }
-    let mut needs = Vec::new();
-    for places in &of_arm {
+    for (places, of_contacts) in of_arm.iter().zip(&of_contacts) {
         let Some(part) = parts.of(places) else { continue };
         let mut found = arm_changes(&part.arm, &part.faults, joints, &part.moments);
+        found.retain(|of| !is_of_contact(of));
         found.extend(common_changes(&part.friction, &part.faults, &part.moments));
-        let mut asked = |at: usize| needs.push(places[at]);
-        found.extend(contacts(&part.runs, &part.causes, &part.moments, settings, &mut asked));
+        found.extend(of_contacts.iter().cloned());
         if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);
         }
@@ -140,6 +148,15 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
     findings.expected_by = expected_by(history, settings.overdue_factor);
     parts.needs.extend(needs);
     parts.detection(findings)
+}
+
+/// Whether a contact is what an anomaly of one test alone shows: the torque of one cycle makes the RMSD swing, and shifts what is
+/// identified of a torque signal.
+fn explains(contact: &Anomaly, anomaly: &Anomaly) -> bool {
+    let is_of_test = anomaly.first_run_id == anomaly.last_run_id
+        && [contact.first_run_id, contact.last_run_id].contains(&anomaly.first_run_id);
+    let is_of_joint = contact.joint.is_none() || contact.joint == anomaly.joint;
+    matches!(anomaly.kind, AnomalyKind::Oscillation | AnomalyKind::Sensor) && is_of_test && is_of_joint
 }
 
 #[cfg(test)]

@@ -50,7 +50,9 @@ pub enum SegmentError {
     CounterReturns {
         /// Counter before and after.
         counter: u32,
-        /// Time of the row at which it is back, s.
+        /// Row of the recording at which it is back, from 0.
+        row: u64,
+        /// Time of that row, s.
         time_s: f64,
     },
     /// The cycle counter runs backwards.
@@ -62,7 +64,9 @@ pub enum SegmentError {
         from: u32,
         /// Counter after.
         to: u32,
-        /// Time of the row, s.
+        /// Row of the recording at which it falls, from 0.
+        row: u64,
+        /// Time of that row, s.
         time_s: f64,
     },
 }
@@ -201,12 +205,12 @@ impl CycleCutter {
     fn begins_cycle(&self, row: usize) -> Result<bool, SegmentError> {
         if let Some(counters) = &self.pending.cycle {
             let (Some(from), to) = (self.counter, counters[row]) else { return Ok(false) };
+            let (time_s, row) = (self.pending.time[row], self.rows_cut + row as u64);
             if to != 0 && to < self.counter_reached {
-                let time_s = self.pending.time[row];
-                return Err(SegmentError::CounterFalls { from: self.counter_reached, to, time_s });
+                return Err(SegmentError::CounterFalls { from: self.counter_reached, to, row, time_s });
             }
             if to != from && to != 0 && to == self.number_cut {
-                return Err(SegmentError::CounterReturns { counter: to, time_s: self.pending.time[row] });
+                return Err(SegmentError::CounterReturns { counter: to, row, time_s });
             }
             return Ok(to != from);
         }
@@ -332,7 +336,20 @@ mod tests {
     fn a_counter_that_falls_is_refused_with_both_values() {
         let mut cutter = CycleCutter::new();
         let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3])), &mut Vec::new()).expect_err("falls");
-        assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, time_s: 0.02 });
+        assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, row: 2, time_s: 0.02 });
+    }
+
+    #[test]
+    fn the_row_of_a_fault_counts_from_the_start_of_the_recording_whatever_the_pieces() {
+        let recording = || samples(&[1, 1, 2, 1, 1, 2, 1], Some(&[4, 4, 4, 5, 5, 5, 2]));
+        for chunk in [1, 2, 7] {
+            let (_, fault) = cut_from(CycleCutter::new(), recording(), chunk);
+            let row = fault.map(|fault| match fault {
+                SegmentError::CounterFalls { row, .. } => row,
+                other => panic!("{other}"),
+            });
+            assert_eq!(row, Some(6), "pieces of {chunk} rows");
+        }
     }
 
     /// Two cycles of one number were refused by the database, which stopped the program.
@@ -341,7 +358,7 @@ mod tests {
         let mut cutter = CycleCutter::new();
         let error =
             cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1])), &mut Vec::new()).expect_err("comes back");
-        assert_eq!(error, SegmentError::CounterReturns { counter: 1, time_s: 0.02 });
+        assert_eq!(error, SegmentError::CounterReturns { counter: 1, row: 2, time_s: 0.02 });
         assert_eq!(cut_all(samples(&[0, 0, 1], Some(&[1, 0, 1])), 100), vec![(1, 1)]);
     }
 

@@ -13,7 +13,7 @@ use crate::ingest::bytes::source;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::cell_reader::PassedOver;
 use crate::ingest::table::column_map::ColumnMap;
-use crate::ingest::table::reader::{ExportReader, LeftOut, ReadOptions};
+use crate::ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
 use crate::numerics::analyse::Method;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{CycleWork, work_alone};
@@ -293,11 +293,12 @@ fn read_into(
     let mut cutter = RowCutter::new(path, layout, robot)?;
     let (mut first_time, mut cycles) = (None, Vec::new());
     while let Some(chunk) = export.next() {
-        let samples = chunk?.samples;
+        let Chunk { samples, first_line, .. } = chunk?;
         reading.rows = export.rows();
         if let (Some(first), Some(last)) = (samples.time.first(), samples.time.last()) {
             reading.duration = last - *first_time.get_or_insert(*first);
         }
+        cutter.note_line(first_line);
         let fault = cutter.push(samples, &mut cycles);
         reading.sample_rate = cutter.sample_rate();
         reading.cycles.extend(cycles.drain(..).map(|cycle| sketch(&cycle, work)));

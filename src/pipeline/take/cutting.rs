@@ -139,6 +139,7 @@ impl<'i> Cutting<'i> {
     pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
         let began = Instant::now();
         self.positions.note(chunk.position, &self.cutter);
+        self.cutter.note_line(chunk.first_line);
         let mut cycles = Vec::new();
         let fault = self.cutter.push(chunk.samples, &mut cycles);
         self.took += began.elapsed();

@@ -1,5 +1,6 @@
 //! The one way from an export to cycles as the analysis gets them.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use super::resume_point::ResumePoint;
@@ -42,6 +43,13 @@ pub struct RowCutter {
     rows_settled: u64,
     /// Next rows with a stage that are in cycles already.
     in_cycles: u64,
+    /// Rows that were pushed, with those before the first of them.
+    rows_pushed: u64,
+    /// Where rows stand in the file: so many rows are before this line. Of those that are not settled; `None` where the
+    /// layout lets bad rows be passed over, so that lines are not rows.
+    lines: Option<VecDeque<(u64, u64)>>,
+    /// The column of the cycle counter, as the layout names it.
+    counter_column: Option<String>,
 }
 
 impl RowCutter {
@@ -73,6 +81,9 @@ impl RowCutter {
             last_time: 0.0,
             rows_settled: 0,
             in_cycles: 0,
+            rows_pushed: 0,
+            lines: (layout.rows.skip_bad == 0).then(VecDeque::new),
+            counter_column: layout.cycle.as_ref().map(ToString::to_string),
         })
     }
 
@@ -96,6 +107,7 @@ impl RowCutter {
         self.stages = self.stages.at(point.stages.clone());
         self.cutter = self.cutter.at(point.cutter);
         self.rows_settled = point.position.rows;
+        self.rows_pushed = point.position.rows;
         self.in_cycles = point.cutter.rows_cut.saturating_sub(point.position.rows);
         self.known_rate = Some(point.sample_rate);
         self.first_rows.known = Some(point.first_rows);
@@ -126,6 +138,13 @@ impl RowCutter {
         self.rows_settled
     }
 
+    /// Notes the line of the first row that is pushed next, so that a fault in it is told with its line.
+    pub fn note_line(&mut self, line: u64) {
+        if let Some(lines) = &mut self.lines {
+            lines.push_back((self.rows_pushed, line));
+        }
+    }
+
     /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind one,
     /// nothing is to be pushed.
     ///
@@ -135,10 +154,17 @@ impl RowCutter {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.first_rows.note(&samples);
+        self.rows_pushed += samples.rows() as u64;
         self.last_time = samples.time.last().copied().unwrap_or(self.last_time);
         self.joint_side.apply(&mut samples);
         let (staged, fault) = self.stages.push(samples);
         self.cut(staged, cycles)?;
+        if let Some(lines) = &mut self.lines {
+            // all rows before them were looked at
+            while lines.get(1).is_some_and(|(rows, _)| *rows <= self.rows_settled) {
+                lines.pop_front();
+            }
+        }
         match fault {
             Some(fault) => Err(Rejection::of_file(&self.path, fault.to_string(), "")),
             None => Ok(()),
@@ -153,7 +179,7 @@ impl RowCutter {
         let held = self.stages.finish();
         self.cut(held, cycles)?;
         let cutter = std::mem::take(&mut self.cutter);
-        let mut last = cutter.finish().map_err(|error| not_cut(&self.path, &error))?;
+        let mut last = cutter.finish().map_err(|error| self.not_cut(&error))?;
         last.iter_mut().for_each(|cycle| self.delays.take_from(&mut cycle.samples));
         cycles.extend(last);
         Ok(())
@@ -174,7 +200,49 @@ impl RowCutter {
             cycle.samples.shrink_to_fit();
             self.delays.take_from(&mut cycle.samples);
         }
-        cut.map_err(|error| not_cut(&self.path, &error))
+        cut.map_err(|error| self.not_cut(&error))
+    }
+
+    /// The rejection of rows that make no cycle: where a cell is to blame, with its place.
+    fn not_cut(&self, error: &SegmentError) -> Rejection {
+        let remedy = match error {
+            SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
+            SegmentError::CounterFalls { .. } => "export each test to a file of its own",
+            SegmentError::CounterReturns { .. } => {
+                "export each test to a file of its own, or leave the counter as it is inside a cycle"
+            }
+            SegmentError::NoStage { .. } => "",
+        };
+        let of_cell = |reason: String, row: u64, value: u32| {
+            let mut rejection = Rejection::of_file(&self.path, reason, remedy).with_value(&value.to_string());
+            rejection.line = self.line_of(row);
+            match &self.counter_column {
+                Some(column) => rejection.in_column(column),
+                None => rejection,
+            }
+        };
+        match *error {
+            SegmentError::CounterFalls { from, to, row, time_s } => {
+                let reason =
+                    format!("below the {from} that the cycle counter had reached, at time {time_s} s");
+                of_cell(reason, row, to)
+            }
+            SegmentError::CounterReturns { counter, row, time_s } => {
+                let reason = format!(
+                    "the cycle counter of a cycle that had ended, when it stood at zero, at time {time_s} s"
+                );
+                of_cell(reason, row, counter)
+            }
+            SegmentError::NoStage { .. } | SegmentError::Endless { .. } => {
+                Rejection::of_file(&self.path, error.to_string(), remedy)
+            }
+        }
+    }
+
+    /// The line of a row, counted from 0, in the decompressed file; `None` where it is not known.
+    fn line_of(&self, row: u64) -> Option<u64> {
+        let (rows, line) = self.lines.as_ref()?.iter().rfind(|(rows, _)| *rows <= row)?;
+        Some(line + (row - rows))
     }
 
     /// Hash of time, positions and torques of the first rows, in SI: it does not depend on how they are written.
@@ -233,7 +301,9 @@ pub fn read_cycle(
     let mut cutter = RowCutter::new(path, layout, robot)?;
     let mut cycles = Vec::new();
     for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
-        let fault = cutter.push(chunk?.samples, &mut cycles);
+        let chunk = chunk?;
+        cutter.note_line(chunk.first_line);
+        let fault = cutter.push(chunk.samples, &mut cycles);
         if let Some(found) = cycles.drain(..).find(|cycle| cycle.number == wanted) {
             return Ok(Some(found));
         }
@@ -241,14 +311,6 @@ pub fn read_cycle(
     }
     cutter.finish(&mut cycles)?;
     Ok(cycles.into_iter().find(|cycle| cycle.number == wanted))
-}
-
-fn not_cut(path: &Path, error: &SegmentError) -> Rejection {
-    let remedy = match error {
-        SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
-        _ => "",
-    };
-    Rejection::of_file(path, error.to_string(), remedy)
 }
 
 #[cfg(test)]
@@ -281,8 +343,40 @@ mod tests {
         recording
     }
 
+    #[test]
+    fn a_counter_that_falls_is_told_with_line_column_and_value_whatever_the_pieces() {
+        let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
+        let mut recording = cycle(2, 1500).samples;
+        let counters = recording.cycle.get_or_insert_with(|| vec![2; 1500]);
+        counters[1200] = 1;
+        let rows = recording.clone().with_stages(StageReading::Known(recording.stage.clone()));
+        for chunk in [1, 7, 1000, 1500] {
+            let (mut left, mut cutter) = (rows.clone(), cutter_of(&layout));
+            // the header is line 1
+            let (mut line, mut fault) = (2, None);
+            while fault.is_none() && !left.is_empty() {
+                let piece = left.take_front(chunk.min(left.rows()));
+                cutter.note_line(line);
+                line += piece.rows() as u64;
+                fault = cutter.push(piece, &mut Vec::new()).err();
+            }
+            let fault = fault.expect("a fault");
+            assert_eq!(
+                (fault.line, fault.column.as_deref(), fault.value.as_deref()),
+                (Some(1202), Some("cycle"), Some("1")),
+                "pieces of {chunk} rows"
+            );
+            let told = fault.sentence();
+            assert!(told.contains("\"1\" is below the 2 that the cycle counter had reached"), "{told}");
+        }
+    }
+
+    fn cutter_of(layout: &Layout) -> RowCutter {
+        RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter")
+    }
+
     fn cut(layout: &Layout, mut rows: RawSamples, chunk: usize) -> Vec<Cycle> {
-        let mut cutter = RowCutter::new(Path::new("a.csv"), layout, &er3a()).expect("a cutter");
+        let mut cutter = cutter_of(layout);
         let mut cycles = Vec::new();
         while !rows.is_empty() {
             cutter.push(rows.take_front(chunk.min(rows.rows())), &mut cycles).expect("cycles");

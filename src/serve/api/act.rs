@@ -10,15 +10,20 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::number::number;
 use super::row::Row;
 use crate::robot::JointIndex;
 use crate::serve::access::Scope;
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{AlarmAction, NewMaintenance, NotDone, ViewRows};
+use crate::store::{AlarmAction, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views};
 
 /// Most characters of a name or a reason.
 const LONGEST: usize = 1000;
+
+/// Bodies as they are sent, for those who sent another one.
+const DEED_EXAMPLE: &str = r#"{"who": "Lena", "why": "spare part is ordered"}"#;
+const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint": 3}"#;
 
 /// Who does something with an alarm, and why
 #[derive(Debug, Deserialize, ToSchema)]
@@ -90,23 +95,24 @@ pub struct Noted {
     request_body = Deed,
     responses(
         (status = 200, description = "The anomaly as it stands then", body = Row),
-        (status = 400, description = "Who, why or until is wrong", body = Problem),
+        (status = 400, description = "The number is none, or the body lacks a field or has a wrong or unknown one", body = Problem),
         (status = 404, description = "No such anomaly or action", body = Problem),
         (status = 409, description = "The anomaly stands so already", body = Problem),
-        (status = 415, description = "The body is not JSON", body = Problem),
-        (status = 422, description = "The body has a wrong or unknown field", body = Problem),
+        (status = 413, description = "The body is larger than 256 KiB", body = Problem),
+        (status = 415, description = "The body is not said to be JSON", body = Problem),
         Refused,
     ),
     security(("token" = ["act"])),
 )]
 pub async fn on_anomaly(
     State(shared): State<Arc<Shared>>,
-    Path((id, action)): Path<(i64, String)>,
+    Path((id, action)): Path<(String, String)>,
     headers: HeaderMap,
     deed: Result<Json<Deed>, JsonRejection>,
 ) -> Result<Json<Option<Row>>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
-    let Deed { who, why, until } = body(deed)?;
+    let id = number(&id, "anomaly", "GET /v1/views/anomalies has the numbers in its column anomaly_id")?;
+    let Deed { who, why, until } = body(deed, DEED_EXAMPLE)?;
     let who = named(&who)?;
     let why = why.map(|why| bounded(&why, "why")).transpose()?.filter(|why| !why.is_empty());
     let action = match (action.as_str(), until) {
@@ -114,7 +120,7 @@ pub async fn on_anomaly(
         ("resolve", _) => AlarmAction::Resolve,
         ("false-alarm", _) => AlarmAction::FalseAlarm,
         ("shelve", Some(until)) if until > Timestamp::now() => AlarmAction::Shelve(until),
-        ("shelve", _) => return Err(bad("give until, a time that lies ahead, such as 2026-09-01T06:00:00Z")),
+        ("shelve", _) => return Err(bad("give until, a time that lies ahead, such as 2099-01-07T06:00:00Z")),
         _ => {
             let actions = "acknowledge, shelve, resolve and false-alarm";
             return Err(Refusal::new(
@@ -141,10 +147,11 @@ pub async fn on_anomaly(
     request_body = Work,
     responses(
         (status = 201, description = "The work is entered", body = Entered),
-        (status = 400, description = "Who, what, joint or time is wrong", body = Problem),
+        (status = 400, description = "The body lacks a field or has a wrong or unknown one", body = Problem),
         (status = 404, description = "No such robot", body = Problem),
-        (status = 415, description = "The body is not JSON", body = Problem),
-        (status = 422, description = "The body has a wrong or unknown field", body = Problem),
+        (status = 409, description = "The same work was entered within the same minute", body = Problem),
+        (status = 413, description = "The body is larger than 256 KiB", body = Problem),
+        (status = 415, description = "The body is not said to be JSON", body = Problem),
         Refused,
     ),
     security(("token" = ["act"])),
@@ -156,7 +163,7 @@ pub async fn maintenance(
     work: Result<Json<Work>, JsonRejection>,
 ) -> Result<(StatusCode, Json<Entered>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
-    let Work { who, what, joint, at } = body(work)?;
+    let Work { who, what, joint, at } = body(work, WORK_EXAMPLE)?;
     let (who, what) = (named(&who)?, bounded(&what, "what")?);
     if what.is_empty() {
         return Err(bad("give what was done, such as \"gearbox changed\""));
@@ -167,8 +174,10 @@ pub async fn maintenance(
         return Err(bad("at lies ahead; enter work once it is done"));
     }
     let failed = |error| Refusal::internal(&error);
-    let unknown =
-        || Refusal::new(StatusCode::NOT_FOUND, format!("no export of a robot \"{robot}\" is stored"));
+    let unknown = || {
+        let sentence = format!("no export of a robot \"{robot}\" is stored; GET /v1/fleet lists the robots");
+        Refusal::new(StatusCode::NOT_FOUND, sentence)
+    };
     let joints = shared.store.known_joints(&robot).await.map_err(failed)?.ok_or_else(unknown)?;
     let place = match joint {
         Some(number) => {
@@ -179,9 +188,19 @@ pub async fn maintenance(
         None => None,
     };
     let new = NewMaintenance { robot: robot.clone(), joint: place, at, what, who: Some(who) };
-    let number = shared.store.enter_maintenance(&new).await.map_err(failed)?.ok_or_else(unknown)?;
+    let number = match shared.store.enter_maintenance(&new).await.map_err(failed)? {
+        Ok(number) => number,
+        Err(NotEntered::NoRobot) => return Err(unknown()),
+        Err(NotEntered::Known(row)) => {
+            let sentence = format!(
+                "this work is entered already, as number {}: {row}; GET /v1/views/maintenance_log has all",
+                row.work.maintenance_id
+            );
+            return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+        }
+    };
     let NewMaintenance { what, who, .. } = new;
-    let entered = Entered { maintenance_id: number, robot, joint, at: at.to_string(), what, who };
+    let entered = Entered { maintenance_id: number, robot, joint, at: time_in_views(at), what, who };
     Ok((StatusCode::CREATED, Json(entered)))
 }
 
@@ -191,6 +210,7 @@ pub async fn maintenance(
     params(("run_id" = i64, Path, description = "Its run")),
     responses(
         (status = 202, description = "It is read again at the next scan", body = Noted),
+        (status = 400, description = "The number is none", body = Problem),
         (status = 409, description = "The run is not in quarantine", body = Problem),
         Refused,
     ),
@@ -198,19 +218,20 @@ pub async fn maintenance(
 )]
 pub async fn retry(
     State(shared): State<Arc<Shared>>,
-    Path(run_id): Path<i64>,
+    Path(run_id): Path<String>,
     headers: HeaderMap,
 ) -> Result<(StatusCode, Json<Noted>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
+    let run_id = number(&run_id, "run", "GET /v1/views/quarantine has the numbers in its column run_id")?;
     if !shared.store.ask_retry(run_id).await.map_err(|error| Refusal::internal(&error))? {
-        let sentence = format!("run {run_id} is not in quarantine");
+        let sentence = format!("run {run_id} is not in quarantine; GET /v1/views/quarantine lists what is");
         return Err(Refusal::new(StatusCode::CONFLICT, sentence));
     }
     Ok((StatusCode::ACCEPTED, Json(Noted { run_id, outcome: "it is read again at the next scan" })))
 }
 
-fn body<T>(sent: Result<Json<T>, JsonRejection>) -> Result<T, Refusal> {
-    sent.map(|Json(body)| body).map_err(|rejection| Refusal::new(rejection.status(), rejection.body_text()))
+fn body<T>(sent: Result<Json<T>, JsonRejection>, example: &str) -> Result<T, Refusal> {
+    sent.map(|Json(body)| body).map_err(|rejection| Refusal::of_json(&rejection, example))
 }
 
 fn named(who: &str) -> Result<String, Refusal> {

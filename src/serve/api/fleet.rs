@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 use super::row::Row;
 use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{Counts, Store, Table, ViewRows};
+use crate::store::{Counts, Store, Table, ViewRows, time_in_views};
 
 /// Tests of a joint's history.
 const TESTS: u32 = 30;
@@ -177,7 +177,7 @@ pub async fn fleet(
         drift_warning_fraction: config.detect.drift_warning,
         drift_critical_fraction: config.detect.drift_critical,
     };
-    fleet.now = Timestamp::now().to_string();
+    fleet.now = time_in_views(Timestamp::now());
     Ok(Json(fleet))
 }
 

@@ -13,6 +13,7 @@ use utoipa::ToSchema;
 use crate::config::shown_database;
 use crate::serve::access::Scope;
 use crate::serve::shared::Shared;
+use crate::store::time_in_views;
 
 /// The program, and what this request may do
 #[derive(Debug, Serialize, ToSchema)]
@@ -46,7 +47,7 @@ pub async fn session(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> J
     Json(Session {
         version: env!("CARGO_PKG_VERSION"),
         database: name(&shared.config.borrow().database),
-        now: Timestamp::now().to_string(),
+        now: time_in_views(Timestamp::now()),
         needs_token: shared.access.needs_token(),
         may_read: may(Scope::Read),
         may_act: may(Scope::Act),

@@ -71,6 +71,7 @@ pub struct Answer {
     responses(
         (status = 200, description = "The rows", content((Answer = "application/json"), (String = "text/csv"))),
         (status = 400, description = "The statement is not understood; the sentence says the line and the column", body = Problem),
+        (status = 413, description = "The body is larger than 256 KiB", body = Problem),
         (status = 415, description = "The body is neither JSON nor a statement", body = Problem),
         (status = 422, description = "The statement takes longer, or its answer is larger, than allowed", body = Problem),
         (status = 503, description = "Other statements are under way; try again after Retry-After", body = Problem),
@@ -84,8 +85,13 @@ pub async fn sql(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, Refusal> {
     shared.access.check(&headers)?;
-    let body = body.map_err(|rejection| Refusal::new(rejection.status(), rejection.body_text()))?;
+    let body = body.map_err(|rejection| Refusal::of_body(&rejection))?;
     let Question { sql, parameters, limit } = question(&headers, &body)?;
+    if sql.trim().is_empty() {
+        let sentence = "the statement is empty; send one that begins with SELECT, WITH or VALUES, such as SELECT * FROM \
+                        fleet_health";
+        return Err(bad(sentence.into()));
+    }
     let rows = limit.unwrap_or(USUAL_ROWS);
     if !(1..=MOST_ROWS).contains(&rows) {
         return Err(bad(format!("limit = {rows}: give a whole number from 1 to {MOST_ROWS}")));

@@ -4,11 +4,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Json;
+use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use super::number::number;
 use crate::pipeline::look::replay::ReplayError;
 use crate::pipeline::look::torque::{CycleTorque, JointTorque, cycle_torque};
 use crate::robot::JointKind;
@@ -114,17 +116,21 @@ pub struct Joint {
 )]
 pub async fn of_cycle(
     State(shared): State<Arc<Shared>>,
-    Path((run_id, cycle)): Path<(i64, u32)>,
-    Query(Asked { points }): Query<Asked>,
+    Path((run_id, cycle)): Path<(String, String)>,
+    asked: Result<Query<Asked>, QueryRejection>,
     headers: HeaderMap,
 ) -> Result<Json<Torque>, Refusal> {
     const POINTS: std::ops::RangeInclusive<usize> = 8..=10_000;
     shared.access.check(&headers)?;
+    let run_id = number(&run_id, "run", "GET /v1/views/runs has the numbers in its column run_id")?;
+    let cycle = number(&cycle, "cycle", "GET /v1/views/cycles has the numbers in its column cycle")?;
+    let bad = |sentence: String| Refusal::new(StatusCode::BAD_REQUEST, sentence);
+    let range = format!("a whole number from {} to {}", POINTS.start(), POINTS.end());
+    let Query(Asked { points }) =
+        asked.map_err(|_| bad(format!("the only parameter is points, {range}, as in ?points=1200")))?;
     let points = points.unwrap_or(USUAL_POINTS);
     if !POINTS.contains(&points) {
-        let sentence =
-            format!("points = {points}: give a whole number from {} to {}", POINTS.start(), POINTS.end());
-        return Err(Refusal::new(StatusCode::BAD_REQUEST, sentence));
+        return Err(bad(format!("points = {points}: give {range}")));
     }
     let Ok(Ok(_turn)) = tokio::time::timeout(PATIENCE, shared.replays.acquire()).await else {
         let sentence = "other cycles are being read; try again";

@@ -73,7 +73,7 @@ pub enum NotDone {
     #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
     Withdrawn(i64),
     /// It cannot be done to an anomaly in this state.
-    #[error("anomaly {anomaly_id} is {} already: {}", state.name().replace('_', " "), remedy(*state, *ended))]
+    #[error("anomaly {anomaly_id} is {} already: {}", standing(*state), remedy(*state, *ended))]
     NotFrom {
         /// The anomaly.
         anomaly_id: i64,
@@ -82,6 +82,17 @@ pub enum NotDone {
         /// Whether later runs no longer show it.
         ended: bool,
     },
+}
+
+/// A state as it stands behind "the anomaly is".
+fn standing(state: AlarmState) -> &'static str {
+    match state {
+        AlarmState::FalseAlarm => "a false alarm",
+        AlarmState::Maintenance => "in maintenance",
+        AlarmState::Open | AlarmState::Acknowledged | AlarmState::Shelved | AlarmState::Resolved => {
+            state.name()
+        }
+    }
 }
 
 fn remedy(state: AlarmState, ended: bool) -> &'static str {
@@ -430,4 +441,20 @@ async fn evidence(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<
     })
     .fetch_all(executor)
     .await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_already_is_said_as_a_sentence() {
+        let said = |state| NotDone::NotFrom { anomaly_id: 1, state, ended: false }.to_string();
+        for state in AlarmState::ALL {
+            assert!(!said(state).contains('_'), "{}", said(state));
+        }
+        assert!(said(AlarmState::FalseAlarm).starts_with("anomaly 1 is a false alarm already: "));
+        assert!(said(AlarmState::Maintenance).starts_with("anomaly 1 is in maintenance already: "));
+        assert!(said(AlarmState::Acknowledged).starts_with("anomaly 1 is acknowledged already: "));
+    }
 }

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
+use std::fmt;
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use sqlx::Row;
 
 use super::alarm_life::{maintain, open_again};
@@ -18,6 +19,10 @@ use crate::store::values::{joint, joint_number, json_list, time};
 /// Who entered work, where that was not said.
 const SOMEBODY: &str = "somebody";
 
+/// Entries that say the same of the same joint and lie less than this apart are one: it was entered twice, as by a double
+/// click, and nobody does the same work twice within a minute.
+const SAME_WORK: SignedDuration = SignedDuration::from_mins(1);
+
 /// Work on a robot with its name and when it was entered.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MaintenanceRow {
@@ -27,6 +32,15 @@ pub struct MaintenanceRow {
     pub work: Maintenance,
     /// When it was entered, by the machine's clock.
     pub recorded_at: Timestamp,
+}
+
+impl fmt::Display for MaintenanceRow {
+    /// Where, when and what, such as `Left, joint 3, 2026-03-01 14:30Z: gearbox changed`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Maintenance { joint, at, what, .. } = &self.work;
+        let place = joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"));
+        write!(f, "{}, {place}, {}: {what}", self.robot, at.strftime("%Y-%m-%d %H:%MZ"))
+    }
 }
 
 /// Work on a robot to be entered.
@@ -44,18 +58,33 @@ pub struct NewMaintenance {
     pub who: Option<String>,
 }
 
+/// Why work was not entered; nothing was changed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NotEntered {
+    /// No robot has this name.
+    NoRobot,
+    /// The same work was entered before.
+    Known(Box<MaintenanceRow>),
+}
+
 impl Store {
-    /// Enters work on a robot and gives its key; `None` if no robot has this name. Anomalies of its place that began
-    /// before and that are open, acknowledged or shelved are in maintenance then, and what is concluded of the robot is
-    /// stale.
+    /// Enters work on a robot and gives its key. Anomalies of its place that began before and that are open, acknowledged
+    /// or shelved are in maintenance then, and what is concluded of the robot is stale.
+    ///
+    /// The same work within a minute is one entry; two programs that enter it at once make one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn enter_maintenance(&self, of: &NewMaintenance) -> Result<Option<i64>, StoreError> {
+    pub async fn enter_maintenance(
+        &self,
+        of: &NewMaintenance,
+    ) -> Result<Result<i64, NotEntered>, StoreError> {
         let mut transaction = self.begin().await?;
         let entered = enter(&mut transaction, of).await;
         let entered = self.checked(entered)?;
-        self.commit(transaction).await?;
+        if entered.is_ok() {
+            self.commit(transaction).await?;
+        }
         Ok(entered)
     }
 
@@ -102,7 +131,19 @@ impl Store {
     }
 }
 
-async fn enter(connection: &mut EngineConnection, of: &NewMaintenance) -> Result<Option<i64>, sqlx::Error> {
+/// Whether what is to be entered was entered before.
+fn is_same(known: &Maintenance, new: &NewMaintenance) -> bool {
+    known.joint == new.joint && known.what == new.what && known.at.duration_since(new.at).abs() < SAME_WORK
+}
+
+async fn enter(
+    connection: &mut EngineConnection,
+    of: &NewMaintenance,
+) -> Result<Result<i64, NotEntered>, sqlx::Error> {
+    let known = rows(&mut *connection, Some(&of.robot)).await?;
+    if let Some(row) = known.into_iter().find(|row| is_same(&row.work, of)) {
+        return Ok(Err(NotEntered::Known(Box::new(row))));
+    }
     let entered: Option<i64> = sqlx::query_scalar(
         "INSERT INTO maintenance (robot_id, joint, at, what, who)
          SELECT robot_id, $2, $3, $4, $5 FROM robot WHERE name = $1
@@ -115,11 +156,12 @@ async fn enter(connection: &mut EngineConnection, of: &NewMaintenance) -> Result
     .bind(of.who.as_deref())
     .fetch_optional(&mut *connection)
     .await?;
+    let Some(entered) = entered else { return Ok(Err(NotEntered::NoRobot)) };
     let by = Person { who: of.who.as_deref().unwrap_or(SOMEBODY), why: Some(&of.what) };
     for anomaly_id in unsettled_before(&mut *connection, of).await? {
         maintain(&mut *connection, anomaly_id, by).await?;
     }
-    Ok(entered)
+    Ok(Ok(entered))
 }
 
 /// Anomalies of the place of work that began before it, that go on, and that are neither closed nor in maintenance.
@@ -340,4 +382,50 @@ pub(in crate::store) async fn epoch_ordinals(
         }
     }
     Ok(run_ids.into_iter().zip(by_run).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn time(text: &str) -> Timestamp {
+        text.parse().expect("a time")
+    }
+
+    fn work(joint: Option<usize>, at: &str) -> Maintenance {
+        let joint = joint.and_then(JointIndex::from_number);
+        Maintenance { maintenance_id: 7, joint, at: time(at), what: "gearbox changed".into(), who: None }
+    }
+
+    #[test]
+    fn the_same_work_is_known_again_and_other_work_is_not() {
+        let entered = |joint: usize, at: &str, what: &str| NewMaintenance {
+            robot: "Left".into(),
+            joint: JointIndex::from_number(joint),
+            at: time(at),
+            what: what.into(),
+            who: Some("mueller".into()),
+        };
+        let known = work(Some(3), "2026-03-01T14:30:00Z");
+        let (same, what) = ("2026-03-01T14:30:00Z", "gearbox changed");
+        assert!(is_same(&known, &entered(3, same, what)));
+        assert!(is_same(&known, &entered(3, "2026-03-01T14:30:20Z", what)));
+        assert!(!is_same(&known, &entered(4, same, what)));
+        assert!(!is_same(&known, &entered(3, same, "brake changed")));
+        assert!(!is_same(&known, &entered(3, "2026-03-02T14:30:00Z", what)));
+        // a joint is not the whole arm
+        assert!(!is_same(&work(None, same), &entered(3, same, what)));
+    }
+
+    #[test]
+    fn an_entry_says_where_when_and_what() {
+        let recorded_at = time("2026-03-02T08:00:00Z");
+        let row = |joint| MaintenanceRow {
+            robot: "Left".into(),
+            work: work(joint, "2026-03-01T14:30:00Z"),
+            recorded_at,
+        };
+        assert_eq!(row(Some(3)).to_string(), "Left, joint 3, 2026-03-01 14:30Z: gearbox changed");
+        assert_eq!(row(None).to_string(), "Left, the whole arm, 2026-03-01 14:30Z: gearbox changed");
+    }
 }

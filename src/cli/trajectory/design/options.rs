@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use crate::cli::context::{CliError, Global};
+use crate::cli::shared::result_file::result_file;
 use crate::cli::trajectory::beside::BesideArgs;
 use crate::cli::trajectory::surroundings::SurroundingsArgs;
 use crate::numerics::detect::rate::budget::Budget;
@@ -48,7 +49,7 @@ pub(in crate::cli) struct DesignArgs {
     #[arg(long, value_name = "NAME")]
     pub(super) robot: String,
     /// File for the programme, JSON
-    #[arg(short, long, visible_alias = "out", value_name = "FILE")]
+    #[arg(short, long, visible_alias = "out", value_name = "FILE", value_parser = result_file())]
     pub(super) output: Option<PathBuf>,
     /// Duration of the motion, s
     #[arg(help_heading = "Motion", long, default_value_t = 10.0, value_name = "S")]

@@ -6,7 +6,7 @@ use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::beside::{Beside, Precision};
 use crate::cli::trajectory::motion_check::MotionCheck;
-use crate::cli::trajectory::words::{nearness, print_nearness};
+use crate::cli::trajectory::words::{nearness, print_nearness, without_numbers};
 use crate::design::programme::Programme;
 use crate::numerics::detect::rate::budget::Budget;
 use crate::numerics::model::base_parameters::BaseParameters;
@@ -52,9 +52,8 @@ impl<'a> Predicted<'a> {
         recording: &'a Recording,
         budget: Budget,
     ) -> Result<Self, CliError> {
-        let refused =
-            |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", robot.model));
-        let found = predict(robot, base, series, recording).map_err(refused)?;
+        let found = predict(robot, base, series, recording)
+            .map_err(|error| without_numbers(&robot.model, series, &error))?;
         let own =
             robot.excitation.as_ref().and_then(|own| Some((own, predict(robot, base, own, recording).ok()?)));
         let against_own = own.map(|(own, of_own)| {

@@ -121,15 +121,18 @@ fn of_load(load: &Load) -> Figure {
     if !load.has_seen_mass() {
         return Figure {
             message: "the arm's parameters have changed as a body at the last link changes them, more or less than in \
-                      its first tests; these motions do not show its mass. Take the tool or workpiece off for tests, or \
-                      record the new tool as maintenance"
+                      its first tests; these motions do not show its mass. Let it carry in tests what it carried in the \
+                      first ones, or record the new tool as maintenance"
                 .into(),
             ..Figure::without_value()
         };
     }
     // to the millimetre, without the sign of a zero
     let [x, y, z] = load.centre.map(|part| (1e3 * part).round() / 1e3 + 0.0);
-    let (amount, verb) = (load.mass.abs(), if load.mass > 0.0 { "more" } else { "less" });
+    let (amount, verb, advice) = match load.mass > 0.0 {
+        true => (load.mass, "more", "take the tool or workpiece off for tests"),
+        false => (-load.mass, "less", "look for a tool or part that was lost or taken off"),
+    };
     Figure {
         score: amount / load.std_error,
         threshold: 5.0,
@@ -137,8 +140,7 @@ fn of_load(load: &Load) -> Figure {
         baseline: 0.0,
         message: format!(
             "the arm carries {amount:.2} kg {verb} than in its first tests (standard error {:.3} kg), centre at \
-             ({x:.3}, {y:.3}, {z:.3}) m of the last link; take the tool or workpiece off for tests, or record the new \
-             tool as maintenance",
+             ({x:.3}, {y:.3}, {z:.3}) m of the last link; {advice}, or record the new tool as maintenance",
             load.std_error
         ),
     }

@@ -229,6 +229,37 @@ fn a_joint_that_always_swung_is_found_in_its_first_run() {
 }
 
 #[test]
+fn a_plateau_that_is_missing_in_the_first_cycle_blinds_nothing() {
+    let mut history = fleet(3, 2, |_| State { swing: Some((4, 0.12)), ..State::default() });
+    let first = history[0].cycle_friction.iter_mut().find(|of| of.friction.joint.index() == 4);
+    first.expect("a first cycle").friction.levels = 5;
+    for runs in 1..=3 {
+        only(&history[..runs], AnomalyKind::Oscillation, Some(5));
+    }
+}
+
+#[test]
+fn wear_that_begins_in_the_first_tests_is_found() {
+    fn worn<const PERCENT: u32>(joint: usize, _: u32) -> f64 {
+        if joint == 2 { f64::from(PERCENT) / 100.0 } else { 0.0 }
+    }
+    let levels: [fn(usize, u32) -> f64; 12] = [
+        worn::<0>, worn::<4>, worn::<8>, worn::<12>, worn::<16>, worn::<20>, worn::<24>, worn::<28>,
+        worn::<32>, worn::<36>, worn::<40>, worn::<44>,
+    ];
+    let state = |run: i64| State { friction: Some(levels[run as usize]), ..State::default() };
+    for seed in 1..=4 {
+        let history = fleet(12, seed, state);
+        for runs in 9..12 {
+            let found = only(&history[..runs], AnomalyKind::Drift, Some(3));
+            assert!(found.first_run_id <= 9, "{seed}, {runs}: {found:?}");
+        }
+        let found = only(&history, AnomalyKind::Drift, Some(3));
+        assert_eq!(found.severity, Severity::Critical, "{seed}: {found:?}");
+    }
+}
+
+#[test]
 fn a_joint_that_goes_on_swinging_keeps_its_alarm() {
     let arms = 12;
     let of_arm = |seed: u64| {
@@ -287,6 +318,38 @@ fn a_load_is_one_alarm_of_the_arm_with_its_mass() {
         assert!((found.value / mass - 1.0).abs() < 0.15, "{found:?}");
         assert_eq!(found.first_run_id, 8);
     }
+}
+
+#[test]
+fn a_load_in_the_first_tests_hides_no_later_one() {
+    let loaded = |run: i64| State { mass: if run < 2 || run >= 7 { 0.8 } else { 0.0 }, ..State::default() };
+    for seed in 1..=4 {
+        let history = fleet(9, seed, loaded);
+        for runs in 8..=9 {
+            let all = alarms(&history[..runs]);
+            let open: Vec<&Anomaly> = all.iter().filter(|of| !of.ended).collect();
+            let [found] = &open[..] else { panic!("one open alarm: {all:#?}") };
+            assert_eq!((found.kind, found.first_run_id), (AnomalyKind::Payload, 8), "{found:#?}");
+            assert!((found.value / 0.8 - 1.0).abs() < 0.15, "{found:#?}");
+        }
+    }
+}
+
+#[test]
+fn friction_that_differs_between_the_directions_may_fall_as_a_whole() {
+    // a fifth less friction, and with it a fifth less of the difference, which no torque signal has
+    let repaired = |run: i64| State {
+        friction: (run >= 7).then_some(|joint, _| if joint == 2 { -0.22 } else { 0.0 }),
+        offset: Some((2, if run >= 7 { 1.6 } else { 2.0 })),
+        ..State::default()
+    };
+    for seed in 1..=4 {
+        let found = detect(&fleet(11, seed, repaired), &DetectSettings::default()).anomalies;
+        assert!(found.iter().all(|of| of.kind == AnomalyKind::Step), "{seed}: {found:#?}");
+    }
+    // what the signal has on top of it is found
+    let offset = |run: i64| State { offset: Some((2, if run >= 7 { 3.0 } else { 2.0 })), ..State::default() };
+    only(&fleet(11, 1, offset), AnomalyKind::Sensor, Some(3));
 }
 
 #[test]

@@ -45,8 +45,10 @@ pub(super) fn shape(
         .runs
         .iter()
         .filter(|of| of.run + RUNS_OF_RAMP >= first && of.run <= last && of.run < first + RUNS_AFTER)
-        .filter(|of| !friction.is_learnt_from(of))
+        .filter(|of| friction.has_changed_at_first || !friction.is_learnt_from(of))
         .collect();
+    // where friction changed in the tests of the baseline, its level is that of the first of them
+    let level = compared.first().filter(|_| friction.has_changed_at_first).map_or(1.0, |of| of.ratio);
     let Some(out) = compared.iter().position(|of| of.run >= first) else {
         return Shape::Drift { run: first };
     };
@@ -57,14 +59,14 @@ pub(super) fn shape(
             let weight = |of: &Observed| friction.variance(of).recip();
             let (mut with, mut own) = (0.0, 0.0);
             for (i, observed) in compared.iter().enumerate() {
-                with += weight(observed) * pattern(i) * (observed.ratio - 1.0);
+                with += weight(observed) * pattern(i) * (observed.ratio - level);
                 own += weight(observed) * pattern(i) * pattern(i);
             }
             let size = with / own;
             let rest = compared
                 .iter()
                 .enumerate()
-                .map(|(i, observed)| weight(observed) * (observed.ratio - 1.0 - size * pattern(i)).powi(2));
+                .map(|(i, observed)| weight(observed) * (observed.ratio - level - size * pattern(i)).powi(2));
             (size, rest.sum::<f64>())
         };
         let after = |i: usize| if i >= begin { (i - begin + 1) as f64 } else { 0.0 };

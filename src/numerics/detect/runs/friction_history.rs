@@ -29,6 +29,8 @@ pub(super) struct FrictionHistory {
     pub(super) learnt_runs: usize,
     /// Usual standard deviation from run to run, as a fraction of the baseline.
     pub(super) spread: f64,
+    /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
+    pub(super) has_changed_at_first: bool,
     /// Variance of the baseline itself, as a fraction of it squared.
     pub(super) baseline_variance: f64,
     /// One for each torque that has enough runs.
@@ -165,6 +167,7 @@ impl FrictionHistory {
             runs,
             learnt_runs: learnt.iter().map(|(_, runs)| runs.len()).max().unwrap_or(0),
             spread,
+            has_changed_at_first: false,
             baseline_variance,
             baselines,
             learnt_from,
@@ -217,6 +220,15 @@ impl FrictionHistory {
         }
     }
 
+    /// Bounds the scatter of the index in the first runs: beyond `most` it is no scatter but a change.
+    pub(super) fn bound_spread(&mut self, most: f64) {
+        if self.source == Source::Index && self.spread > most {
+            self.baseline_variance *= (most / self.spread).powi(2);
+            self.spread = most;
+            self.has_changed_at_first = true;
+        }
+    }
+
     /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance of their median;
     /// those with what all joints share where few of these torques compare.
     fn torque_spread(&self) -> (f64, f64) {
@@ -264,6 +276,26 @@ impl FrictionHistory {
     /// Variance of one run's ratio, at least the usual one.
     pub(super) fn variance(&self, observed: &Observed) -> f64 {
         (self.spread * self.spread).max(observed.std_error * observed.std_error)
+    }
+}
+
+/// Scatter of a joint's first runs, as a multiple of the median of the arm's other joints, beyond which it is a change.
+const MOST_SPREAD: f64 = 3.0;
+/// Fewest other joints whose median says so.
+const FEWEST_OTHERS: usize = 3;
+
+/// Bounds the scatter of each joint's index by that of the other joints of the arm.
+pub(super) fn bound_spreads(joints: &mut [FrictionHistory]) {
+    let own: Vec<Option<f64>> =
+        joints.iter().map(|of| (of.source == Source::Index).then_some(of.spread)).collect();
+    for (j, joint) in joints.iter_mut().enumerate() {
+        let others: Vec<f64> =
+            own.iter().enumerate().filter(|(other, _)| *other != j).filter_map(|(_, of)| *of).collect();
+        if others.len() >= FEWEST_OTHERS
+            && let Some(usual) = median(&others)
+        {
+            joint.bound_spread(MOST_SPREAD * usual);
+        }
     }
 }
 

@@ -4,7 +4,8 @@
 //! length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations of the
 //! smoothed value and of the baseline together. These come from the joint's own tests, with their autocorrelation
 //! ([`QuietScatter`]), which are shrunk towards a stated prior while they are few; Student's distribution widens the limit
-//! for as long. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
+//! for as long. First tests of a joint that scatter by more than three times the median of the arm's other joints have a change in them,
+//! and the limit is that of three times this median until later tests are learnt. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules all of this.
 
 use std::cell::Cell;
 
@@ -32,6 +33,8 @@ pub(super) struct LevelLimit {
     estimated: Cell<Option<f64>>,
     alpha: f64,
     scatter: QuietScatter,
+    /// Whether friction changed in the tests of the baseline, which say nothing of scatter then.
+    is_bounded: bool,
     /// Tests of the baseline.
     baseline: usize,
     /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
@@ -48,6 +51,7 @@ impl LevelLimit {
         let errors: Vec<f64> =
             friction.runs.iter().filter(|of| friction.is_learnt_from(of)).map(|of| of.std_error).collect();
         let least = least_spread(friction.source).max(median(&errors).unwrap_or(0.0));
+        let is_bounded = friction.has_changed_at_first;
         let budget = Budget::new(settings.false_alarms_per_robot_year, series.joints, &series.starts);
         let sigma = settings.drift_sigma.unwrap_or_else(|| average::limit(EWMA_WEIGHT, budget.run_length()));
         Self {
@@ -55,7 +59,8 @@ impl LevelLimit {
             overruled: settings.drift_sigma.is_some(),
             estimated: Cell::new(None),
             alpha: budget.alpha(),
-            scatter: QuietScatter::new(least, WORTH, OWN_FROM),
+            scatter: QuietScatter::new(if is_bounded { friction.spread } else { least }, WORTH, OWN_FROM),
+            is_bounded,
             baseline: friction.learnt_runs,
             stated: friction.spread,
             least,
@@ -63,8 +68,11 @@ impl LevelLimit {
         }
     }
 
-    /// Learns a test of the baseline.
+    /// Learns a test of the baseline, unless friction changed in it.
     pub(super) fn learn(&mut self, observed: &Observed) {
+        if self.is_bounded {
+            return;
+        }
         self.scatter.learn(estimate(observed));
         self.estimated.set(None);
     }

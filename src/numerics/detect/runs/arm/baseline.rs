@@ -18,6 +18,10 @@ const LEAST_RMSD_DEVIATION: f64 = 0.05;
 /// Least standard deviation of the logarithm of a channel's noise from run to run.
 const LEAST_NOISE_DEVIATION: f64 = 0.05;
 
+/// Mean square of the changes of a first run, as a multiple of the median of these runs, from which on it is no scatter: the arm was
+/// another one then, as with a load.
+const ODD_RUN: f64 = 25.0;
+
 /// Scatter of a parameter over the cycles of a run, as a multiple of that of the first runs, from which on it counts.
 const FAR_MORE: f64 = 2.0;
 
@@ -57,6 +61,8 @@ pub(super) struct Baseline {
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
     /// How much more than their deviations the parameters of the first runs vary, squared.
     inflation: f64,
+    /// Friction of each joint, Nm (N).
+    pub(super) friction: Vec<Option<f64>>,
     pub(super) offsets: Vec<Option<Usual>>,
     pub(super) rmsd: Vec<Option<Usual>>,
     /// Logarithm of the noise of the torque channels, where all of the first runs have it.
@@ -116,6 +122,7 @@ impl Baseline {
         let mut found = Self {
             parameters,
             inflation: 1.0,
+            friction: (0..joints).map(|j| usual_friction(history, JointIndex::new(j), count)).collect(),
             offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
             rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
             noise: (0..joints).map(|j| Usual::of_noise(history, JointIndex::new(j), count)).collect(),
@@ -127,9 +134,10 @@ impl Baseline {
             .take(count)
             .map(|change| change.norm_squared() / change.len().max(1) as f64)
             .collect();
-        // the median was taken from these runs, and a run may be odd
+        // the median was taken from these runs
         let freedom = (count as f64 - 1.0) / count as f64;
-        found.inflation = own.iter().copied().fold(1.0, f64::max) / freedom;
+        let most = ODD_RUN * median(&own).unwrap_or(1.0).max(1.0);
+        found.inflation = own.iter().copied().filter(|of| *of <= most).fold(1.0, f64::max) / freedom;
         found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
         found
     }
@@ -266,6 +274,11 @@ pub(super) fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
 pub(super) fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
     mean(&own.map(|of| of.friction.ln_torque).collect::<Vec<f64>>()).map(f64::exp)
+}
+
+/// Median friction of a joint in the first runs, Nm (N).
+fn usual_friction(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<f64> {
+    median(&history.iter().filter_map(|run| friction(run, joint)).take(count).collect::<Vec<f64>>())
 }
 
 pub(super) fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {

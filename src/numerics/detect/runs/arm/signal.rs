@@ -54,8 +54,13 @@ impl Signal {
 pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
     let mut found = Signal::default();
     if let (Some(usual), Some(offset)) = (baseline.offsets[joint.index()], mean(&offsets(run, joint))) {
-        let (beyond, deviations) = (offset - usual.value, usual.deviations(offset));
-        let enough = beyond.abs() >= LEAST_OFFSET * friction(run, joint).unwrap_or(0.0);
+        let friction = friction(run, joint).unwrap_or(0.0);
+        // what differs between the directions is a part of friction or none: it may have grown with it
+        let grown = baseline.friction[joint.index()].map_or(1.0, |usual| friction / usual) * usual.value;
+        let expected = offset.clamp(usual.value.min(grown), usual.value.max(grown));
+        let beyond = offset - expected;
+        let deviations = beyond / usual.deviation;
+        let enough = beyond.abs() >= LEAST_OFFSET * friction;
         let counts = deviations.abs() >= SIGNAL_DEVIATIONS && enough;
         found.offset_deviations = deviations;
         found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });

@@ -97,6 +97,27 @@ fn a_push_in_one_cycle_is_an_alarm_that_names_joint_and_cycle_and_ends() {
 }
 
 #[test]
+fn what_a_push_does_to_the_rmsd_of_its_test_is_no_oscillation() {
+    let swinging = |by: f64| Some(crate::analysis::RmsdSwing { value: by, cycles: CYCLES as usize });
+    let history = |pushes: &[(usize, u32, f64, f64)]| -> Vec<RunSummary> {
+        let of = |run: i64| {
+            let mut test = test(run, 3.0, if run == 9 { pushes } else { &[] });
+            for of in &mut test.joints {
+                of.rmsd_swing = swinging(if run == 9 && of.joint.index() == 2 { 0.05 } else { 0.001 });
+            }
+            test
+        };
+        (0..10).map(of).collect()
+    };
+    let found = |pushes| detect(&history(pushes), &DetectSettings::default());
+    let without = found(&[]);
+    let swings = |of: &&Anomaly| of.kind == AnomalyKind::Oscillation;
+    assert_eq!(without.anomalies.iter().filter(swings).count(), 1, "{:?}", without.anomalies);
+    let with = found(&[PUSH]);
+    assert_eq!(with.anomalies.iter().map(|of| of.quantity).collect::<Vec<_>>(), ["contact"], "{with:?}");
+}
+
+#[test]
 fn a_push_that_several_joints_feel_is_one_alarm_of_the_arm() {
     let pushes = [PUSH, (1, 5, 25.0, 0.05)];
     let history: Vec<RunSummary> =

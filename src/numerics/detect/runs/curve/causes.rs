@@ -3,7 +3,7 @@
 pub(in crate::numerics::detect::runs) mod open_run;
 
 use super::hypothesis::{Cause, Evidence, PRIOR};
-use super::points::{Curve, CurvePoint, curves};
+use super::points::{Curve, curve, curves, of_joint, usual_levels};
 use super::run_cause::{LEAST_SCATTER, RunCause, WarmUpOfRun};
 use super::template;
 use super::usual::{JointCurves, Usual, common_of, joint_curves, usuals};
@@ -33,7 +33,7 @@ pub(in crate::numerics::detect::runs) struct UsualCurve {
     usual: Option<Usual>,
     /// Usual scatter of one cycle about a smooth curve.
     scatter: f64,
-    /// The speed levels that count: those of the first cycle.
+    /// The speed levels that count: those of most cycles of the first run.
     levels: Option<CycleFriction>,
 }
 
@@ -48,7 +48,7 @@ impl UsualCurves {
     ) -> Self {
         let all: Vec<Vec<Curve>> = (0..joints).map(|j| curves(history, JointIndex::new(j))).collect();
         let curves = joint_curves(all, baseline_runs);
-        let level = |j: usize| history.iter().find_map(|run| of_joint(run, j).next().map(|(_, of)| of));
+        let level = |j: usize| history.iter().find_map(|run| usual_levels(run, JointIndex::new(j)));
         let usual = usuals(&curves, baseline_runs, least_advantage);
         let joints = usual.into_iter().zip(&curves).enumerate();
         let of = |(j, (usual, curves)): (usize, (Option<Usual>, &JointCurves))| UsualCurve {
@@ -93,7 +93,7 @@ impl UsualCurves {
     }
 
     fn curves(&self, run: &RunSummary) -> Vec<Curve> {
-        self.joints.iter().enumerate().map(|(j, of)| curve(run, j, of.levels.as_ref())).collect()
+        self.joints.iter().enumerate().map(|(j, of)| curve_at(run, j, of.levels)).collect()
     }
 
     /// How the curves of one run differ from the usual ones, by joint; empty where there is no usual one.
@@ -138,20 +138,10 @@ fn against(
     RunCause { effect, warm_up, ..RunCause::of(&judged, *scatter, curve.len(), least_advantage) }
 }
 
-fn of_joint(run: &RunSummary, joint: usize) -> impl Iterator<Item = (u32, CycleFriction)> {
-    let own = run.cycle_friction.iter().filter(move |of| of.friction.joint.index() == joint);
-    own.map(|of| (of.cycle, of.friction))
-}
-
-/// The curve of a joint; cycles with other speed levels than the joint's first one are left out.
-fn curve(run: &RunSummary, joint: usize, levels: Option<&CycleFriction>) -> Curve {
-    let Some(first) = levels.copied().or_else(|| of_joint(run, joint).next().map(|(_, of)| of)) else {
-        return Vec::new();
-    };
-    of_joint(run, joint)
-        .filter(|(_, of)| of.compares_with(&first))
-        .map(|(cycle, of)| CurvePoint { cycle, minute: of.minute, ln_torque: of.ln_torque })
-        .collect()
+/// The curve of a joint, of the cycles that have these speed levels, or the usual ones of the run itself.
+fn curve_at(run: &RunSummary, joint: usize, levels: Option<CycleFriction>) -> Curve {
+    let joint = JointIndex::new(joint);
+    levels.or_else(|| usual_levels(run, joint)).map_or_else(Vec::new, |levels| curve(run, joint, &levels))
 }
 
 /// How many of the first tests say what is usual: enough long ones of each joint, as far as there are such. Tests whose
@@ -164,7 +154,7 @@ pub(in crate::numerics::detect::runs) fn tests_of_usual(
     let fewest = [template::FEWEST_CYCLES, within_run::FEWEST_CYCLES];
     let in_all = |run: &RunSummary, j: usize| match run.left_out() {
         Some(brief) => brief.joint(j).friction as usize,
-        None => of_joint(run, j).count(),
+        None => of_joint(run, JointIndex::new(j)).count(),
     };
     let long = |cycles: &dyn Fn(usize) -> usize| -> Vec<bool> {
         (0..joints).map(cycles).flat_map(|cycles| fewest.map(|fewest| cycles >= fewest)).collect()
@@ -177,11 +167,11 @@ pub(in crate::numerics::detect::runs) fn tests_of_usual(
         |test| {
             let run = &history[test];
             for (j, levels) in levels.iter_mut().enumerate() {
-                *levels = levels.or_else(|| of_joint(run, j).next().map(|(_, of)| of));
+                *levels = levels.or_else(|| usual_levels(run, JointIndex::new(j)));
             }
             long(&|j| match run.is_brief {
                 true => in_all(run, j),
-                false => curve(run, j, levels[j].as_ref()).len(),
+                false => curve_at(run, j, levels[j]).len(),
             })
         },
     )

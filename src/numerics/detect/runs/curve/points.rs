@@ -22,19 +22,36 @@ pub(in crate::numerics::detect::runs) struct CurvePoint {
 /// Friction of a joint over the cycles of one run, in their order; empty without friction points.
 pub(in crate::numerics::detect::runs) type Curve = Vec<CurvePoint>;
 
-/// The curves of a joint, one a run. Cycles whose speed levels are not those of the joint's first cycle are left out.
+/// The curves of a joint, one a run. Cycles with other speed levels than [`usual_levels`] of its first run are left out.
 pub(in crate::numerics::detect::runs) fn curves(history: &[RunSummary], joint: JointIndex) -> Vec<Curve> {
-    let of_joint = |run: &RunSummary| -> Vec<(u32, CycleFriction)> {
-        let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
-        own.map(|of| (of.cycle, of.friction)).collect()
-    };
-    let all: Vec<Vec<(u32, CycleFriction)>> = history.iter().map(of_joint).collect();
-    let Some((_, first)) = all.iter().flatten().next().copied() else { return vec![Vec::new(); all.len()] };
-    let point =
-        |(cycle, of): (u32, CycleFriction)| CurvePoint { cycle, minute: of.minute, ln_torque: of.ln_torque };
-    all.into_iter()
-        .map(|run| run.into_iter().filter(|(_, of)| of.compares_with(&first)).map(point).collect())
+    let levels = history.iter().find_map(|run| usual_levels(run, joint));
+    history.iter().map(|run| levels.map_or_else(Vec::new, |levels| curve(run, joint, &levels))).collect()
+}
+
+/// The curve of a joint in a run, of the cycles that have these speed levels.
+pub(super) fn curve(run: &RunSummary, joint: JointIndex, levels: &CycleFriction) -> Curve {
+    of_joint(run, joint)
+        .filter(|(_, of)| of.compares_with(levels))
+        .map(|(cycle, of)| CurvePoint { cycle, minute: of.minute, ln_torque: of.ln_torque })
         .collect()
+}
+
+/// A cycle with the speed levels that most cycles of a joint have in a run, the first ones where there are as many of others: a
+/// plateau may be missing in a cycle. `None` of a run without friction of the joint.
+pub(super) fn usual_levels(run: &RunSummary, joint: JointIndex) -> Option<CycleFriction> {
+    let alike =
+        |of: &CycleFriction| of_joint(run, joint).filter(|(_, other)| of.compares_with(other)).count();
+    // the last of the largest is the first cycle
+    of_joint(run, joint).map(|(_, of)| of).rev().max_by_key(alike)
+}
+
+/// Friction of a joint in each cycle of a run, with the number of the cycle.
+pub(super) fn of_joint(
+    run: &RunSummary,
+    joint: JointIndex,
+) -> impl DoubleEndedIterator<Item = (u32, CycleFriction)> {
+    let own = run.cycle_friction.iter().filter(move |of| of.friction.joint == joint);
+    own.map(|of| (of.cycle, of.friction))
 }
 
 /// What the other joints have in common at each of these cycles: the median of their differences, by cycle. Zero with
