@@ -64,7 +64,7 @@ impl OverdueWatch {
 }
 
 async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedReceiver<News>) {
-    let mut arrived: HashSet<String> = HashSet::new();
+    let (mut arrived, mut concluded): (HashSet<String>, HashSet<String>) = (HashSet::new(), HashSet::new());
     let mut timer = tokio::time::interval(LOOK);
     loop {
         let done = tokio::select! {
@@ -75,17 +75,31 @@ async fn look(store: Store, stop: CancellationToken, mut heard: mpsc::UnboundedR
                     arrived.insert(robot);
                     Ok(())
                 }
-                Some(News::Concluded(robot)) if arrived.remove(&robot) => {
-                    store.watch_for_tests(&robot, Timestamp::now()).await
+                Some(News::Concluded(robot)) => {
+                    if arrived.remove(&robot) {
+                        concluded.insert(robot);
+                    }
+                    watch_for_tests(&store, &mut concluded).await
                 }
-                Some(News::Concluded(_)) => Ok(()),
             },
-            _ = timer.tick() => say_due(&store).await,
+            _ = timer.tick() => match watch_for_tests(&store, &mut concluded).await {
+                Ok(()) => say_due(&store).await,
+                failed => failed,
+            },
         };
         if let Err(error) = done {
             tracing::warn!(%error, "overdue tests not looked at now; trying again");
         }
     }
+}
+
+/// Expects the next test of these robots, and forgets each of which that is written down.
+async fn watch_for_tests(store: &Store, robots: &mut HashSet<String>) -> Result<(), StoreError> {
+    while let Some(robot) = robots.iter().next().cloned() {
+        store.watch_for_tests(&robot, Timestamp::now()).await?;
+        robots.remove(&robot);
+    }
+    Ok(())
 }
 
 /// Says which robots are overdue, and ends shelving whose time is over.

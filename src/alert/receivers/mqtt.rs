@@ -8,7 +8,7 @@ use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
 use crate::config::{Encryption, MqttSettings};
 
-/// Requests that wait for the connection: the one message and the farewell.
+/// Requests that wait for the connection: the one message, and one more.
 const REQUESTS: usize = 2;
 
 /// Publishes messages.

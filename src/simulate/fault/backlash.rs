@@ -103,8 +103,7 @@ mod tests {
     use crate::simulate::dynamics::rigid_chain;
     use crate::simulate::test_arms::er3a;
 
-    /// What play adds over time to joint 2 of an arm whose load changes sides by acceleration: the joint stands where
-    /// gravity pulls and is accelerated to and fro.
+    /// What play adds over time to joint 1, which carries no gravity: its load changes sides as it is accelerated to and fro.
     fn added(play: f64, amplitude: f64) -> Vec<(f64, f64, f64)> {
         let chain = rigid_chain(&er3a()).unwrap();
         let joint = JointIndex::new(0);

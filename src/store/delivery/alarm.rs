@@ -205,8 +205,8 @@ impl Store {
         self.checked(open_alarms(&self.readers).await)
     }
 
-    /// What the receiver of a route holds for open: of each anomaly the latest event that it has had, unless that
-    /// closed the alarm.
+    /// What the receiver of a route holds for open: of each anomaly that is not closed the latest event that it has had. One that was
+    /// closed while the receiver could not be reached is told as open no more.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -244,6 +244,7 @@ async fn told_alarms(
          JOIN anomaly USING (anomaly_id)
          JOIN robot USING (robot_id)
          WHERE delivery.delivery_route_id = $1 AND delivery.state = 'sent' AND anomaly_event.what IN {}
+               AND NOT anomaly.ended AND NOT anomaly.withdrawn AND anomaly.state NOT IN ('resolved', 'false_alarm')
                AND NOT EXISTS (
                    SELECT 1 FROM delivery AS later
                    JOIN anomaly_event AS event ON event.anomaly_event_id = later.anomaly_event_id

@@ -105,14 +105,15 @@ impl Store {
         .await;
         let mut marked = Vec::new();
         for (robot_id, robot, expected_by) in self.checked(due)? {
-            // a test may have come in between
+            // a test may have come in between, or another daemon been here
             let mut transaction = self.begin().await?;
-            let done =
-                sqlx::query("UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2")
-                    .bind(robot_id)
-                    .bind(&expected_by)
-                    .execute(&mut *transaction)
-                    .await;
+            let done = sqlx::query(
+                "UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2 AND NOT overdue",
+            )
+            .bind(robot_id)
+            .bind(&expected_by)
+            .execute(&mut *transaction)
+            .await;
             let is_marked = self.checked(done)?.rows_affected() > 0;
             self.commit(transaction).await?;
             if is_marked {

@@ -180,7 +180,7 @@ async fn show_worse(
         "UPDATE anomaly
          SET severity = $1, score = $2, threshold = $3, value = $4, baseline = $5, message = $6, last_run_id = $7,
              last_seen_at = $8, peak_value = CASE WHEN $2 > coalesce(peak_score, 0) THEN $4 ELSE peak_value END,
-             peak_score = max($2, coalesce(peak_score, 0)), state = $9, shelved_until = $10, resolved_seen_at = $11
+             peak_score = max(coalesce($2, 0), coalesce(peak_score, 0)), state = $9, shelved_until = $10, resolved_seen_at = $11
          WHERE anomaly_id = $12",
     )
     .bind(anomaly.severity.name())
