@@ -35,6 +35,8 @@ pub struct Facts {
     pub known: Option<KnownRun>,
     /// Whether an export of that run is being read now.
     pub known_is_open: bool,
+    /// The run of just this file, which another program reads now.
+    pub read_elsewhere: Option<i64>,
     /// Whether the file's name says robot and moment of the recording.
     pub names_recording: bool,
     /// Earlier runs, that of the file's path first, then the newest.
@@ -55,7 +57,7 @@ pub enum Decision {
         /// An unfinished run that is not to go on, since this file's content is stored otherwise.
         unfinished: Option<Unfinished>,
     },
-    /// Nothing now: its content is being read under another name.
+    /// Nothing now: its content is being read under another name, or the file by another program.
     InWork {
         /// The run that it becomes.
         run_id: i64,
@@ -102,6 +104,9 @@ pub fn decide(facts: &Facts) -> Decision {
         if !returns && facts.known_is_open {
             return Decision::InWork { run_id: known.run_id };
         }
+    }
+    if let Some(run_id) = facts.read_elsewhere {
+        return Decision::InWork { run_id };
     }
     let continues = facts.known.as_ref().map(|known| known.run_id).or(chosen.start.continues);
     let replaces = chosen.start.replaces.filter(|old| Some(*old) != continues);
@@ -208,6 +213,7 @@ mod tests {
         Facts {
             known,
             known_is_open: false,
+            read_elsewhere: None,
             names_recording: true,
             earlier,
             on_rewrite: RewritePolicy::Supersede,
@@ -317,6 +323,11 @@ mod tests {
         assert_eq!(decide(&facts(Some(asked), vec![])), reads(Some(7), None, none));
         let open = Facts { known_is_open: true, ..of(Streaming, vec![]) };
         assert_eq!(decide(&open), Decision::InWork { run_id: 7 });
+        // another program goes on with the run of this file, whose content is no run's yet
+        let elsewhere = Facts { read_elsewhere: Some(5), ..facts(None, vec![]) };
+        assert_eq!(decide(&elsewhere), Decision::InWork { run_id: 5 });
+        let stored = Facts { read_elsewhere: Some(5), ..of(Complete, vec![]) };
+        assert_eq!(decide(&stored), stands(known(7, Complete), None));
 
         // superseded by a file elsewhere it stays so; by one at this path that it has come back to, it does not
         let elsewhere = vec![earlier(8, Complete, "recording"), earlier(7, Superseded, "recording")];

@@ -101,7 +101,7 @@ impl Pipeline {
         };
         let intake = match self.begin_growing(path, &recognised, opened.state).await? {
             Ok(intake) => intake,
-            Err(rejection) => return Ok(until_settled(&rejection)),
+            Err(followed) => return Ok(followed),
         };
         let open = self.open(intake.run_id);
         let followed = self.follow_begun((opened, intake), settle, ends, progress).await;
@@ -179,16 +179,23 @@ impl Pipeline {
         path: &Path,
         recognised: &Recognised<'_>,
         state: SourceState,
-    ) -> Result<Result<AdmittedExport, Rejection>, PipelineError> {
+    ) -> Result<Result<AdmittedExport, Followed>, PipelineError> {
         let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
         let facts = match facts {
             Ok(facts) => facts,
-            Err(rejection) => return Ok(Err(rejection)),
+            Err(rejection) => return Ok(Err(until_settled(&rejection))),
         };
         intake::forget_unreadable(self, path).await?;
-        let Decision::Read(start) = decide::decide(&facts) else {
-            // only a content that is known as a whole is decided otherwise
-            return Ok(Err(Rejection::of_file(path, "an export that is stored already", "")));
+        let start = match decide::decide(&facts) {
+            Decision::Read(start) => start,
+            Decision::InWork { run_id } => {
+                return Ok(Err(Followed::Outcome(Outcome::InWork { run_id: Some(run_id) })));
+            }
+            // of a content that is known as a whole
+            Decision::Known { .. } => {
+                let rejection = Rejection::of_file(path, "an export that is stored already", "");
+                return Ok(Err(until_settled(&rejection)));
+            }
         };
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);

@@ -194,8 +194,11 @@ pub(in crate::pipeline) async fn facts(
     let mut earlier = pipeline.store().earlier_runs(&ledger_path, state.file, recording).await?;
     let of_others = pipeline.store().runs_of_others().await?;
     let is_open = |run_id: i64| pipeline.is_open(run_id) || of_others.contains(&run_id);
-    // what is being read is another file's, which had this name
-    earlier.retain(|run| !is_open(run.run.run_id));
+    // what this program reads is another file's, which had this name; another program may read this very file
+    earlier.retain(|of| {
+        let run_id = of.run.run_id;
+        !is_open(run_id) || (of.same_path && of_others.contains(&run_id) && !pipeline.is_open(run_id))
+    });
     let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
     let compared = tokio::task::spawn_blocking(move || {
@@ -210,7 +213,13 @@ pub(in crate::pipeline) async fn facts(
         Ok(alike) => alike,
         Err(rejection) => return Ok(Err(rejection)),
     };
-    let compared = earlier.into_iter().zip(begin_alike).map(|(earlier, begins_alike)| Compared {
+    let is_elsewhere = |of: &EarlierRun| of_others.contains(&of.run.run_id);
+    let read_elsewhere = earlier
+        .iter()
+        .zip(&begin_alike)
+        .find_map(|(of, alike)| (*alike && is_elsewhere(of)).then_some(of.run.run_id));
+    let here = earlier.into_iter().zip(begin_alike).filter(|(of, _)| !is_elsewhere(of));
+    let compared = here.map(|(earlier, begins_alike)| Compared {
         same_robot: recognised.is_some_and(|of| of.robot == earlier.robot),
         same_recording: recognised.is_some_and(|of| is_recording_of(pipeline.config(), of, &earlier)),
         begins_alike,
@@ -221,6 +230,7 @@ pub(in crate::pipeline) async fn facts(
     });
     Ok(Ok(Facts {
         known_is_open: known.as_ref().is_some_and(|known| is_open(known.run_id)),
+        read_elsewhere,
         known,
         names_recording: recognised.is_some_and(|of| of.recording().is_some()),
         earlier: compared.collect(),
