@@ -7,3 +7,4 @@ pub(super) mod identity;
 pub(super) mod sources;
 pub(super) mod quarantine;
 pub(super) mod resume;
+pub(super) mod file_names;
