@@ -322,7 +322,7 @@ fn a_load_is_one_alarm_of_the_arm_with_its_mass() {
 
 #[test]
 fn a_load_in_the_first_tests_hides_no_later_one() {
-    let loaded = |run: i64| State { mass: if run < 2 || run >= 7 { 0.8 } else { 0.0 }, ..State::default() };
+    let loaded = |run: i64| State { mass: if (2..7).contains(&run) { 0.0 } else { 0.8 }, ..State::default() };
     for seed in 1..=4 {
         let history = fleet(9, seed, loaded);
         for runs in 8..=9 {

@@ -46,8 +46,8 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
-                    for place in first..=last {
-                        if let Verdict::Out { why, .. } = &mut verdicts[place] {
+                    for (place, verdict) in (first..=last).zip(&mut verdicts[first..=last]) {
+                        if let Verdict::Out { why, .. } = verdict {
                             *why = Why { onset: Some((run, None)), ..why_level(series, place) };
                         }
                     }

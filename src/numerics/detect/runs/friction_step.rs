@@ -33,8 +33,8 @@ impl Detector<JointSeries<'_>> for FrictionStep {
                 Shape::Step { run, cycle, size } => {
                     // what the test says in which it jumped, or, between two, each test behind it
                     let inside = series.causes.get(run).and_then(Option::as_ref).filter(|_| cycle.is_some());
-                    for place in first..=last {
-                        if let Verdict::Out { why, message, .. } = &mut verdicts[place] {
+                    for (place, verdict) in (first..=last).zip(&mut verdicts[first..=last]) {
+                        if let Verdict::Out { why, message, .. } = verdict {
                             *why = match inside {
                                 Some(of) => Why {
                                     odds: Some(of.odds()),
