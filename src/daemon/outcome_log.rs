@@ -37,7 +37,7 @@ pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
         Outcome::Changed => tracing::info!(%file, "changed while being read; looking again"),
         Outcome::InWork { run_id: None } => tracing::debug!(%file, "another daemon reads it"),
         Outcome::InWork { run_id: Some(run_id) } => {
-            tracing::debug!(%file, run_id, "the same content is being read under another name");
+            tracing::debug!(%file, run_id, "another program reads it, or the same content is being read under another name");
         }
     }
 }

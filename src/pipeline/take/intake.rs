@@ -197,7 +197,7 @@ pub(in crate::pipeline) async fn facts(
     // what this program reads is another file's, which had this name; another program may read this very file
     earlier.retain(|of| {
         let run_id = of.run.run_id;
-        !is_open(run_id) || (of.same_path && of_others.contains(&run_id) && !pipeline.is_open(run_id))
+        !pipeline.is_open(run_id) && (of.same_path || !of_others.contains(&run_id))
     });
     let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
