@@ -9,11 +9,12 @@
 //! unknown, its size. Every cause has a price for its parameters, and the cause with the least unexplained rest wins
 //! (likelihood ratio with the Schwarz price).
 
-mod baseline;
+pub(super) mod baseline;
 mod change;
 mod channel;
+mod first_level;
 mod price;
-pub(super) mod signal;
+mod signal;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -194,8 +195,6 @@ pub(super) fn together(runs: &[&RunSummary], at: usize) -> Vec<usize> {
 pub(super) struct UsualArm {
     baseline: Baseline,
     joints: usize,
-    /// Variance of the baseline in the variances of a run.
-    own_variance: f64,
 }
 
 impl UsualArm {
@@ -206,8 +205,7 @@ impl UsualArm {
         joints: usize,
         baseline_runs: usize,
     ) -> Self {
-        let own_variance = std::f64::consts::FRAC_PI_2 / baseline_runs.max(2) as f64;
-        Self { baseline: Baseline::of(history, response, joints, baseline_runs), joints, own_variance }
+        Self { baseline: Baseline::of(history, response, joints, baseline_runs), joints }
     }
 
     /// How many of these tests, from the first on, say what is usual.
@@ -230,7 +228,7 @@ impl UsualArm {
             None => (&self.baseline, changes.into_iter().map(Option::<&_>::cloned).collect()),
         };
         let changes: Vec<Option<&DVector<f64>>> = changes.iter().map(Option::as_ref).collect();
-        let (plain, together) = Change::of(&changes, &baseline.directions, self.own_variance);
+        let (plain, together) = Change::of(&changes, &baseline.directions, baseline.own_variance());
         let costs = |change: Option<&Change>| costs(run, change, baseline, self.joints);
         let together = together.into_iter();
         ArmJudgement {

@@ -7,7 +7,7 @@
 
 use jiff::Timestamp;
 
-use super::arm::signal::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
+use super::arm::baseline::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
 use super::arm::{ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET};
 use super::arm_cause::{ArmCause, Load, SignalFault};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};

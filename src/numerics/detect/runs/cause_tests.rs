@@ -322,7 +322,10 @@ fn a_load_is_one_alarm_of_the_arm_with_its_mass() {
 
 #[test]
 fn a_load_in_the_first_tests_hides_no_later_one() {
-    let loaded = |run: i64| State { mass: if (2..7).contains(&run) { 0.0 } else { 0.8 }, ..State::default() };
+    let loaded = |run: i64| State {
+        mass: if [1, 3].contains(&run) || run >= 7 { 0.8 } else { 0.0 },
+        ..State::default()
+    };
     for seed in 1..=4 {
         let history = fleet(9, seed, loaded);
         for runs in 8..=9 {
@@ -333,6 +336,24 @@ fn a_load_in_the_first_tests_hides_no_later_one() {
             assert!((found.value / 0.8 - 1.0).abs() < 0.15, "{found:#?}");
         }
     }
+}
+
+/// What changes while the baseline is learnt, and stays so, is told with its own sign and from its first test on.
+#[test]
+fn faults_from_the_third_test_on_are_no_part_of_the_baseline() {
+    for (seed, size) in (1..=4).zip([0.8, -0.5, 3.0, 0.8]) {
+        let mass = |run: i64| State { mass: if run >= 2 { size } else { 0.0 }, ..State::default() };
+        let found = only(&fleet(9, seed, mass), AnomalyKind::Payload, None);
+        assert!((found.value / size - 1.0).abs() < 0.15, "{found:#?}");
+        assert_eq!((found.first_run_id, found.ended), (3, false), "{found:#?}");
+        let offset = |run: i64| State { offset: (run >= 2).then_some((1, size)), ..State::default() };
+        let found = only(&fleet(9, seed, offset), AnomalyKind::Sensor, Some(2));
+        assert!((found.value / size - 1.0).abs() < 0.1, "{found:#?}");
+        assert_eq!((found.first_run_id, found.ended), (3, false), "{found:#?}");
+    }
+    let noisy = |run: i64| State { noise: Some((2, if run >= 2 { 3.0 } else { 1.0 })), ..State::default() };
+    let found = only(&fleet(9, 5, noisy), AnomalyKind::Sensor, Some(3));
+    assert_eq!((found.first_run_id, found.ended), (3, false), "{found:#?}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use nalgebra::DVector;
 
+use super::first_level::FirstLevels;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::anomaly::brief::Brief;
 use crate::anomaly::{RunParameter, RunSummary};
@@ -22,6 +23,15 @@ const LEAST_NOISE_DEVIATION: f64 = 0.05;
 /// another one then, as with a load.
 const ODD_RUN: f64 = 25.0;
 
+/// Standard deviations by which a figure of a torque signal differs from the usual one, from which on it is looked at.
+pub(super) const SIGNAL_DEVIATIONS: f64 = 8.0;
+/// Least offset of a torque signal, as a fraction of the joint's friction.
+pub(super) const LEAST_OFFSET: f64 = 0.03;
+/// Least ratio of the unexplained rest to the usual one.
+pub(in crate::numerics::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
+/// Least ratio of a channel's noise to the usual one.
+pub(in crate::numerics::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
+
 /// Scatter of a parameter over the cycles of a run, as a multiple of that of the first runs, from which on it counts.
 const FAR_MORE: f64 = 2.0;
 
@@ -37,16 +47,30 @@ pub(super) struct Usual {
 }
 
 impl Usual {
-    /// Of the first `count` values. `least` is the least deviation.
-    fn of(values: impl Iterator<Item = f64>, count: usize, least: f64) -> Option<Self> {
+    /// Of the first `count` values, or of those before a change that lasts, where `is_change` of the values before and behind it,
+    /// with how many these are. `least` is the least deviation.
+    fn of(
+        values: impl Iterator<Item = f64>,
+        count: usize,
+        least: f64,
+        is_change: impl Fn(f64, f64) -> bool,
+    ) -> Option<(Self, usize)> {
         let first: Vec<f64> = values.take(count).collect();
-        let value = median(&first)?;
         if first.len() < count.max(2) {
             return None;
         }
+        let tests: Vec<DVector<f64>> = first.iter().map(|of| DVector::from_element(1, of / least)).collect();
+        let levels = FirstLevels::of(&tests, SIGNAL_DEVIATIONS * SIGNAL_DEVIATIONS, |before, behind| {
+            is_change(least * before[0], least * behind[0])
+        });
+        let usual = &first[..levels.usual.len()];
+        let scatter = match levels.changed {
+            [] => robust_deviation(usual).unwrap_or(0.0),
+            _ => least * (mean(&levels.mean_squares()).unwrap_or(0.0) / levels.freedom()).sqrt(),
+        };
         // that of the median itself is a part of the deviation from it
-        let own = (1.0 + std::f64::consts::FRAC_PI_2 / first.len() as f64).sqrt();
-        Some(Self { value, deviation: own * robust_deviation(&first).unwrap_or(0.0).max(least) })
+        let own = (1.0 + std::f64::consts::FRAC_PI_2 / usual.len() as f64).sqrt();
+        Some((Self { value: median(usual)?, deviation: own * scatter.max(least) }, usual.len()))
     }
 
     pub(super) fn deviations(&self, value: f64) -> f64 {
@@ -55,8 +79,10 @@ impl Usual {
 }
 
 /// The first runs of an arm, of like length.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Baseline {
+    /// Tests that the usual parameters are medians of.
+    tests: usize,
     /// Usual value and deviation of each inertial parameter, with what it stands for.
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
     /// How much more than their deviations the parameters of the first runs vary, squared.
@@ -95,49 +121,26 @@ impl Baseline {
         baseline_runs: usize,
     ) -> Self {
         let count = baseline_runs.max(2);
-        let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
-        let first = history.iter().find(|run| !run.parameters.is_empty());
-        let usual = |of: &RunParameter| {
-            let own: Vec<&RunParameter> = history
-                .iter()
-                .filter_map(|run| run.parameters.iter().find(|other| other.id == of.id))
-                .take(count)
-                .collect();
-            let scatter: Vec<f64> = own
-                .iter()
-                .map(|of| of.std_dev / f64::from(of.cycles).sqrt())
-                .filter(|s| s.is_finite())
-                .collect();
-            let least =
-                median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
-            // errors of single runs are known well, deviations of a few runs are not: these are pooled below
-            let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
-            let value = median(&means).filter(|_| means.len() == count)?;
-            let usual =
-                Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
-            Some((of.id, usual, shares_of_link(&of.terms, last?)))
-        };
-        let parameters: Vec<_> =
-            first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default();
-        let mut found = Self {
-            parameters,
-            inflation: 1.0,
-            friction: (0..joints).map(|j| usual_friction(history, JointIndex::new(j), count)).collect(),
-            offsets: (0..joints).map(|j| Usual::of_offsets(history, JointIndex::new(j), count)).collect(),
-            rmsd: (0..joints).map(|j| Usual::of_rmsd(history, JointIndex::new(j), count)).collect(),
-            noise: (0..joints).map(|j| Usual::of_noise(history, JointIndex::new(j), count)).collect(),
-            directions: Vec::new(),
-        };
-        let own: Vec<f64> = history
-            .iter()
-            .filter_map(|run| found.change(run))
-            .take(count)
-            .map(|change| change.norm_squared() / change.len().max(1) as f64)
-            .collect();
-        // the median was taken from these runs
-        let freedom = (count as f64 - 1.0) / count as f64;
+        let parameters = usual_parameters(history, count);
+        let mut found = Self { parameters, inflation: 1.0, tests: count, ..Self::default() };
+        let first: Vec<DVector<f64>> =
+            history.iter().filter_map(|run| found.change(run)).take(count).collect();
+        let levels = FirstLevels::of(&first, ODD_RUN, |_, _| true);
+        let own = levels.mean_squares();
         let most = ODD_RUN * median(&own).unwrap_or(1.0).max(1.0);
-        found.inflation = own.iter().copied().filter(|of| *of <= most).fold(1.0, f64::max) / freedom;
+        let inflation = own.iter().copied().filter(|of| *of <= most).fold(1.0, f64::max) / levels.freedom();
+        if !levels.changed.is_empty() {
+            found.tests = levels.usual.len();
+            found.parameters = usual_parameters(history, found.tests);
+        }
+        found.inflation = inflation;
+        for joint in (0..joints).map(JointIndex::new) {
+            let offset = Usual::of_offsets(history, joint, count);
+            found.friction.push(usual_friction(history, joint, offset.map_or(count, |(_, tests)| tests)));
+            found.offsets.push(offset.map(|(usual, _)| usual));
+            found.rmsd.push(Usual::of_rmsd(history, joint, count));
+            found.noise.push(Usual::of_noise(history, joint, count));
+        }
         found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
         found
     }
@@ -176,6 +179,11 @@ impl Baseline {
                 of_read(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
             },
         )
+    }
+
+    /// Variance of the usual parameters in the variances of a run.
+    pub(super) fn own_variance(&self) -> f64 {
+        std::f64::consts::FRAC_PI_2 / self.tests.max(2) as f64
     }
 
     /// Empty where the response lacks a parameter, as that of another description does.
@@ -241,19 +249,22 @@ impl Baseline {
 }
 
 impl Usual {
-    fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+    /// With how many tests it is of.
+    fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<(Self, usize)> {
         let runs: Vec<Vec<f64>> =
             history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
         let within: Vec<f64> =
             runs.iter().filter_map(|run| Some(robust_deviation(run)? / (run.len() as f64).sqrt())).collect();
         let friction = history.iter().find_map(|run| friction(run, joint)).unwrap_or(0.0);
         let least = median(&within).unwrap_or(0.0).max(1e-3 * friction).max(f64::MIN_POSITIVE);
-        Self::of(runs.iter().filter_map(|run| mean(run)), count, least)
+        let is_change = |before: f64, behind: f64| (behind - before).abs() >= LEAST_OFFSET * friction;
+        Self::of(runs.iter().filter_map(|run| mean(run)), count, least, is_change)
     }
 
     fn of_rmsd(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
         let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
-        Self::of(values, count, LEAST_RMSD_DEVIATION)
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_RMSD_RATIO.ln();
+        Self::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
     }
 
     /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
@@ -261,8 +272,34 @@ impl Usual {
     fn of_noise(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
         let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
         let noises: Option<Vec<f64>> = first.map(|run| noise(run, joint)).collect();
-        Self::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION)
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_NOISE_RATIO.ln();
+        Self::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION, is_change)
+            .map(|(usual, _)| usual)
     }
+}
+
+/// Usual value and deviation of each parameter of the first run that has some, with what it stands for: those that `count` runs have.
+fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, Usual, [f64; 10])> {
+    let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
+    let first = history.iter().find(|run| !run.parameters.is_empty());
+    let usual = |of: &RunParameter| {
+        let own: Vec<&RunParameter> = history
+            .iter()
+            .filter_map(|run| run.parameters.iter().find(|other| other.id == of.id))
+            .take(count)
+            .collect();
+        let scatter: Vec<f64> =
+            own.iter().map(|of| of.std_dev / f64::from(of.cycles).sqrt()).filter(|s| s.is_finite()).collect();
+        let least =
+            median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
+        // errors of single runs are known well, deviations of a few runs are not: these are pooled
+        let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
+        let value = median(&means).filter(|_| means.len() == count)?;
+        let usual =
+            Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
+        Some((of.id, usual, shares_of_link(&of.terms, last?)))
+    };
+    first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default()
 }
 
 pub(super) fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {

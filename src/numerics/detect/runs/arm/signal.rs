@@ -1,20 +1,16 @@
 //! The torque signal of a joint in one run: what of it is not as usual, and what may be wrong with the joint itself.
 
-use super::baseline::{Baseline, MOST_CHI_SQUARE, Usual, friction, noise, offsets, rmsd};
+use super::baseline::{
+    Baseline, LEAST_NOISE_RATIO, LEAST_OFFSET, LEAST_RMSD_RATIO, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS, Usual,
+    friction, noise, offsets, rmsd,
+};
 use super::price::MECHANICAL_PRICE;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::runs::arm_cause::{ArmCause, SignalFault};
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
-/// Deviation of an offset or of an unexplained rest, in standard deviations, from which on it is looked at.
-const SIGNAL_DEVIATIONS: f64 = 8.0;
-/// Least offset of a torque signal, as a fraction of the joint's friction.
-const LEAST_OFFSET: f64 = 0.03;
-/// Least ratio of the unexplained rest to the usual one.
-pub(in crate::numerics::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
-/// Least ratio of a channel's noise to the usual one, and least noise as a fraction of the torque.
-pub(in crate::numerics::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
+/// Least noise, as a fraction of the torque, that is looked at.
 const LEAST_NOISE: f64 = 0.002;
 
 /// A joint's torque signal in one run.
