@@ -7,6 +7,7 @@
 
 pub mod brief;
 pub mod detection;
+mod first_level;
 mod first_tests;
 mod friction_history;
 mod curve;

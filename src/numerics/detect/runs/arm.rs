@@ -12,7 +12,6 @@
 pub(super) mod baseline;
 mod change;
 mod channel;
-mod first_level;
 mod price;
 mod signal;
 

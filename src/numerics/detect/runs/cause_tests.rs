@@ -351,6 +351,16 @@ fn faults_from_the_third_test_on_are_no_part_of_the_baseline() {
         assert!((found.value / size - 1.0).abs() < 0.1, "{found:#?}");
         assert_eq!((found.first_run_id, found.ended), (3, false), "{found:#?}");
     }
+    let stiff = |run: i64| State {
+        friction: (run >= 2).then_some(|joint, _| if joint == 3 { 0.22 } else { 0.0 }),
+        ..State::default()
+    };
+    for seed in 1..=4 {
+        let found = only(&fleet(9, seed, stiff), AnomalyKind::Step, Some(4));
+        assert!((found.value - 0.22_f64.exp()).abs() < 0.02, "{found:#?}");
+        assert!(found.first_run_id <= 4 && !found.ended, "{found:#?}");
+        assert_eq!((found.onset.run_id, found.onset.cycle), (3, None), "{found:#?}");
+    }
     let noisy = |run: i64| State { noise: Some((2, if run >= 2 { 3.0 } else { 1.0 })), ..State::default() };
     let found = only(&fleet(9, 5, noisy), AnomalyKind::Sensor, Some(3));
     assert_eq!((found.first_run_id, found.ended), (3, false), "{found:#?}");

@@ -4,6 +4,9 @@
 //! friction stage, friction identified from the excitation. The index is a multiple of the joint's first runs
 //! already. The baseline of the two torques is the median of the joint's first runs at one speed.
 
+use nalgebra::DVector;
+
+use super::first_level::FirstLevels;
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
 use crate::numerics::detect::control_chart::median_variance;
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
@@ -297,6 +300,45 @@ pub(super) fn bound_spreads(joints: &mut [FrictionHistory]) {
             joint.bound_spread(MOST_SPREAD * usual);
         }
     }
+}
+
+/// Smallest change of a joint's friction between two of the tests of its baseline, in logarithms, that is none of scatter, and
+/// its square in variances of a test.
+const LEAST_JUMP: f64 = 0.06;
+const LEAST_JUMP_SQUARE: f64 = 64.0;
+
+/// Where the index of a joint jumps between two of the tests that its baseline is learnt from and stays there, beyond what
+/// the other joints do, the tests before are its baseline.
+pub(super) fn learn_before_jumps(joints: &mut [FrictionHistory]) {
+    let jumps: Vec<Option<usize>> = (0..joints.len()).map(|own| jump_at_first(joints, own)).collect();
+    for (joint, jump) in joints.iter_mut().zip(jumps) {
+        if let Some(run) = jump {
+            joint.learn_before(run);
+        }
+    }
+}
+
+/// Place of the run from which on the index of a joint is at another level than in the tests of the baseline before it.
+fn jump_at_first(joints: &[FrictionHistory], own: usize) -> Option<usize> {
+    let joint = &joints[own];
+    let is_index = |of: &&Observed| of.source == Source::Index && of.ratio > 0.0;
+    let learnt: Vec<&Observed> =
+        joint.runs.iter().filter(|of| joint.is_learnt_from(of)).filter(is_index).collect();
+    let level = |of: &Observed| {
+        let others = joints.iter().enumerate().filter(|(other, _)| *other != own);
+        let in_run = |(_, of_joint): (usize, &FrictionHistory)| {
+            of_joint.runs.iter().filter(is_index).find(|other| other.run == of.run).map(|of| of.ratio.ln())
+        };
+        of.ratio.ln() - median(&others.filter_map(in_run).collect::<Vec<f64>>()).unwrap_or(0.0)
+    };
+    let errors: Vec<f64> = learnt.iter().map(|of| of.std_error).collect();
+    let error = median(&errors)?.max(MIN_INDEX_SPREAD);
+    let tests: Vec<DVector<f64>> =
+        learnt.iter().map(|of| DVector::from_element(1, level(of) / error)).collect();
+    let is_jump =
+        |before: &DVector<f64>, behind: &DVector<f64>| error * (behind[0] - before[0]).abs() >= LEAST_JUMP;
+    let levels = FirstLevels::of(&tests, LEAST_JUMP_SQUARE, is_jump);
+    (!levels.changed.is_empty()).then(|| learnt[levels.usual.len()].run)
 }
 
 /// Run-to-run standard deviation of the index in the joint's baseline, and the variance of the baseline,

@@ -14,7 +14,7 @@ use super::common_change::common_parts;
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::run_cause::{RunCause, least_advantage};
 use super::detection::{Detection, lacks};
-use super::friction_history::{FrictionHistory, bound_spreads};
+use super::friction_history::{FrictionHistory, bound_spreads, learn_before_jumps};
 use super::judgement::{Frame, Judgement, key};
 use super::like_length::of_like_length;
 use super::series::friction_history;
@@ -129,6 +129,7 @@ impl<'h> Parts<'h> {
             friction_history(&runs, JointIndex::new(joint), causes, baseline_runs)
         };
         let mut friction: Vec<FrictionHistory> = causes.iter().enumerate().map(of_joint).collect();
+        learn_before_jumps(&mut friction);
         let common = common_parts(&friction, runs.len());
         friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
         bound_spreads(&mut friction);

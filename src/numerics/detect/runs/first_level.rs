@@ -11,6 +11,7 @@ use crate::numerics::statistics::descriptive::median;
 const FEWEST: usize = 2;
 
 /// Figures of the first tests, oldest first, as levels.
+#[derive(Debug)]
 pub(super) struct FirstLevels<'t> {
     /// Tests that count: those before the change.
     pub(super) usual: &'t [DVector<f64>],
