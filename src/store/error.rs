@@ -376,7 +376,7 @@ impl StoreError {
     }
 
     /// Result codes: <https://www.sqlite.org/rescode.html>; the low byte is the primary one.
-    fn from_code(path: PathBuf, code: i32, detail: String) -> Self {
+    pub(super) fn from_code(path: PathBuf, code: i32, detail: String) -> Self {
         match code & 0xff {
             5 | 6 => Self::Busy { path, detail },
             10 | 13 => Self::Full { path, detail },

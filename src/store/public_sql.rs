@@ -336,7 +336,7 @@ impl Schema {
 }
 
 /// A value for a parameter of a statement.
-struct Parameter<'v>(&'v Value);
+pub(in crate::store) struct Parameter<'v>(pub(in crate::store) &'v Value);
 
 impl ToSql for Parameter<'_> {
     fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
@@ -359,7 +359,7 @@ fn not_a_parameter() -> rusqlite::Error {
     rusqlite::Error::ToSqlConversionFailure("a parameter is null, true, false, a number or a text".into())
 }
 
-fn cell(value: ValueRef<'_>) -> Value {
+pub(in crate::store) fn cell(value: ValueRef<'_>) -> Value {
     match value {
         ValueRef::Null => Value::Null,
         ValueRef::Integer(number) => Value::from(number),
@@ -376,7 +376,7 @@ fn bytes_of(value: &Value) -> usize {
 }
 
 /// Line and column of a byte of a text, counted from 1, in characters.
-fn place(text: &str, offset: usize) -> (usize, usize) {
+pub(in crate::store) fn place(text: &str, offset: usize) -> (usize, usize) {
     let before: String =
         text.char_indices().take_while(|(at, _)| *at < offset).map(|(_, character)| character).collect();
     let line = before.matches('\n').count() + 1;

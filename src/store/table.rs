@@ -1,5 +1,7 @@
 //! Rows of any statement, for people and programs that ask in SQL.
 
+use std::collections::HashSet;
+
 use serde_json::Value;
 use sqlx::query::Query;
 use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Statement, TypeInfo, ValueRef};
@@ -20,10 +22,12 @@ pub struct Table {
 }
 
 impl Table {
-    /// The rows as JSON objects.
+    /// The rows as JSON objects. A further column of a name is called `name_2`, `name_3` and so on: an object has each name
+    /// once.
     pub fn objects(&self) -> impl Iterator<Item = Value> {
+        let keys = unique(&self.columns);
         let object =
-            |row: &Vec<Value>| Value::Object(self.columns.iter().cloned().zip(row.iter().cloned()).collect());
+            move |row: &Vec<Value>| Value::Object(keys.iter().cloned().zip(row.iter().cloned()).collect());
         self.rows.iter().map(object)
     }
 }
@@ -54,10 +58,10 @@ pub struct ViewRows {
 }
 
 impl Store {
-    /// The answer to a statement, which can change nothing.
+    /// The answer to a statement of this program. One of a person is for [`Store::ask_one`].
     ///
     /// # Errors
-    /// [`AskError::Statement`] with the words of SQLite.
+    /// [`AskError::Statement`] with the words of the engine.
     pub async fn ask(&self, statement: &str) -> Result<Table, AskError> {
         self.answer(statement, |query| query).await
     }
@@ -124,7 +128,7 @@ impl Store {
         Ok(Table { columns, rows })
     }
 
-    fn ask_error(&self, error: &sqlx::Error) -> AskError {
+    pub(in crate::store) fn ask_error(&self, error: &sqlx::Error) -> AskError {
         const READ_ONLY: &str = "8";
         #[cfg(feature = "postgres")]
         match (sqlstate::fault_of(error), error) {
@@ -155,8 +159,28 @@ impl Store {
     }
 }
 
-fn names(columns: &[impl Column]) -> Vec<String> {
+pub(in crate::store) fn names(columns: &[impl Column]) -> Vec<String> {
     columns.iter().map(|column| column.name().to_owned()).collect()
+}
+
+/// The names, each once: further ones get the next number that no other name has.
+fn unique(columns: &[String]) -> Vec<String> {
+    let mut taken: HashSet<String> = columns.iter().cloned().collect();
+    let mut seen: HashSet<&str> = HashSet::new();
+    let mut keys = Vec::with_capacity(columns.len());
+    for column in columns {
+        let mut key = column.clone();
+        if !seen.insert(column) {
+            let mut number = 2;
+            key = format!("{column}_{number}");
+            while !taken.insert(key.clone()) {
+                number += 1;
+                key = format!("{column}_{number}");
+            }
+        }
+        keys.push(key);
+    }
+    keys
 }
 
 /// How a filter asks for NULL.
@@ -208,4 +232,17 @@ pub(super) fn hexadecimal(bytes: &[u8]) -> String {
         let _ = write!(text, "{byte:02x}");
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_of_one_name_are_all_in_the_object() {
+        let columns = ["x", "x", "x_2", "y", "x"].map(str::to_owned).to_vec();
+        let table = Table { columns, rows: vec![(1..=5).map(Value::from).collect()] };
+        let object = table.objects().next().expect("a row");
+        assert_eq!(object, serde_json::json!({"x": 1, "x_3": 2, "x_2": 3, "y": 4, "x_4": 5}));
+    }
 }

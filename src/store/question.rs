@@ -1,0 +1,346 @@
+//! One statement of a person, which reads and changes nothing, with values for its parameters.
+//!
+//! A file of SQLite is asked over a connection of its own, opened for reading only: rusqlite says whether a text is one
+//! statement, which parameters it has, and whether it may change something
+//! (<https://sqlite.org/c3ref/stmt_readonly.html>). A server is asked in a transaction that only reads, over the protocol
+//! that takes one statement.
+
+#[cfg(feature = "postgres")]
+mod on_server;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::time::Duration;
+
+use rusqlite::limits::Limit;
+use rusqlite::{Connection, ErrorCode, OpenFlags, Statement};
+use serde_json::Value;
+
+use super::engine::Dialect;
+use super::error::StoreError;
+use super::handle::Store;
+use super::public_sql::{Parameter, cell, place};
+#[cfg(feature = "postgres")]
+use super::table::AskError;
+use super::table::Table;
+use super::write_ahead_log;
+
+/// How long a statement waits where the database is locked, as other readers do.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A statement with the values of its parameters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Question {
+    /// One statement that reads.
+    pub statement: String,
+    /// Values by the name of the parameter, without its first character: null, numbers or texts.
+    pub values: Vec<(String, Value)>,
+    /// Whether parameters that have no value are NULL; otherwise the statement is refused.
+    pub others_are_null: bool,
+}
+
+/// Why a question has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum QuestionError {
+    /// There is nothing but spaces, comments and semicolons.
+    #[error("there is no statement: give one, such as `armwatch sql \"SELECT * FROM fleet_health\"`")]
+    Empty,
+    /// The text has more than one statement.
+    #[error(
+        "there is more than one statement: `armwatch sql` takes one that reads; call it once for each, or join them with \
+         WITH or UNION ALL"
+    )]
+    Several,
+    /// The statement would change something, write a file, or has no rows to give.
+    #[error(
+        "the statement does not only read: `armwatch sql` takes SELECT, WITH, VALUES and EXPLAIN, and the database is \
+         opened for reading only; `armwatch backup FILE` copies the database, `armwatch export` writes views into files, \
+         and the other commands of armwatch change what is stored"
+    )]
+    Changes,
+    /// Parameters have no value.
+    #[error(
+        "no value is given for {} of the statement: add {}; or add --others-null, which takes those that are not given as \
+         NULL (in the files of dashboards/, their default)",
+        .0.join(", "),
+        .0.iter().map(|name| format!("--param {}=VALUE", bare(name))).collect::<Vec<_>>().join(" ")
+    )]
+    NoValue(Vec<String>),
+    /// A value has no parameter.
+    #[error(
+        "the statement has no parameter {name}: {}",
+        if .known.is_empty() { format!("it has none; write :{name} where the value belongs") }
+        else { format!("it has {}", .known.join(", ")) }
+    )]
+    NoParameter {
+        /// The name of the value.
+        name: String,
+        /// Parameters of the statement.
+        known: Vec<String>,
+    },
+    /// Two values have one name.
+    #[error("--param {0} is given twice: give one value for each parameter")]
+    Twice(String),
+    /// A parameter cannot be named.
+    #[error(
+        "the statement has the parameter {0}, which has no name: write :NAME in its place, and give --param NAME=VALUE"
+    )]
+    Nameless(String),
+    /// The engine does not understand the statement, or cannot carry it out.
+    #[error("{0}")]
+    Statement(String),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl Question {
+    /// The values of the parameters `names` of the statement, in their order.
+    fn values_of(&self, names: &[String]) -> Result<Vec<&Value>, QuestionError> {
+        let mut given = BTreeSet::new();
+        if let Some((name, _)) = self.values.iter().find(|(name, _)| !given.insert(name)) {
+            return Err(QuestionError::Twice(name.clone()));
+        }
+        let is_of = |name: &String| names.iter().any(|of| bare(of) == name);
+        if let Some((name, _)) = self.values.iter().find(|(name, _)| !is_of(name)) {
+            return Err(QuestionError::NoParameter { name: name.clone(), known: names.to_vec() });
+        }
+        let value =
+            |name: &String| self.values.iter().find(|(of, _)| of == bare(name)).map(|(_, value)| value);
+        let without: Vec<String> = names.iter().filter(|name| value(name).is_none()).cloned().collect();
+        if !without.is_empty() && !self.others_are_null {
+            return Err(QuestionError::NoValue(without));
+        }
+        Ok(names.iter().map(|name| value(name).unwrap_or(&Value::Null)).collect())
+    }
+}
+
+/// The name of a parameter without its first character, which only says that it is one.
+fn bare(parameter: &str) -> &str {
+    parameter.strip_prefix([':', '@', '$']).unwrap_or(parameter)
+}
+
+impl Store {
+    /// The answer to one statement that reads. Nothing is changed, and no file is written.
+    ///
+    /// # Errors
+    /// [`QuestionError`].
+    pub async fn ask_one(&self, question: &Question) -> Result<Table, QuestionError> {
+        match self.dialect() {
+            Dialect::Sqlite => {
+                let (path, question) = (self.path.clone(), question.clone());
+                let answered = tokio::task::spawn_blocking(move || answer_of_file(&path, &question)).await;
+                answered.unwrap_or_else(|error| {
+                    let (path, detail) = (self.path.to_path_buf(), error.to_string());
+                    Err(StoreError::Other { path, detail }.into())
+                })
+            }
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => on_server::answer(self, question).await,
+        }
+    }
+}
+
+fn answer_of_file(path: &Path, question: &Question) -> Result<Table, QuestionError> {
+    let connection = connect(path).map_err(|error| broken(path, &error))?;
+    let failed = |error: rusqlite::Error| of_statement(path, &question.statement, &error);
+    let mut statement = connection.prepare(&question.statement).map_err(failed)?;
+    check(&statement)?;
+    let names = parameters(&statement)?;
+    for (place, value) in question.values_of(&names)?.into_iter().enumerate() {
+        statement.raw_bind_parameter(place + 1, Parameter(value)).map_err(failed)?;
+    }
+    let columns: Vec<String> = statement.column_names().into_iter().map(str::to_owned).collect();
+    let mut rows = statement.raw_query();
+    let mut table = Table { columns, rows: Vec::new() };
+    while let Some(row) = rows.next().map_err(failed)? {
+        let cells = (0..table.columns.len()).map(|column| row.get_ref(column).map(cell));
+        table.rows.push(cells.collect::<Result<_, _>>().map_err(failed)?);
+    }
+    Ok(table)
+}
+
+fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let opened = Connection::open_with_flags(path, flags).and_then(ready);
+    // as in opening the store: where SQLite may not make files beside a database and no program has it open, the file is
+    // all there is
+    match (opened, path.to_str()) {
+        (Err(_), Some(name)) if !write_ahead_log::has_commits(path) => {
+            let name = name.replace('%', "%25").replace('?', "%3f").replace('#', "%23");
+            let address = format!("file:{name}?immutable=1");
+            Connection::open_with_flags(address, flags | OpenFlags::SQLITE_OPEN_URI).and_then(ready)
+        }
+        (opened, _) => opened,
+    }
+}
+
+/// A connection that can be read from and that no statement can make write.
+fn ready(connection: Connection) -> Result<Connection, rusqlite::Error> {
+    connection.busy_timeout(BUSY_TIMEOUT)?;
+    connection.pragma_update(None, "query_only", true)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_ATTACHED, 0)?;
+    connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))?;
+    Ok(connection)
+}
+
+/// Refuses what is no statement, and what does more than reading. A statement without columns, such as ATTACH or BEGIN,
+/// changes the connection or a file whether SQLite counts it as reading or not.
+fn check(statement: &Statement<'_>) -> Result<(), QuestionError> {
+    // SQLite makes no statement of a text in which there is none
+    if statement.expanded_sql().is_none() {
+        return Err(QuestionError::Empty);
+    }
+    match statement.readonly() && statement.column_count() > 0 {
+        true => Ok(()),
+        false => Err(QuestionError::Changes),
+    }
+}
+
+/// Names of the parameters with their first character, in the order of their places.
+fn parameters(statement: &Statement<'_>) -> Result<Vec<String>, QuestionError> {
+    let name = |place| match statement.parameter_name(place) {
+        Some(name) if !name.starts_with('?') => Ok(name.to_owned()),
+        other => Err(QuestionError::Nameless(other.unwrap_or("?").to_owned())),
+    };
+    (1..=statement.parameter_count()).map(name).collect()
+}
+
+/// What a failure of a statement means for who asked.
+fn of_statement(path: &Path, statement: &str, error: &rusqlite::Error) -> QuestionError {
+    match error {
+        rusqlite::Error::SqlInputError { msg, offset, .. } => {
+            QuestionError::Statement(match usize::try_from(*offset) {
+                Ok(offset) => {
+                    let (line, column) = place(statement, offset);
+                    format!("line {line}, column {column}: {msg}")
+                }
+                Err(_) => msg.clone(),
+            })
+        }
+        rusqlite::Error::MultipleStatement => QuestionError::Several,
+        rusqlite::Error::ToSqlConversionFailure(reason) => QuestionError::Statement(reason.to_string()),
+        rusqlite::Error::SqliteFailure(of, message) => match of.code {
+            ErrorCode::ReadOnly => QuestionError::Changes,
+            ErrorCode::Unknown
+            | ErrorCode::TooBig
+            | ErrorCode::TypeMismatch
+            | ErrorCode::ParameterOutOfRange => {
+                QuestionError::Statement(message.clone().unwrap_or_else(|| of.to_string()))
+            }
+            _ => broken(path, error).into(),
+        },
+        error => broken(path, error).into(),
+    }
+}
+
+fn broken(path: &Path, error: &rusqlite::Error) -> StoreError {
+    let code = error.sqlite_error().map_or(0, |of| of.extended_code);
+    StoreError::from_code(path.to_path_buf(), code, error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn database() -> (tempfile::TempDir, std::path::PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a?b#1%.db");
+        let made = Connection::open(&path).unwrap();
+        made.execute_batch(
+            "CREATE TABLE test (robot TEXT, run_id INTEGER, level REAL);
+             INSERT INTO test VALUES ('Left', 1, 0.5), ('Right', 2, 1.5);",
+        )
+        .unwrap();
+        (folder, path)
+    }
+
+    fn ask(path: &Path, statement: &str, values: &[(&str, Value)]) -> Result<Table, QuestionError> {
+        let values = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+        answer_of_file(path, &Question { statement: statement.into(), values, others_are_null: false })
+    }
+
+    #[test]
+    fn one_statement_that_reads_is_answered() {
+        let (_folder, path) = database();
+        for one in [
+            "SELECT run_id FROM test WHERE robot = 'Left';",
+            "-- why\nSELECT 1 /* one */ ; ; -- no more;",
+            "WITH a AS (SELECT 1 AS x) SELECT x FROM a",
+            "VALUES (1)",
+            "; SELECT 1",
+        ] {
+            let table = ask(&path, one, &[]).unwrap_or_else(|error| panic!("{one}: {error}"));
+            assert_eq!(table.rows, [[Value::from(1)]], "{one}");
+        }
+        assert_eq!(ask(&path, "PRAGMA table_info(test)", &[]).unwrap().rows.len(), 3);
+        assert!(!ask(&path, "EXPLAIN QUERY PLAN SELECT * FROM test", &[]).unwrap().rows.is_empty());
+    }
+
+    #[test]
+    fn what_changes_something_or_writes_a_file_is_refused() {
+        let (folder, path) = database();
+        let other = folder.path().join("other.db");
+        let other = other.to_str().unwrap();
+        for changes in [
+            &format!("VACUUM INTO '{other}'"),
+            &format!("ATTACH '{other}' AS other"),
+            "DELETE FROM test",
+            "DELETE FROM test RETURNING run_id",
+            "CREATE TEMP TABLE x (y)",
+            "BEGIN",
+            "PRAGMA journal_mode = WAL",
+            "PRAGMA wal_checkpoint(TRUNCATE)",
+        ] {
+            let refused = ask(&path, changes, &[]);
+            assert!(matches!(refused, Err(QuestionError::Changes)), "{changes}: {refused:?}");
+        }
+        for several in [
+            "SELECT 1; SELECT 2",
+            &format!("SELECT 1; VACUUM INTO '{other}'"),
+            "SELECT 1;/**/DELETE FROM test",
+        ] {
+            let refused = ask(&path, several, &[]);
+            assert!(matches!(refused, Err(QuestionError::Several)), "{several}: {refused:?}");
+        }
+        for empty in ["", " \n", ";", "-- nothing", "/* nothing */ ;"] {
+            let refused = ask(&path, empty, &[]);
+            assert!(matches!(refused, Err(QuestionError::Empty)), "{empty:?}: {refused:?}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        assert_eq!(ask(&path, "SELECT * FROM test", &[]).unwrap().rows.len(), 2);
+    }
+
+    #[test]
+    fn parameters_have_values_by_name_or_are_named() {
+        let (_folder, path) = database();
+        let statement = "SELECT run_id FROM test WHERE robot = :robot AND level > @level AND level > $level";
+        let given = [("robot", Value::from("Right")), ("level", Value::from(1))];
+        assert_eq!(ask(&path, statement, &given).unwrap().rows, [[Value::from(2)]]);
+
+        let said = ask(&path, statement, &given[..1]).unwrap_err().to_string();
+        assert!(said.contains("@level, $level") && said.contains("--param level=VALUE"), "{said}");
+        let too_many = [&given[..], &[("joint", Value::from(1))]].concat();
+        let said = ask(&path, statement, &too_many).unwrap_err().to_string();
+        assert!(said.contains("no parameter joint") && said.contains(":robot, @level"), "{said}");
+        let said = ask(&path, "SELECT 1", &given[..1]).unwrap_err().to_string();
+        assert!(said.contains("write :robot"), "{said}");
+        let twice = [&given[..], &given[..1]].concat();
+        assert!(matches!(ask(&path, statement, &twice), Err(QuestionError::Twice(_))));
+        for nameless in ["SELECT ?", "SELECT ?1"] {
+            assert!(matches!(ask(&path, nameless, &[]), Err(QuestionError::Nameless(_))), "{nameless}");
+        }
+
+        let others_are_null = true;
+        let statement = "SELECT count(*) FROM test WHERE robot = coalesce(:robot, robot)".into();
+        let question = Question { statement, values: Vec::new(), others_are_null };
+        assert_eq!(answer_of_file(&path, &question).unwrap().rows, [[Value::from(2)]]);
+    }
+
+    #[test]
+    fn a_wrong_statement_is_told_with_its_place() {
+        let (_folder, path) = database();
+        let said = ask(&path, "SELECT robot,\n  missing FROM test", &[]).unwrap_err().to_string();
+        assert_eq!(said, "line 2, column 3: no such column: missing");
+    }
+}
