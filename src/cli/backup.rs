@@ -34,7 +34,9 @@ pub(super) fn backup(global: &Global, args: &BackupArgs) -> Result<u8, CliError>
         let backup = store.backup(&args.file).await;
         store.close().await?;
         backup.map_err(|error| match error {
-            StoreError::NotABackup { .. } => CliError::Usage(error.to_string()),
+            StoreError::NotABackup { .. } | StoreError::NoFactorsInSnapshot { .. } => {
+                CliError::Usage(error.to_string())
+            }
             error => CliError::Store(error),
         })
     })?;

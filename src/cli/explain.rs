@@ -338,10 +338,10 @@ fn ledger_text(of: &Ledger) -> String {
         Ledger::Known(run) => {
             let reason = run.reason.as_ref().map(|reason| format!(": {reason}")).unwrap_or_default();
             format!(
-                "stored as run {}, {}, {} cycles{reason}",
+                "stored as run {}, {}, {}{reason}",
                 run.run_id,
                 run.status.name(),
-                run.cycles_stored
+                output::counted(run.cycles_stored, "cycle")
             )
         }
     }

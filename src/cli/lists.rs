@@ -6,6 +6,7 @@ use clap::builder::PossibleValuesParser;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::rows::{self, RowArgs};
+use super::shared::selection::no_run;
 use super::shared::unknown_robot::require_robot;
 use crate::run::{RunKind, RunStatus};
 use crate::store::{AskError, ListFilter, Store, Table};
@@ -144,7 +145,7 @@ async fn require_named(store: &Store, wanted: &ListFilter<'_>) -> Result<(), Cli
     if let Some(run_id) = wanted.run_id
         && store.known_run(run_id).await?.is_none()
     {
-        return Err(CliError::Usage(format!("there is no run {run_id}; `armwatch runs` lists them")));
+        return Err(no_run(&store.runs().await?, run_id));
     }
     match wanted.robot {
         Some(robot) => require_robot(store, robot).await,

@@ -126,8 +126,8 @@ async fn show(global: &Global, store: &Store, name: &str) -> Result<u8, CliError
         })
         .collect();
     output::line(&format!(
-        "{} cycles, model {}, estimator {}\n\n{}",
-        set.sources.len(),
+        "{}, model {}, estimator {}\n\n{}",
+        output::counted(set.sources.len(), "cycle"),
         set.model.name,
         set.estimator.name(),
         output::table(&["joint", "parameter", "value", "std_error", "unit"], &rows)

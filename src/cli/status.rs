@@ -125,9 +125,10 @@ impl Fleet {
         let Counts { cycles, .. } = self.counts;
         let robots = self.robots();
         output::line(&format!(
-            "fleet       {}, {}, {cycles} cycles; last result {last}",
+            "fleet       {}, {}, {}; last result {last}",
             output::counted(robots.len(), "robot"),
             output::counted(tests.count(), "complete test"),
+            output::counted(cycles, "cycle"),
         ));
         if !self.hosts.is_empty() {
             let hosts: Vec<String> = self.hosts.iter().map(host_in_words).collect();

@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
-use super::snapshot::{is_ours, partial_of, place, remove, remove_abandoned};
+use super::snapshot::{copy_error, is_ours, partial_of, place, remove, remove_abandoned};
 
 /// What a backup holds, after it was looked through.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -29,7 +29,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::NotABackup`] where something else lies at `target`, or a database that is in use;
-    /// [`StoreError::Corrupt`] where the copy is not whole; [`StoreError`] of the database or of the copy.
+    /// [`StoreError::NoFactorsInSnapshot`] for a copy for readers; [`StoreError::Corrupt`] where the database or the copy is
+    /// damaged; [`StoreError`] of the database or of the copy.
     pub async fn backup(&self, target: &Path) -> Result<Backup, StoreError> {
         #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
@@ -39,6 +40,7 @@ impl Store {
             return Err(self.on_server("a backup", instead));
         }
         let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
+        self.refuse_snapshot("a backup of it would not be whole")?;
         self.refuse_target(target)?;
         if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(failed)?;
@@ -93,15 +95,16 @@ impl Store {
             .bind(partial.to_string_lossy())
             .execute(&mut source)
             .await
-            .map_err(of_copy)?;
+            .map_err(|error| copy_error(&self.path, target, &error))?;
         let of_source = rows(&mut source).await.map_err(broken)?;
         let is_compared = data_version(&mut source).await.map_err(broken)? == version;
         source.close().await.map_err(broken)?;
 
         let reading = SqliteConnectOptions::new().filename(partial).read_only(true);
         let mut copy = reading.disable_statement_logging().connect().await.map_err(of_copy)?;
-        let fault = fault_of(&mut copy).await.map_err(of_copy)?;
-        let rows = rows(&mut copy).await.map_err(of_copy)?;
+        let damaged = |error: sqlx::Error| copy_error(&self.path, target, &error);
+        let fault = fault_of(&mut copy).await.map_err(damaged)?;
+        let rows = rows(&mut copy).await.map_err(damaged)?;
         copy.close().await.map_err(of_copy)?;
         let fault = fault.or_else(|| {
             let differs = is_compared && rows != of_source;

@@ -73,6 +73,24 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// A copy for readers was taken for something that needs the factors of cycles.
+    #[error(
+        "{} is a snapshot, a copy for readers without the factors of cycles, so that {without}; name the database that it \
+         was made of with --db",
+        .path.display()
+    )]
+    NoFactorsInSnapshot {
+        /// The file.
+        path: PathBuf,
+        /// What cannot be done without them.
+        without: &'static str,
+    },
+    /// A folder stands where a database should.
+    #[error("{} is a folder, and no database; name the file in it, such as {}", .path.display(), .path.join("armwatch.db").display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The file is something else.
     #[error("{} is not an armwatch database ({detail}); name another file, or move this one away", .path.display())]
     NotADatabase {

@@ -157,6 +157,7 @@ async fn open_existing_on_server(
 /// Opens, creates and migrates; see [`Store::open`].
 pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
     // Absolute, so that SQLite cannot take the name for ":memory:" or for an address.
+    refuse_folder(path)?;
     let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|e| StoreError::not_writable(&path, &e))?;
@@ -209,6 +210,7 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
     if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
         return Ok(None);
     }
+    refuse_folder(path)?;
     let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
     let mut options = reading(&path);
     let known = latest_schema();
@@ -239,6 +241,13 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
         #[cfg(feature = "postgres")]
         own_host: OwnHost::none(&ClusterSettings::default()),
     }))
+}
+
+fn refuse_folder(path: &Path) -> Result<(), StoreError> {
+    match path.is_dir() {
+        true => Err(StoreError::Folder { path: path.to_path_buf() }),
+        false => Ok(()),
+    }
 }
 
 fn reading(path: &Path) -> SqliteConnectOptions {

@@ -12,7 +12,6 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
-#[cfg(feature = "postgres")]
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
@@ -43,6 +42,29 @@ const PARTIAL: &str = ".partial";
 const ABANDONED: Duration = Duration::from_secs(86_400);
 
 impl Store {
+    /// Whether this is a copy for readers, which has no factors of cycles.
+    #[must_use]
+    pub fn is_snapshot(&self) -> bool {
+        match self.dialect() {
+            Dialect::Sqlite => {
+                header_of(&self.path).is_ok_and(|found| found == Some(Some([SNAPSHOT, APPLICATION_ID])))
+            }
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => false,
+        }
+    }
+
+    /// Refuses a copy for readers where the factors of cycles are needed; `without` says what cannot be done.
+    ///
+    /// # Errors
+    /// [`StoreError::NoFactorsInSnapshot`].
+    pub fn refuse_snapshot(&self, without: &'static str) -> Result<(), StoreError> {
+        match self.is_snapshot() {
+            true => Err(StoreError::NoFactorsInSnapshot { path: self.path.to_path_buf(), without }),
+            false => Ok(()),
+        }
+    }
+
     /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has.
     ///
     /// # Errors
@@ -67,7 +89,7 @@ impl Store {
         if let Err(error) = copied {
             // what is half is of no use
             let _ = remove(&partial);
-            return Err(StoreError::from_sqlx(target, &error));
+            return Err(copy_error(&self.path, target, &error));
         }
         let (partial, target) = (partial.clone(), target.to_owned());
         let placed = tokio::task::spawn_blocking(move || {
@@ -76,6 +98,18 @@ impl Store {
         })
         .await;
         placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)
+    }
+}
+
+/// The error of copying from `source` to `target`: damage that is found while copying is that of the source, whatever the
+/// name of the copy is by then.
+pub(super) fn copy_error(source: &Path, target: &Path, error: &sqlx::Error) -> StoreError {
+    match StoreError::from_sqlx(target, error) {
+        StoreError::Corrupt { detail, .. }
+        | StoreError::NotADatabase { detail, .. }
+        // rows that break a rule of the schema which they were stored under
+        | StoreError::Refused { detail, .. } => StoreError::Corrupt { path: source.to_owned(), detail },
+        error => error,
     }
 }
 

@@ -113,10 +113,10 @@ fn report(global: &Global, found: &[Finding], all: bool) {
     }
     let count = |level: Level| found.iter().filter(|finding| finding.level == level).count();
     output::line(&format!(
-        "{} looked at: {} ok, {} warnings, {} problems",
+        "{} looked at: {} ok, {}, {}",
         found.len(),
         count(Level::Ok),
-        count(Level::Warning),
-        count(Level::Problem)
+        output::counted(count(Level::Warning), "warning"),
+        output::counted(count(Level::Problem), "problem")
     ));
 }

@@ -81,8 +81,8 @@ fn as_text(found: &Reestimate) -> String {
     }
     let statistics: Vec<Vec<String>> = found.statistics.iter().map(statistics_row).collect();
     format!(
-        "{} cycles, model {}, estimator {}, each alone\n{reasons}\n{}\n\n{}",
-        found.cycles.len(),
+        "{}, model {}, estimator {}, each alone\n{reasons}\n{}\n\n{}",
+        output::counted(found.cycles.len(), "cycle"),
         found.model.name,
         found.estimator.name(),
         output::table(

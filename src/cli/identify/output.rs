@@ -79,9 +79,9 @@ impl Report<'_> {
     fn as_text(&self) -> String {
         let runs: BTreeSet<i64> = self.taken.sources.iter().map(|source| source.run_id).collect();
         let mut text = format!(
-            "{} cycles of {} runs, model {}, estimator {}\n",
-            self.taken.sources.len(),
-            runs.len(),
+            "{} of {}, model {}, estimator {}\n",
+            output::counted(self.taken.sources.len(), "cycle"),
+            output::counted(runs.len(), "run"),
             self.taken.model.name,
             self.estimator.name()
         );

@@ -371,7 +371,7 @@ impl Retries<'_> {
                     return Ok(EXIT_FOUND);
                 }
                 Some(run) if run.status == RunStatus::Complete => {
-                    let cycles = format!("run {run_id}, {} cycles", run.cycles_stored);
+                    let cycles = format!("run {run_id}, {}", output::counted(run.cycles_stored, "cycle"));
                     self.say(path, run_id, "stored", &cycles);
                     return Ok(EXIT_DONE);
                 }

@@ -6,7 +6,7 @@ use serde_json::json;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
-use crate::cli::shared::selection::cycle_numbers;
+use crate::cli::shared::selection::{cycle_numbers, no_run};
 use crate::config::{Config, FleetEntry};
 use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
 use crate::pipeline::stored::chosen_cycles::RunCycles;
@@ -94,7 +94,7 @@ async fn entry_of<'c>(
     let mut robot: Option<&str> = None;
     for run in args.without.iter().chain(&args.with) {
         let row = known.iter().find(|row| row.run_id == *run);
-        let row = row.ok_or_else(|| CliError::Usage(format!("there is no run {run}")))?;
+        let row = row.ok_or_else(|| no_run(&known, *run))?;
         match robot {
             Some(other) if other != row.robot => {
                 return Err(CliError::Usage(format!(

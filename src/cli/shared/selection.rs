@@ -6,7 +6,7 @@ use super::output;
 use crate::analysis::Estimator;
 use crate::cli::context::CliError;
 use crate::pipeline::stored::chosen_cycles::{
-    Candidate, PassedOverCycle, RunCycles, StoredError, told, unit_identification,
+    Candidate, PassedOverCycle, RunCycles, StoredError, in_ranges, told, unit_identification,
 };
 use crate::run::{RunKind, RunStatus};
 use crate::store::{ParameterSet, RunRow, Store};
@@ -69,9 +69,15 @@ pub(in crate::cli) fn named_runs<'a>(runs: &'a [RunRow], word: &str) -> Result<V
             .iter()
             .find(|run| run.run_id == run_id)
             .map(|run| vec![run])
-            .ok_or_else(|| CliError::Usage(format!("there is no run {run_id}"))),
+            .ok_or_else(|| no_run(runs, run_id)),
         Err(_) => runs_of(runs, word),
     }
+}
+
+/// The error of a command that asks for a run that is not there, with those that are.
+pub(in crate::cli) fn no_run(runs: &[RunRow], run_id: i64) -> CliError {
+    let known = in_ranges(runs.iter().map(|run| run.run_id));
+    CliError::Usage(format!("there is no run {run_id}; runs known: {known}; `armwatch runs` lists them"))
 }
 
 /// Parameters with the words that name them and, if they are those of a whole run, the run.

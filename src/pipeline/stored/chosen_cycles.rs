@@ -1,6 +1,6 @@
 //! Identification and verification from stored factors: no export is read.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use tokio::task::JoinError;
@@ -332,10 +332,12 @@ pub(in crate::pipeline) async fn chosen_cycles(
     let states = store.cycle_states(run_id).await?;
     let mut cycles = store.factors_of_run(run_id, wanted).await?;
     if states.is_empty() {
-        return Err(StoredError::Refused(format!(
-            "run {run_id} has no factors: it is unknown, or no cycle of it is stored; \
-             `SELECT run_id, robot, started_at, status FROM runs` lists the runs"
-        )));
+        return Err(StoredError::Refused(without_cycles(store, run_id).await?));
+    }
+    if cycles.is_empty()
+        && let Err(error) = store.refuse_snapshot("nothing can be identified or verified on it")
+    {
+        return Err(StoredError::Refused(error.to_string()));
     }
     let has_factors = |cycles: &[StoredCycle], number: u32| cycles.iter().any(|cycle| cycle.cycle == number);
     let with_factors: Vec<u32> = cycles.iter().map(|cycle| cycle.cycle).collect();
@@ -356,7 +358,12 @@ pub(in crate::pipeline) async fn chosen_cycles(
         if let Some(missing) = numbers.iter().find(|number| !has_factors(&cycles, **number)) {
             return Err(StoredError::Refused(match states.iter().any(|state| state.cycle == *missing) {
                 true => format!("cycle {missing} of run {run_id} has no factors: {}", why(*missing)),
-                false => format!("run {run_id} has no cycle {missing}"),
+                false => {
+                    let there = in_ranges(states.iter().map(|state| i64::from(state.cycle)));
+                    format!(
+                        "run {run_id} has no cycle {missing}; it has cycles {there}: choose among these with --cycles"
+                    )
+                }
             }));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
@@ -375,6 +382,38 @@ pub(in crate::pipeline) async fn chosen_cycles(
     let without = without.filter(|number| !has_factors(&cycles, *number));
     let passed_over = without.map(|cycle| PassedOverCycle { run_id, cycle, reason: why(cycle) }).collect();
     Ok(ChosenCycles { cycles, joined, joined_windows, passed_over })
+}
+
+/// Why a run has no cycles to take, with the runs that have.
+async fn without_cycles(store: &Store, run_id: i64) -> Result<String, StoreError> {
+    let runs = store.runs().await?;
+    let with_cycles = in_ranges(runs.iter().filter(|run| run.cycles > 0).map(|run| run.run_id));
+    let what = match runs.iter().find(|run| run.run_id == run_id) {
+        Some(run) => format!("run {run_id} of robot {} has no cycle: it is {}", run.robot, run.status.name()),
+        None => format!("there is no run {run_id}"),
+    };
+    Ok(format!("{what}; runs with cycles: {with_cycles}; `armwatch runs` lists them"))
+}
+
+/// Numbers as people write them: `1-8, 10`; the first ranges and the last one of many, `none` of nothing.
+#[must_use]
+pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
+    /// More would hide what the sentence says.
+    const MOST: usize = 8;
+    let numbers: Vec<i64> = numbers.into_iter().collect::<BTreeSet<_>>().into_iter().collect();
+    let ranges: Vec<String> = numbers
+        .chunk_by(|a, b| a + 1 == *b)
+        .filter_map(|range| Some((range.first()?, range.last()?)))
+        .map(|(first, last)| if first == last { first.to_string() } else { format!("{first}-{last}") })
+        .collect();
+    match ranges.split_last() {
+        None => "none".into(),
+        Some((last, others)) if ranges.len() > MOST => {
+            let first: Vec<&str> = others.iter().take(MOST - 1).map(String::as_str).collect();
+            format!("{}, ..., {last}", first.join(", "))
+        }
+        Some(_) => ranges.join(", "),
+    }
 }
 
 /// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
@@ -432,5 +471,17 @@ pub(in crate::pipeline) fn independent_shares(cycle: &StoredCycle) -> Vec<f64> {
     match cycle.independent_shares.is_empty() {
         true => vec![independent_fraction(cycle.cutoff, cycle.sample_rate); cycle.factors.columns.len()],
         false => cycle.independent_shares.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_told_in_ranges() {
+        assert_eq!(in_ranges([]), "none");
+        assert_eq!(in_ranges([3, 1, 2, 3, 7]), "1-3, 7");
+        assert_eq!(in_ranges((1..=20).map(|n| 2 * n)), "2, 4, 6, 8, 10, 12, 14, ..., 40");
     }
 }

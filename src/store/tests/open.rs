@@ -163,7 +163,7 @@ async fn places_that_cannot_hold_a_database_are_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("file");
     std::fs::write(&file, b"x").expect("a file");
-    let mut places = vec![file.join("fleet.db"), folder.path().to_path_buf()];
+    let mut places = vec![file.join("fleet.db")];
     if cfg!(target_os = "linux") {
         // Not even a privileged user may create a file there.
         places.push("/proc/fleet.db".into());
@@ -172,6 +172,18 @@ async fn places_that_cannot_hold_a_database_are_named() {
         let error = Store::open(&place).await.expect_err("a refusal");
         assert!(matches!(error, StoreError::NotWritable { .. }) && error.is_fatal(), "{error:?}");
         assert!(error.to_string().contains(&place.display().to_string()), "{error}");
+    }
+}
+
+#[tokio::test]
+async fn a_folder_is_told_from_a_database() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let to_write = Store::open(folder.path()).await.expect_err("a refusal");
+    let to_read = Store::open_existing(folder.path()).await.expect_err("a refusal");
+    for error in [to_write, to_read] {
+        assert!(matches!(error, StoreError::Folder { .. }) && error.is_fatal(), "{error:?}");
+        let file = folder.path().join("armwatch.db");
+        assert!(error.to_string().contains(&format!("such as {}", file.display())), "{error}");
     }
 }
 
