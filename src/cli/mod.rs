@@ -53,10 +53,11 @@ Examples:
 
 Exit status:
   0    done
-  1    done, but an export was quarantined or a check found a difference
-  2    wrong command line or configuration
+  1    done, but an export was quarantined or a check found something
+  2    wrong command line or configuration; or what the command asks for is not
+       there, or cannot be had from what is stored
   70   a fault of the program itself
-  74   database or file could not be read or written
+  74   database is missing, or database or file could not be read or written
   130  stopped by a signal; run again to continue
 
 Times are UTC, units SI. Results go to standard output, progress and logs to standard error. Output is coloured on a

@@ -166,13 +166,20 @@ fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
     // as in opening the store: where SQLite may not make files beside a database and no program has it open, the file is
     // all there is
     match (opened, path.to_str()) {
-        (Err(_), Some(name)) if !write_ahead_log::has_commits(path) => {
+        (Err(error), Some(name)) if may_not_write(&error) && !write_ahead_log::has_commits(path) => {
             let name = name.replace('%', "%25").replace('?', "%3f").replace('#', "%23");
             let address = format!("file:{name}?immutable=1");
             Connection::open_with_flags(address, flags | OpenFlags::SQLITE_OPEN_URI).and_then(ready)
         }
         (opened, _) => opened,
     }
+}
+
+fn may_not_write(error: &rusqlite::Error) -> bool {
+    matches!(
+        error.sqlite_error_code(),
+        Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly | ErrorCode::PermissionDenied)
+    )
 }
 
 /// A connection that can be read from and that no statement can make write.
@@ -283,8 +290,8 @@ mod tests {
         let other = folder.path().join("other.db");
         let other = other.to_str().unwrap();
         for changes in [
-            &format!("VACUUM INTO '{other}'"),
-            &format!("ATTACH '{other}' AS other"),
+            format!("VACUUM INTO '{other}'").as_str(),
+            format!("ATTACH '{other}' AS other").as_str(),
             "DELETE FROM test",
             "DELETE FROM test RETURNING run_id",
             "CREATE TEMP TABLE x (y)",
@@ -297,7 +304,7 @@ mod tests {
         }
         for several in [
             "SELECT 1; SELECT 2",
-            &format!("SELECT 1; VACUUM INTO '{other}'"),
+            format!("SELECT 1; VACUUM INTO '{other}'").as_str(),
             "SELECT 1;/**/DELETE FROM test",
         ] {
             let refused = ask(&path, several, &[]);

@@ -345,7 +345,18 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     assert!(told(&["runs", "--db", &unknown], 74).contains("does not let the user"));
     assert!(told(&["backup", "copy.db", "--db", &fleet], 74).contains("pg_dump --schema armwatch"));
     assert!(told(&["snapshot", "copy.db", "--db", &fleet], 74).contains("GRANT SELECT"));
-    assert!(told(&["sql", "--db", &fleet, "DELETE FROM run"], 2).contains("read-only"));
+    assert!(told(&["sql", "--db", &fleet, "DELETE FROM run"], 2).contains("reading only"));
+    assert!(told(&["sql", "--db", &fleet, "DELETE FROM run RETURNING run_id"], 2).contains("read-only"));
+    assert!(told(&["sql", "--db", &fleet, "SELECT 1; SELECT 2"], 2).contains("more than one statement"));
+    assert!(told(&["sql", "--db", &fleet, "-- nothing"], 2).contains("there is no statement"));
+    assert!(
+        told(&["sql", "--db", &fleet, "COPY runs TO '/tmp/armwatch-runs'"], 2).contains("does not only read")
+    );
+    let by_robot = "SELECT count(*) AS runs FROM runs WHERE robot = :robot AND run_id > :run";
+    assert!(told(&["sql", "--db", &fleet, by_robot, "--param", "run=0"], 2).contains("--param robot=VALUE"));
+    let asked =
+        ["sql", "--db", &fleet, "--json", by_robot, "--param", "robot=it's nobody", "--param", "run=0"];
+    assert_eq!(workshop.stdout(&asked, 0).trim(), r#"{"runs":0}"#);
     assert!(told(&["sql", "--db", &fleet, "SELECT robo FROM runs"], 2).contains("robo"));
     let doctor = text(&workshop.run(&["doctor", "--all", "--db", &fleet]).stdout);
     assert!(doctor.contains("is of this program's schema") && doctor.contains("pg_amcheck"), "{doctor}");

@@ -278,3 +278,130 @@ fn the_status_says_what_is_wrong_and_where_nothing_is_known() {
     assert_eq!(told["robots"][0]["status"], "learning", "{told}");
     assert_eq!(told["quarantined"], 1, "{told}");
 }
+
+/// Where `armwatch sql` refuses a statement, nothing is written, and the message says what to do.
+#[test]
+fn a_question_in_sql_is_one_statement_that_reads() {
+    let workshop = stored();
+    let files = || fs::read_dir(workshop.path("")).expect("a folder").count();
+    let before = files();
+    for (statement, said) in [
+        ("VACUUM INTO 'copy.db'", "`armwatch backup FILE`"),
+        ("ATTACH 'other.db' AS other", "does not only read"),
+        ("BEGIN", "does not only read"),
+        ("DELETE FROM run RETURNING run_id", "reading only"),
+        ("SELECT 1; VACUUM INTO 'copy.db'", "more than one statement"),
+        ("SELECT 1; SELECT 2", "more than one statement"),
+        ("", "armwatch sql \"SELECT"),
+        (" -- nothing\n;", "there is no statement"),
+        ("SELECT ?", "write :NAME"),
+        (
+            "SELECT :robot, @joint",
+            ":robot, @joint of the statement: add --param robot=VALUE --param joint=VALUE",
+        ),
+    ] {
+        let refused = workshop.run(&["sql", statement]);
+        assert_eq!(refused.status.code(), Some(2), "{statement}");
+        assert!(text(&refused.stderr).contains(said), "{statement}: {}", text(&refused.stderr));
+    }
+    let unknown = workshop.run(&["sql", "SELECT :robot", "--param", "robot=A", "--param", "joint=1"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(text(&unknown.stderr).contains("no parameter joint: it has :robot"), "{}", text(&unknown.stderr));
+    let wrong = workshop.run(&["sql", "SELECT :robot", "--param", "robot"]);
+    assert!(text(&wrong.stderr).contains("NAME=VALUE"), "{}", text(&wrong.stderr));
+    assert_eq!(files(), before);
+}
+
+#[test]
+fn parameters_of_a_statement_have_their_values_from_the_command_line() {
+    let workshop = stored();
+    let statement = "SELECT run_id FROM runs WHERE robot = :robot AND run_id > :run; -- those behind it";
+    fs::write(workshop.path("question.sql"), statement).expect("written");
+    let given = ["--param", "robot=A", "--param", ":run=1", "--json"];
+    for asked in [["sql", "--file", "question.sql"], ["sql", "--", statement]] {
+        let asked = [&asked[..1], &given, &asked[1..]].concat();
+        assert_eq!(workshop.stdout(&asked, 0).trim(), r#"{"run_id":2}"#);
+    }
+    let missing = workshop.run(&["sql", "--file", "nowhere.sql"]);
+    assert_eq!(missing.status.code(), Some(74));
+    assert!(text(&missing.stderr).contains("nowhere.sql"), "{}", text(&missing.stderr));
+
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("dashboards/open_anomalies.sql");
+    let shipped = shipped.to_str().expect("text");
+    let refused = workshop.run(&["sql", "--file", shipped]);
+    assert!(text(&refused.stderr).contains("--others-null"), "{}", text(&refused.stderr));
+    workshop.stdout(&["sql", "--file", shipped, "--others-null"], 0);
+    let all = [
+        "sql",
+        "--file",
+        shipped,
+        "--param",
+        "robot=A",
+        "--param",
+        "severity=",
+        "--param",
+        "with_resolved=1",
+    ];
+    workshop.stdout(&all, 0);
+
+    let twice = workshop.stdout(&["sql", "SELECT 1 AS x, 2 AS x, 3 AS y", "--json"], 0);
+    assert_eq!(
+        serde_json::from_str::<serde_json::Value>(twice.trim()).expect("an object"),
+        serde_json::json!({"x": 1, "x_2": 2, "y": 3})
+    );
+}
+
+#[test]
+fn what_is_not_there_is_told_with_what_there_is() {
+    let workshop = stored();
+    let told = |arguments: &[&str], code: i32| {
+        let refused = workshop.run(arguments);
+        let said = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(code), "armwatch {arguments:?}\n{said}");
+        said
+    };
+    let said = told(&["identify", "--run", "1", "--cycles", "2-24"], 2);
+    assert!(said.contains("run 1 has no cycle 4; it has cycles 1-3"), "{said}");
+    let said = told(&["identify", "--run", "99"], 2);
+    assert!(said.contains("there is no run 99; runs with cycles: 1-2"), "{said}");
+    let said = told(&["verify", "--parameters", "1", "--against", "99"], 2);
+    assert!(said.contains("there is no run 99; runs known: 1-2"), "{said}");
+    let said = told(&["status", "--db", "inbox"], 74);
+    assert!(said.contains("inbox is a folder, and no database; name the file in it"), "{said}");
+    let one = workshop.stdout(&["identify", "--run", "1"], 0);
+    assert!(one.starts_with("3 cycles of 1 run, model"), "{one}");
+
+    workshop.stdout(&["snapshot", "copy.db"], 0);
+    for arguments in [
+        &["identify", "--run", "1"][..],
+        &["identify", "--run", "1", "--each-cycle"],
+        &["identify", "--run", "1", "--cycles", "1"],
+        &["verify", "--robot", "A"],
+        &["backup", "out.db"],
+    ] {
+        let said = told(&[arguments, &["--db", "copy.db"]].concat(), 2);
+        assert!(said.contains("copy.db is a snapshot, a copy for readers"), "{arguments:?}: {said}");
+    }
+    assert!(!workshop.path("out.db").exists());
+}
+
+/// Damage that only copying finds is that of the database, whatever the copy is called.
+#[test]
+fn a_damaged_database_is_named_by_its_backup() {
+    let workshop = stored();
+    let path = workshop.path("armwatch.db");
+    let page: usize = workshop.number("PRAGMA page_size").try_into().expect("a size");
+    let root: usize = workshop
+        .number("SELECT rootpage FROM sqlite_schema WHERE name = 'torque_factor'")
+        .try_into()
+        .expect("a page");
+    let mut bytes = fs::read(&path).expect("the database");
+    bytes[(root - 1) * page..root * page].fill(0xff);
+    fs::write(&path, bytes).expect("written");
+    let refused = workshop.run(&["backup", "out.db"]);
+    let said = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(74), "{said}");
+    assert!(said.contains("armwatch.db is damaged") && said.contains("restore a copy"), "{said}");
+    assert!(!said.contains("out.db"), "{said}");
+    assert!(!workshop.path("out.db").exists());
+}
