@@ -5,120 +5,26 @@
 //! (<https://sqlite.org/c3ref/stmt_readonly.html>). A server is asked in a transaction that only reads, over the protocol
 //! that takes one statement.
 
+mod asked;
 #[cfg(feature = "postgres")]
 mod on_server;
 
-use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Duration;
 
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Statement};
-use serde_json::Value;
 
+pub use self::asked::{Question, QuestionError};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::public_sql::{Parameter, cell, place};
-#[cfg(feature = "postgres")]
-use super::table::AskError;
 use super::table::Table;
 use super::write_ahead_log;
 
 /// How long a statement waits where the database is locked, as other readers do.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
-
-/// A statement with the values of its parameters.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Question {
-    /// One statement that reads.
-    pub statement: String,
-    /// Values by the name of the parameter, without its first character: null, numbers or texts.
-    pub values: Vec<(String, Value)>,
-    /// Whether parameters that have no value are NULL; otherwise the statement is refused.
-    pub others_are_null: bool,
-}
-
-/// Why a question has no answer.
-#[derive(Debug, thiserror::Error)]
-pub enum QuestionError {
-    /// There is nothing but spaces, comments and semicolons.
-    #[error("there is no statement: give one, such as `armwatch sql \"SELECT * FROM fleet_health\"`")]
-    Empty,
-    /// The text has more than one statement.
-    #[error(
-        "there is more than one statement: `armwatch sql` takes one that reads; call it once for each, or join them with \
-         WITH or UNION ALL"
-    )]
-    Several,
-    /// The statement would change something, write a file, or has no rows to give.
-    #[error(
-        "the statement does not only read: `armwatch sql` takes SELECT, WITH, VALUES and EXPLAIN, and the database is \
-         opened for reading only; `armwatch backup FILE` copies the database, `armwatch export` writes views into files, \
-         and the other commands of armwatch change what is stored"
-    )]
-    Changes,
-    /// Parameters have no value.
-    #[error(
-        "no value is given for {} of the statement: add {}; or add --others-null, which takes those that are not given as \
-         NULL (in the files of dashboards/, their default)",
-        .0.join(", "),
-        .0.iter().map(|name| format!("--param {}=VALUE", bare(name))).collect::<Vec<_>>().join(" ")
-    )]
-    NoValue(Vec<String>),
-    /// A value has no parameter.
-    #[error(
-        "the statement has no parameter {name}: {}",
-        if .known.is_empty() { format!("it has none; write :{name} where the value belongs") }
-        else { format!("it has {}", .known.join(", ")) }
-    )]
-    NoParameter {
-        /// The name of the value.
-        name: String,
-        /// Parameters of the statement.
-        known: Vec<String>,
-    },
-    /// Two values have one name.
-    #[error("--param {0} is given twice: give one value for each parameter")]
-    Twice(String),
-    /// A parameter cannot be named.
-    #[error(
-        "the statement has the parameter {0}, which has no name: write :NAME in its place, and give --param NAME=VALUE"
-    )]
-    Nameless(String),
-    /// The engine does not understand the statement, or cannot carry it out.
-    #[error("{0}")]
-    Statement(String),
-    /// The database failed.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-}
-
-impl Question {
-    /// The values of the parameters `names` of the statement, in their order.
-    fn values_of(&self, names: &[String]) -> Result<Vec<&Value>, QuestionError> {
-        let mut given = BTreeSet::new();
-        if let Some((name, _)) = self.values.iter().find(|(name, _)| !given.insert(name)) {
-            return Err(QuestionError::Twice(name.clone()));
-        }
-        let is_of = |name: &String| names.iter().any(|of| bare(of) == name);
-        if let Some((name, _)) = self.values.iter().find(|(name, _)| !is_of(name)) {
-            return Err(QuestionError::NoParameter { name: name.clone(), known: names.to_vec() });
-        }
-        let value =
-            |name: &String| self.values.iter().find(|(of, _)| of == bare(name)).map(|(_, value)| value);
-        let without: Vec<String> = names.iter().filter(|name| value(name).is_none()).cloned().collect();
-        if !without.is_empty() && !self.others_are_null {
-            return Err(QuestionError::NoValue(without));
-        }
-        Ok(names.iter().map(|name| value(name).unwrap_or(&Value::Null)).collect())
-    }
-}
-
-/// The name of a parameter without its first character, which only says that it is one.
-fn bare(parameter: &str) -> &str {
-    parameter.strip_prefix([':', '@', '$']).unwrap_or(parameter)
-}
 
 impl Store {
     /// The answer to one statement that reads. Nothing is changed, and no file is written.
@@ -248,6 +154,8 @@ fn broken(path: &Path, error: &rusqlite::Error) -> StoreError {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
 
     fn database() -> (tempfile::TempDir, std::path::PathBuf) {

@@ -190,7 +190,7 @@ fn what_is_asked_for_by_a_name_or_number_that_is_not_there_is_refused() {
         (&["runs", "--robot", "Nope"], "there is no robot Nope; there are runs of Left"),
         (&["runs", "--robot", "left", "--json"], "did you mean Left?"),
         (&["cycles", "--robot", "lfet", "--csv"], "did you mean Left?"),
-        (&["cycles", "--run", "99"], "there is no run 99; `armwatch runs` lists them"),
+        (&["cycles", "--run", "99"], "there is no run 99; runs known: "),
         (&["cycles", "--run", "-1"], "-1 is not in 1.."),
         (&["runs", "--limit", "-3"], "-3 is not in 1.."),
         (&["ingest", "--again", "-1"], "-1 is not in 1.."),

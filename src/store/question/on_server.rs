@@ -3,9 +3,10 @@
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Executor, SqlSafeStr, Statement};
 
-use super::{AskError, Question, QuestionError, Store, Table};
+use super::asked::{Question, QuestionError};
 use crate::store::engine::begin_reading;
-use crate::store::table::{cells, names};
+use crate::store::handle::Store;
+use crate::store::table::{AskError, Table, cells, names};
 
 /// The answer to one statement that reads.
 pub(super) async fn answer(store: &Store, question: &Question) -> Result<Table, QuestionError> {
