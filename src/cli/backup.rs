@@ -17,9 +17,9 @@ Examples:
 
 Everything as of one moment, factors too, in one file; the daemon may run meanwhile. It is written beside FILE, looked
 through (integrity, references, rows of every table) and renamed, so that an earlier backup of that name stays until the
-new one is whole. Anything else at FILE, and a database that is in use, is left alone. It needs as much room as what is
-stored. To restore, stop the daemon and put it in the place of the database, see docs/operations.md. For a copy that
-others read, there is `armwatch snapshot`.")]
+new one is whole. Anything else at FILE, and a database that is in use, is left alone. Of a snapshot, which has no
+factors, no backup is made. It needs as much room as what is stored. To restore, stop the daemon and put it in the place
+of the database, see docs/operations.md. For a copy that others read, there is `armwatch snapshot`.")]
 pub(super) struct BackupArgs {
     /// File to write; an earlier backup that is there is replaced
     #[arg(value_name = "FILE")]
