@@ -10,7 +10,7 @@ use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::rows::{self, RowArgs};
 use super::shared::views::{self, view_names};
-use crate::store::{Question, QuestionError};
+use crate::store::{Answer, Question, QuestionError};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -20,14 +20,15 @@ Examples:
   armwatch sql \"SELECT * FROM runs WHERE robot = :robot\" --param robot=Left
   armwatch sql --file dashboards/friction_index_by_run.sql \\
       --param robot=Left --param joint=3
-  armwatch sql --file dashboards/open_anomalies.sql --others-null --json
+  armwatch sql --file dashboards/open_anomalies.sql --json
   armwatch sql --schema
   armwatch sql --schema friction_index
 
 One statement that reads: SELECT, WITH, VALUES, EXPLAIN. The database is opened for reading only, nothing is changed, no
 file is written, and the daemon may run. `armwatch backup` copies the database, `armwatch export` writes views into files.
-A parameter is :NAME in the statement, or @NAME or $NAME in one of SQLite, and every parameter needs a value. On a server,
-write a colon that is followed by a name and begins no parameter with a space behind it.
+A parameter is :NAME in the statement, or @NAME or $NAME in one of SQLite. One that no --param gives is NULL, as the files of
+dashboards/ expect of what is left out, and is named beside the answer. On a server, write a colon that is followed by a
+name and begins no parameter with a space behind it.
 
 --schema says which views there are, and what their columns mean; so do docs/schema.md and the view view_columns. With
 --json, a further column of one name is called name_2, name_3 and so on; AS in the statement gives it another name.")]
@@ -41,11 +42,8 @@ pub(super) struct SqlArgs {
     /// Value of the parameter :NAME of the statement; may be given several times. A number is a number, everything else text
     #[arg(long = "param", value_name = "NAME=VALUE", value_parser = named_value)]
     params: Vec<(String, Value)>,
-    /// Take parameters that no --param names as NULL: in the files of dashboards/, their default
-    #[arg(long)]
-    others_null: bool,
     /// List the public views, or the columns of one: type, unit, meaning; no database is needed
-    #[arg(long, value_name = "VIEW", num_args = 0..=1, conflicts_with_all = ["query", "file", "params", "others_null"],
+    #[arg(long, value_name = "VIEW", num_args = 0..=1, conflicts_with_all = ["query", "file", "params"],
           value_parser = view_names(), hide_possible_values = true)]
     schema: Option<Option<String>>,
     #[command(flatten)]
@@ -56,13 +54,9 @@ pub(super) fn sql(global: &Global, args: &SqlArgs) -> Result<u8, CliError> {
     if let Some(view) = &args.schema {
         return schema(global, args.rows, view.as_deref());
     }
-    let question = Question {
-        statement: statement(args)?,
-        values: args.params.clone(),
-        others_are_null: args.others_null,
-    };
+    let question = Question { statement: statement(args)?, values: args.params.clone() };
     let config = global.read_config()?;
-    let table = runtime()?.block_on(async {
+    let Answer { table, null_parameters } = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
         let answer = store.ask_one(&question).await;
         store.close().await?;
@@ -71,6 +65,12 @@ pub(super) fn sql(global: &Global, args: &SqlArgs) -> Result<u8, CliError> {
             error => CliError::Usage(error.to_string()),
         })
     })?;
+    if !null_parameters.is_empty() {
+        output::print_hint(&format!(
+            "NULL, since no --param NAME=VALUE gives a value: {}",
+            null_parameters.join(", ")
+        ));
+    }
     rows::print(&table, args.rows, global.json, "no row")?;
     Ok(EXIT_DONE)
 }

@@ -65,7 +65,7 @@ pub use lists::ListFilter;
 pub use models::{ModelParameter, StoredModel, description_hash};
 pub use monitoring::{DatabaseSize, RouteCounts};
 pub use public_sql::{SqlAnswer, SqlError, SqlLimits};
-pub use question::{Question, QuestionError};
+pub use question::{Answer, Question, QuestionError};
 pub use results::factors::{FactorsWanted, StoredCycle};
 pub use results::joined_factors::{JoinedFactors, WindowsToJoin};
 pub use results::production::{ProductionWindow, ReferenceTest};

@@ -15,7 +15,7 @@ use std::time::Duration;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Statement};
 
-pub use self::asked::{Question, QuestionError};
+pub use self::asked::{Answer, Question, QuestionError};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
@@ -31,7 +31,7 @@ impl Store {
     ///
     /// # Errors
     /// [`QuestionError`].
-    pub async fn ask_one(&self, question: &Question) -> Result<Table, QuestionError> {
+    pub async fn ask_one(&self, question: &Question) -> Result<Answer, QuestionError> {
         match self.dialect() {
             Dialect::Sqlite => {
                 let (path, question) = (self.path.clone(), question.clone());
@@ -47,13 +47,14 @@ impl Store {
     }
 }
 
-fn answer_of_file(path: &Path, question: &Question) -> Result<Table, QuestionError> {
+fn answer_of_file(path: &Path, question: &Question) -> Result<Answer, QuestionError> {
     let connection = connect(path).map_err(|error| broken(path, &error))?;
     let failed = |error: rusqlite::Error| of_statement(path, &question.statement, &error);
     let mut statement = connection.prepare(&question.statement).map_err(failed)?;
     check(&statement)?;
     let names = parameters(&statement)?;
-    for (place, value) in question.values_of(&names)?.into_iter().enumerate() {
+    let (values, null_parameters) = question.values_of(&names)?;
+    for (place, value) in values.into_iter().enumerate() {
         statement.raw_bind_parameter(place + 1, Parameter(value)).map_err(failed)?;
     }
     let columns: Vec<String> = statement.column_names().into_iter().map(str::to_owned).collect();
@@ -63,7 +64,7 @@ fn answer_of_file(path: &Path, question: &Question) -> Result<Table, QuestionErr
         let cells = (0..table.columns.len()).map(|column| row.get_ref(column).map(cell));
         table.rows.push(cells.collect::<Result<_, _>>().map_err(failed)?);
     }
-    Ok(table)
+    Ok(Answer { table, null_parameters })
 }
 
 fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
@@ -172,7 +173,7 @@ mod tests {
 
     fn ask(path: &Path, statement: &str, values: &[(&str, Value)]) -> Result<Table, QuestionError> {
         let values = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-        answer_of_file(path, &Question { statement: statement.into(), values, others_are_null: false })
+        answer_of_file(path, &Question { statement: statement.into(), values }).map(|answer| answer.table)
     }
 
     #[test]
@@ -233,8 +234,6 @@ mod tests {
         let given = [("robot", Value::from("Right")), ("level", Value::from(1))];
         assert_eq!(ask(&path, statement, &given).unwrap().rows, [[Value::from(2)]]);
 
-        let said = ask(&path, statement, &given[..1]).unwrap_err().to_string();
-        assert!(said.contains("@level, $level") && said.contains("--param level=VALUE"), "{said}");
         let too_many = [&given[..], &[("joint", Value::from(1))]].concat();
         let said = ask(&path, statement, &too_many).unwrap_err().to_string();
         assert!(said.contains("no parameter joint") && said.contains(":robot, @level"), "{said}");
@@ -246,10 +245,14 @@ mod tests {
             assert!(matches!(ask(&path, nameless, &[]), Err(QuestionError::Nameless(_))), "{nameless}");
         }
 
-        let others_are_null = true;
-        let statement = "SELECT count(*) FROM test WHERE robot = coalesce(:robot, robot)".into();
-        let question = Question { statement, values: Vec::new(), others_are_null };
-        assert_eq!(answer_of_file(&path, &question).unwrap().rows, [[Value::from(2)]]);
+        let statement =
+            "SELECT count(*) FROM test WHERE robot = coalesce(:robot, robot) AND level > :level".into();
+        let question = Question { statement, values: vec![("level".into(), Value::from(0))] };
+        let answer = answer_of_file(&path, &question).unwrap();
+        assert_eq!(
+            (answer.table.rows, answer.null_parameters),
+            (vec![vec![Value::from(2)]], vec![":robot".into()])
+        );
     }
 
     #[test]

@@ -5,16 +5,24 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use crate::store::error::StoreError;
+use crate::store::table::Table;
 
 /// A statement with the values of its parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Question {
     /// One statement that reads.
     pub statement: String,
-    /// Values by the name of the parameter, without its first character: null, numbers or texts.
+    /// Values by the name of the parameter, without its first character: null, numbers or texts. Parameters without one are NULL.
     pub values: Vec<(String, Value)>,
-    /// Whether parameters that have no value are NULL; otherwise the statement is refused.
-    pub others_are_null: bool,
+}
+
+/// What a question is answered with.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Answer {
+    /// Columns and rows.
+    pub table: Table,
+    /// Parameters of the statement that no value was given for, with their first character: they were NULL.
+    pub null_parameters: Vec<String>,
 }
 
 /// Why a question has no answer.
@@ -36,14 +44,6 @@ pub enum QuestionError {
          and the other commands of armwatch change what is stored"
     )]
     Changes,
-    /// Parameters have no value.
-    #[error(
-        "no value is given for {} of the statement: add {}; or add --others-null, which takes those that are not given as \
-         NULL (in the files of dashboards/, their default)",
-        .0.join(", "),
-        .0.iter().map(|name| format!("--param {}=VALUE", bare(name))).collect::<Vec<_>>().join(" ")
-    )]
-    NoValue(Vec<String>),
     /// A value has no parameter.
     #[error(
         "the statement has no parameter {name}: {}",
@@ -73,8 +73,9 @@ pub enum QuestionError {
 }
 
 impl Question {
-    /// The values of the parameters `names` of the statement, in their order.
-    pub(super) fn values_of(&self, names: &[String]) -> Result<Vec<&Value>, QuestionError> {
+    /// The values of the parameters `names` of the statement, in their order; NULL for those that have none, which come with
+    /// them.
+    pub(super) fn values_of(&self, names: &[String]) -> Result<(Vec<&Value>, Vec<String>), QuestionError> {
         let mut given = BTreeSet::new();
         if let Some((name, _)) = self.values.iter().find(|(name, _)| !given.insert(name)) {
             return Err(QuestionError::Twice(name.clone()));
@@ -86,10 +87,7 @@ impl Question {
         let value =
             |name: &String| self.values.iter().find(|(of, _)| of == bare(name)).map(|(_, value)| value);
         let without: Vec<String> = names.iter().filter(|name| value(name).is_none()).cloned().collect();
-        if !without.is_empty() && !self.others_are_null {
-            return Err(QuestionError::NoValue(without));
-        }
-        Ok(names.iter().map(|name| value(name).unwrap_or(&Value::Null)).collect())
+        Ok((names.iter().map(|name| value(name).unwrap_or(&Value::Null)).collect(), without))
     }
 }
 

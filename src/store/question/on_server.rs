@@ -3,14 +3,14 @@
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Executor, SqlSafeStr, Statement};
 
-use super::asked::{Question, QuestionError};
+use super::asked::{Answer, Question, QuestionError};
 use crate::store::engine::begin_reading;
 use crate::store::handle::Store;
 use crate::store::table::{AskError, Table, cells, names};
 
 /// The answer to one statement that reads.
-pub(super) async fn answer(store: &Store, question: &Question) -> Result<Table, QuestionError> {
-    let statement = with_values(question)?;
+pub(super) async fn answer(store: &Store, question: &Question) -> Result<Answer, QuestionError> {
+    let (statement, null_parameters) = with_values(question)?;
     let text = || AssertSqlSafe(statement.clone()).into_sql_str();
     let failed = |error: sqlx::Error| match store.ask_error(&error) {
         AskError::Store(error) => QuestionError::Store(error),
@@ -24,12 +24,12 @@ pub(super) async fn answer(store: &Store, question: &Question) -> Result<Table, 
     }
     let rows = sqlx::query(text()).fetch_all(&mut *transaction).await.map_err(failed)?;
     let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(failed)?;
-    Ok(Table { columns, rows })
+    Ok(Answer { table: Table { columns, rows }, null_parameters })
 }
 
 /// The statement with its parameters, `:name`, as literals. A literal takes the type of what it is compared with, as it does
-/// in psql (`:'name'`); a bound value would have to say its type.
-fn with_values(question: &Question) -> Result<String, QuestionError> {
+/// in psql (`:'name'`); a bound value would have to say its type. With it come those that are NULL.
+fn with_values(question: &Question) -> Result<(String, Vec<String>), QuestionError> {
     let pieces = pieces(&question.statement)?;
     let mut names: Vec<String> = Vec::new();
     for piece in &pieces {
@@ -39,18 +39,16 @@ fn with_values(question: &Question) -> Result<String, QuestionError> {
             names.push((*name).to_owned());
         }
     }
-    let values = question.values_of(&names)?;
+    let (values, null_parameters) = question.values_of(&names)?;
     let literal_of = |name: &str| {
         let found = names.iter().position(|known| known == name).and_then(|place| values.get(place));
         literal(found.copied().unwrap_or(&Value::Null))
     };
-    Ok(pieces
-        .iter()
-        .map(|piece| match piece {
-            Piece::Text(text) => (*text).to_owned(),
-            Piece::Parameter(name) => literal_of(name),
-        })
-        .collect())
+    let filled = pieces.iter().map(|piece| match piece {
+        Piece::Text(text) => (*text).to_owned(),
+        Piece::Parameter(name) => literal_of(name),
+    });
+    Ok((filled.collect(), null_parameters))
 }
 
 /// A value as a literal; what is escaped does not depend on the settings of the server.
@@ -176,7 +174,7 @@ mod tests {
 
     fn filled(statement: &str, values: &[(&str, Value)]) -> Result<String, QuestionError> {
         let values = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-        with_values(&Question { statement: statement.into(), values, others_are_null: false })
+        with_values(&Question { statement: statement.into(), values }).map(|(filled, _)| filled)
     }
 
     #[test]
@@ -198,6 +196,7 @@ mod tests {
         assert!(matches!(filled("SELECT 1; SELECT 2", &[]), Err(QuestionError::Several)));
         assert!(filled("; SELECT ';' ; -- x", &[]).is_ok());
         assert!(matches!(filled("SELECT $1", &[]), Err(QuestionError::Nameless(name)) if name == "$1"));
-        assert!(matches!(filled("SELECT :a", &[]), Err(QuestionError::NoValue(names)) if names == [":a"]));
+        let without = Question { statement: "SELECT :a".into(), ..Question::default() };
+        assert_eq!(with_values(&without).unwrap(), ("SELECT NULL".to_owned(), vec![":a".to_owned()]));
     }
 }
