@@ -190,7 +190,7 @@ pub async fn start(
         uploads,
         rates: Rates::new(clients.requests_per_s),
         statements: Arc::new(Semaphore::new(STATEMENTS)),
-        replays: Semaphore::new(1),
+        replays: Arc::new(Semaphore::new(1)),
         description: OnceLock::new(),
         stop: stop.clone(),
         readiness: tokio::sync::Mutex::default(),

@@ -115,7 +115,7 @@ async fn what_is_not_there_is_named() {
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
     let chosen = RunCycles { run_id: 7, cycles: None };
     let error = unit_identification(&store, &[chosen], Estimator::Weighted).await.expect_err("no run");
-    assert!(error.to_string().contains("run 7 has no factors"), "{error}");
+    assert!(error.to_string().contains("there is no run 7, and no run has cycles"), "{error}");
     let error = unit_identification(&store, &[], Estimator::Weighted).await.expect_err("nothing");
     assert!(error.to_string().contains("no cycles"), "{error}");
 }

@@ -47,7 +47,7 @@ struct Stored {
     health: Vec<FleetHealthRow>,
     to_conclude: usize,
     /// By severity and state.
-    anomalies: BTreeMap<(&'static str, &'static str), u32>,
+    anomalies: BTreeMap<(&'static str, &'static str), u64>,
     quarantined: Vec<(String, u64)>,
     routes: Vec<RouteCounts>,
     size: Option<DatabaseSize>,
@@ -55,14 +55,13 @@ struct Stored {
 
 impl Stored {
     async fn read(store: &Store) -> Result<Self, StoreError> {
-        let mut anomalies: BTreeMap<(&str, &str), u32> = BTreeMap::new();
+        let mut anomalies: BTreeMap<(&str, &str), u64> = BTreeMap::new();
         for severity in ["critical", "info", "warning"] {
             anomalies.extend(STATES.map(|state| ((severity, state), 0)));
         }
-        for row in &store.anomalies_after(0).await? {
-            let state = STATES.iter().find(|state| **state == row.state);
-            if let Some(count) = state.and_then(|state| anomalies.get_mut(&(row.severity.name(), *state))) {
-                *count += 1;
+        for (severity, state, count) in store.anomalies_in_states(&STATES).await? {
+            if let Some(state) = STATES.iter().find(|of| **of == state) {
+                anomalies.insert((severity.name(), state), count);
             }
         }
         Ok(Self {
@@ -127,7 +126,7 @@ fn of_database(figures: &Figures, stored: &Stored) -> Result<(), MetricsError> {
         &["severity", "state"],
     )?;
     for ((severity, state), count) in &stored.anomalies {
-        anomalies.set(&[severity, state], f64::from(*count));
+        anomalies.set(&[severity, state], *count as f64);
     }
     Ok(())
 }

@@ -27,7 +27,7 @@ pub(super) struct Shared {
     /// Turns of statements of people and programs: their work takes cores from the pipeline.
     pub(super) statements: Arc<Semaphore>,
     /// The turn of requests that read an export again: one at a time.
-    pub(super) replays: Semaphore,
+    pub(super) replays: Arc<Semaphore>,
     pub(super) stop: CancellationToken,
     /// What `/ready` said last.
     pub(super) readiness: tokio::sync::Mutex<Option<Readiness>>,

@@ -3,11 +3,13 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use serde_json::json;
 use sqlx::Row;
 
 use super::error::StoreError;
 use super::handle::Store;
-use super::values::{size, time};
+use super::values::{named, size, time};
+use crate::anomaly::Severity;
 #[cfg(feature = "postgres")]
 use crate::store::engine::{Dialect, catalog};
 use crate::store::engine::{EngineExecutor, EngineRow};
@@ -58,6 +60,18 @@ impl Store {
         self.checked(quarantined_by_robot(&self.readers).await)
     }
 
+    /// Anomalies of each severity in each of these states.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomalies_in_states(
+        &self,
+        states: &[&str],
+    ) -> Result<Vec<(Severity, String, u64)>, StoreError> {
+        let states = json!(states).to_string();
+        self.checked(anomalies_in_states(&self.readers, &states).await)
+    }
+
     /// Where the deliveries of each route of the configuration stand, by name.
     ///
     /// # Errors
@@ -99,6 +113,24 @@ async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(
          ORDER BY robot",
     )
     .try_map(|row: EngineRow| Ok((row.try_get("robot")?, size(&row, "exports")?)))
+    .fetch_all(executor)
+    .await
+}
+
+/// `states` is a JSON array.
+async fn anomalies_in_states(
+    executor: impl EngineExecutor<'_>,
+    states: &str,
+) -> Result<Vec<(Severity, String, u64)>, sqlx::Error> {
+    sqlx::query(
+        "SELECT severity, state, count(*) AS anomalies FROM anomalies
+         WHERE state IN (SELECT value FROM json_each($1)) GROUP BY severity, state",
+    )
+    .bind(states)
+    .try_map(|row: EngineRow| {
+        let severity = named(&row, "severity", &Severity::ALL, Severity::name)?;
+        Ok((severity, row.try_get("state")?, size(&row, "anomalies")?))
+    })
     .fetch_all(executor)
     .await
 }

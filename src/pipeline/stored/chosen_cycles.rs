@@ -392,7 +392,10 @@ async fn without_cycles(store: &Store, run_id: i64) -> Result<String, StoreError
         Some(run) => format!("run {run_id} of robot {} has no cycle: it is {}", run.robot, run.status.name()),
         None => format!("there is no run {run_id}"),
     };
-    Ok(format!("{what}; runs with cycles: {with_cycles}; `armwatch runs` lists them"))
+    match runs.iter().any(|run| run.cycles > 0) {
+        true => Ok(format!("{what}; runs with cycles: {with_cycles}; `armwatch runs` lists them")),
+        false => Ok(format!("{what}, and no run has cycles; `armwatch ingest` reads exports")),
+    }
 }
 
 /// Numbers as people write them: `1-8, 10`; the first ranges and the last one of many, `none` of nothing.

@@ -132,13 +132,19 @@ pub async fn of_cycle(
     if !POINTS.contains(&points) {
         return Err(bad(format!("points = {points}: give {range}")));
     }
-    let Ok(Ok(_turn)) = tokio::time::timeout(PATIENCE, shared.replays.acquire()).await else {
+    let turns = Arc::clone(&shared.replays);
+    let Ok(Ok(turn)) = tokio::time::timeout(PATIENCE, turns.acquire_owned()).await else {
         let sentence = "other cycles are being read; try again";
         return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, sentence).after(5));
     };
     let config = Arc::clone(&shared.config.borrow());
-    let store = shared.looking().await?;
-    let found = cycle_torque(&config, store, run_id, cycle, points).await.map_err(|error| refused(&error))?;
+    // a reader that goes away does not end the reading of its export, which keeps the turn until it is done
+    let reading = tokio::spawn(async move {
+        let _turn = turn;
+        let store = shared.looking().await?;
+        cycle_torque(&config, store, run_id, cycle, points).await.map_err(|error| refused(&error))
+    });
+    let found = reading.await.map_err(|error| Refusal::internal(&error))??;
     let CycleTorque { robot, source_name, cutoff_hz, stages, joints } = found;
     let stage = |span: crate::pipeline::look::torque::StageSpan| Stage {
         stage: span.stage.name(),

@@ -87,7 +87,7 @@ async fn renew(store: Store, kind: SessionKind) {
         let Some(session) = store.own_host.session() else { return };
         let renewed = match extend(&store.control(), session, lease).await {
             Ok(true) => Ok(()),
-            Ok(false) => begin(&store, kind).await.map(|now| {
+            Ok(false) => begin_again(&store, kind).await.map(|now| {
                 tracing::warn!(
                     host, session, now,
                     "this program was silent for longer than its lease of {} s, and others have taken over: joined \
@@ -110,6 +110,15 @@ async fn renew(store: Store, kind: SessionKind) {
             Err(error) => tracing::debug!(host, %error, "the lease is not renewed now; trying again"),
         }
     }
+}
+
+/// Begins a session after the one before has ended. A daemon has to hold the lock of its host for that, as each connection
+/// of its writer does: another daemon of the same name may have taken over, and must not lose its session to this one.
+async fn begin_again(store: &Store, kind: SessionKind) -> Result<i64, StoreError> {
+    if kind == SessionKind::Daemon {
+        store.checked(store.writer.acquire().await).map(drop)?;
+    }
+    begin(store, kind).await
 }
 
 /// Makes a lease longer; `false` if its session has ended.

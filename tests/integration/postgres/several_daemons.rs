@@ -21,6 +21,10 @@ const LEASE_S: u64 = 1;
 /// The same where all stay: a machine that is busy with other things may keep a daemon waiting.
 const LONG_LEASE_S: u64 = 20;
 
+/// Cuts the connections of all programs.
+const CUT: &str = "SELECT CAST(count(pg_terminate_backend(pid)) AS text) FROM pg_stat_activity
+                   WHERE application_name = 'armwatch'";
+
 /// Hosts of one workshop: the folder `inbox` and a folder of its own for each, a log and a configuration.
 struct Cluster<'s> {
     server: &'s Server,
@@ -219,6 +223,33 @@ fn a_frozen_daemon_loses_its_work_and_wakes_harmless() {
     cluster.stop(vec![("a", first), ("b", second)]);
     let found = contents(&cluster.workshop, &cluster.address);
     assert_alike(&found, &golden([&growing]), "a frozen daemon");
+}
+
+/// A daemon whose connections were cut while it was frozen, and whose name another daemon has taken since, leaves the session of
+/// that one alone when it wakes.
+#[test]
+fn a_daemon_whose_name_was_taken_ends_no_session_of_its_successor() {
+    const LEASE_S: u64 = 6;
+    let Some(server) = Server::start() else { return };
+    let cluster = Cluster::new(&server, small::watching_work(), server.fleet(), LEASE_S);
+    cluster.describe("a", true, "");
+    fs::copy(cluster.workshop.path("a.toml"), cluster.workshop.path("successor.toml")).expect("a copy");
+    let first = cluster.start("a");
+    wait_until(|| cluster.log("a").contains(" watching "), || cluster.log("a"));
+    first.signal("STOP");
+    server.sql(CUT);
+    let second = cluster.start("successor");
+    wait_until(|| cluster.log("successor").contains(" watching "), || cluster.log("successor"));
+    let all = "SELECT count(*) || ' ' || count(*) FILTER (WHERE ended_at IS NULL)
+               FROM armwatch.host_session WHERE kind = 'daemon'";
+    assert!(cluster.is(all, "2 1"), "{:?}", cluster.sql(all));
+    first.signal("CONT");
+    // it renews its lease every quarter of it, and says that it cannot once the lease is over
+    let is_told = || cluster.log("a").contains("the lease cannot be renewed");
+    wait_until(is_told, || cluster.logs(&["a", "successor"]));
+    assert!(cluster.is(all, "2 1"), "{:?}\n{}", cluster.sql(all), cluster.logs(&["a", "successor"]));
+    assert!(!cluster.log("successor").contains("joined again"), "{}", cluster.log("successor"));
+    cluster.stop(vec![("successor", second)]);
 }
 
 /// Alarms of a route are sent by one daemon at a time, each once; the other goes on when that one is killed.
@@ -441,10 +472,7 @@ fn disturbed(most: u32) {
                 }
                 Event::Restart if is_made => server.control("restart"),
                 Event::Cut if is_made => {
-                    server.sql(
-                        "SELECT CAST(count(pg_terminate_backend(pid)) AS text) FROM pg_stat_activity
-                         WHERE application_name = 'armwatch'",
-                    );
+                    server.sql(CUT);
                 }
                 Event::FullDisk if is_made => {
                     if !server.fill_disk_for(time / 3) {
