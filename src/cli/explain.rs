@@ -20,6 +20,7 @@ use crate::pipeline::look::explain::{
 };
 use crate::robot::{JointIndex, Robot};
 use crate::run::{RunKind, Stage};
+use crate::store::time_in_views;
 
 /// Most names of ignored columns that are listed.
 const LISTED_COLUMNS: usize = 12;
@@ -401,7 +402,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
     });
     if let Some(recognised) = &of.recognised {
         value["robot"] = json!(recognised.robot);
-        value["started_at"] = json!(recognised.started_at.to_string());
+        value["started_at"] = json!(time_in_views(recognised.started_at));
         value["start_from_name"] = json!(recognised.named_start && recognised.entry.layout.start.is_none());
         value["model"] = json!(recognised.entry.description.model);
         value["layout"] = json!(recognised.entry.layout.name);

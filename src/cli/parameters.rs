@@ -5,7 +5,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
 use super::shared::output;
-use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store};
+use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store, time_in_views};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -87,7 +87,7 @@ fn as_value(of: &KeptEstimate) -> serde_json::Value {
     json!({
         "name": of.name, "kind": of.kind.name(), "model": of.model, "estimator": of.estimator.name(),
         "robots": of.robots.split(',').collect::<Vec<_>>(), "cycles": of.cycles,
-        "saved_at": of.saved_at.to_string(),
+        "saved_at": time_in_views(of.saved_at),
     })
 }
 

@@ -14,7 +14,7 @@ use crate::anomaly::Severity;
 use crate::run::{RunKind, RunStatus};
 use crate::store::{
     AlarmState, AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
-    QuarantineRow, RunRow, Store,
+    QuarantineRow, RunRow, Store, time_in_views,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -201,9 +201,9 @@ impl Fleet {
             json!({
                 "joint": row.joint.number(), "status": row.status.name(), "reason": row.reason,
                 "friction_index": row.friction_index, "moving_relative_rmsd": row.moving_relative_rmsd,
-                "open_anomalies": row.open_anomalies, "last_run_at": row.last_run_at.to_string(),
-                "last_result_at": row.last_result_at.map(|at| at.to_string()),
-                "expected_by": row.expected_by.map(|at| at.to_string()),
+                "open_anomalies": row.open_anomalies, "last_run_at": time_in_views(row.last_run_at),
+                "last_result_at": row.last_result_at.map(time_in_views),
+                "expected_by": row.expected_by.map(time_in_views),
             })
         };
         let robots: Vec<Value> = self
@@ -221,7 +221,7 @@ impl Fleet {
         let host = |row: &HostRow| {
             json!({
                 "host": row.host, "state": row.state.name(), "end_reason": row.end_reason,
-                "seen_at": row.seen_at.to_string(),
+                "seen_at": time_in_views(row.seen_at),
             })
         };
         json!({

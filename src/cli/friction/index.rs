@@ -9,7 +9,7 @@ use crate::numerics::statistics::distributions::normal_quantile;
 use crate::numerics::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
 use crate::report::figure::{Event, Figure, Standing};
 use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
-use crate::store::{IndexRow, ThermalSourceRow};
+use crate::store::{IndexRow, ThermalSourceRow, time_in_views};
 
 /// Indices of one joint of one robot, oldest run first.
 pub(in crate::cli) struct JointIndexSeries {
@@ -182,7 +182,7 @@ fn as_value(of_joint: &JointIndexSeries) -> serde_json::Value {
     let runs: Vec<serde_json::Value> = (of_joint.rows.iter())
         .map(|row| {
             json!({
-                "run_id": row.run_id, "started_at": row.started_at.to_string(),
+                "run_id": row.run_id, "started_at": time_in_views(row.started_at),
                 "friction_index": row.index.value, "friction_index_std_error": row.index.std_error,
                 "low": row.index.value - half * row.index.std_error,
                 "high": row.index.value + half * row.index.std_error,

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use crate::ingest::excerpt::{Excerpt, excerpt};
-use crate::store::{Dismissal, FaultState, QuarantineRow};
+use crate::store::{Dismissal, FaultState, QuarantineRow, time_in_views};
 
 /// Where the bytes of a quarantined run lie now.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -133,10 +133,10 @@ pub fn as_value(fault: &QuarantineRow) -> Value {
         "source_name": fault.source_name, "state": fault.state.name(), "problem": fault.problem,
         "line": fault.line, "column": fault.column, "byte": fault.byte, "value": fault.value,
         "remedy": fault.remedy, "cycles_stored": fault.cycles_stored, "tries": fault.tries,
-        "first_at": fault.first_at.to_string(), "last_at": fault.last_at.to_string(),
-        "retry_asked_at": fault.retry_asked_at.map(|at| at.to_string()),
+        "first_at": time_in_views(fault.first_at), "last_at": time_in_views(fault.last_at),
+        "retry_asked_at": fault.retry_asked_at.map(time_in_views),
         "superseded_by_run_id": fault.superseded_by_run_id,
-        "dismissed_at": fault.dismissal.as_ref().map(|dismissal| dismissal.at.to_string()),
+        "dismissed_at": fault.dismissal.as_ref().map(|dismissal| time_in_views(dismissal.at)),
         "dismissed_by": fault.dismissal.as_ref().map(|dismissal| &dismissal.by),
         "dismissal_reason": fault.dismissal.as_ref().map(|dismissal| &dismissal.reason),
     })
