@@ -348,7 +348,7 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     assert!(told(&["sql", "--db", &fleet, "DELETE FROM run"], 2).contains("reading only"));
     assert!(told(&["sql", "--db", &fleet, "DELETE FROM run RETURNING run_id"], 2).contains("read-only"));
     assert!(told(&["sql", "--db", &fleet, "SELECT 1; SELECT 2"], 2).contains("more than one statement"));
-    assert!(told(&["sql", "--db", &fleet, "-- nothing"], 2).contains("there is no statement"));
+    assert!(told(&["sql", "--db", &fleet, "/* nothing */ ;"], 2).contains("there is no statement"));
     assert!(
         told(&["sql", "--db", &fleet, "COPY runs TO '/tmp/armwatch-runs'"], 2).contains("does not only read")
     );

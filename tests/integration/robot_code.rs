@@ -207,7 +207,7 @@ fn what_cannot_be_is_said(workshop: &Workshop) {
     fs::create_dir(workshop.path("mine")).expect("a folder");
     fs::write(workshop.path("mine/er3a_torque.c"), "int main(void) { return 0; }\n").expect("written");
     for (arguments, said) in [
-        (&["--run", "9", "-o", "none"][..], "run 9 has no factors"),
+        (&["--run", "9", "-o", "none"][..], "there is no run 9; runs with cycles: 1"),
         (&["--run", "1", "--cycles", "7", "-o", "none"], "no cycle 7"),
         (&["--parameters", "cold", "-o", "none"], "no saved parameter set"),
         (&["--run", "1", "--description", &scara, "-o", "none"], "not the one that the cycles were analysed"),

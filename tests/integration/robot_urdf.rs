@@ -79,7 +79,7 @@ fn a_simulated_recording_becomes_a_file_that_is_the_same_arm() {
 fn what_cannot_be_is_said(workshop: &Workshop) {
     let scara = concat!(env!("CARGO_MANIFEST_DIR"), "/config/robots/scara.toml");
     for (arguments, said) in [
-        (&["--run", "9"][..], "run 9 has no factors"),
+        (&["--run", "9"][..], "there is no run 9; runs with cycles: 1"),
         (&["--run", "1", "--cycles", "7"], "no cycle 7"),
         (&["--parameters", "cold"], "no saved parameter set"),
         (&["--run", "1", "--description", scara], "not the one that the cycles were analysed with"),

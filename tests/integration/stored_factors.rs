@@ -54,7 +54,7 @@ fn the_cross_matrix_of_a_robot_is_printed_and_stored_on_request() {
 fn what_cannot_be_is_said() {
     let workshop = two_runs();
     for (arguments, said) in [
-        (&["identify", "--run", "9"][..], "run 9 has no factors"),
+        (&["identify", "--run", "9"][..], "there is no run 9; runs with cycles: 1"),
         (&["identify", "--run", "1", "--cycles", "7"], "no cycle 7"),
         (&["identify", "--run", "1", "--cycles", "3-1"], "no range"),
         (&["identify", "--robot", "Left"], "there are runs of: R01"),

@@ -147,15 +147,60 @@ pub(super) fn friction_history(
     if let Some(run) = causes.iter().position(jumps).filter(|run| friction.is_learnt_at(*run)) {
         friction.learn_before(run);
     }
-    // a mean of few cycles that scatter knows the level as badly as that
-    friction.widen(|run| {
-        let of = causes.get(run)?.as_ref()?;
-        let Some(Cause::Scatter(size)) = of.clear() else { return None };
-        Some(size / (of.cycles.max(1) as f64).sqrt())
-    });
+    let errors = level_errors(history, causes);
+    friction.widen(|run| errors.get(run).copied().flatten());
     friction
+}
+
+/// Standard error of each test's level by scatter from cycle to cycle, as a fraction: a mean of few cycles that scatter knows the
+/// level as badly as that. A test that does not show scatter clearly, but may have it, has that of the latest one that did.
+fn level_errors(history: &[RunSummary], causes: &[Option<RunCause>]) -> Vec<Option<f64>> {
+    let mut latest = None;
+    let error = |(run, cause): (&RunSummary, &Option<RunCause>)| {
+        let size = match cause.as_ref().map(|of| (of.clear(), of.may_scatter())) {
+            Some((Some(Cause::Scatter(size)), _)) => {
+                latest = Some(size);
+                latest
+            }
+            Some((_, false)) => None,
+            // too few cycles to say
+            None | Some((_, true)) => latest,
+        };
+        let cycles = cause.as_ref().map_or(run.cycles as usize, |of| of.cycles);
+        size.map(|size| size / (cycles.max(1) as f64).sqrt())
+    };
+    history.iter().zip(causes).map(error).collect()
 }
 
 fn summaries(history: &[RunSummary], joint: JointIndex) -> Vec<Option<&JointSummary>> {
     history.iter().map(|run| run.joints.iter().find(|summary| summary.joint == joint)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::detect::runs::curve::run_cause::Kind;
+
+    #[test]
+    fn a_test_that_may_scatter_knows_its_level_as_badly_as_one_that_did() {
+        let scattered = RunCause {
+            kinds: vec![Kind { cause: Cause::Scatter(0.12), weight: 1.0 }],
+            advantage: 100.0,
+            lead: 50.0,
+            cycles: 9,
+            ..RunCause::of_nothing()
+        };
+        let unclear = RunCause { advantage: 5.0, lead: 0.1, cycles: 4, ..scattered.clone() };
+        let quiet = RunCause::of_nothing();
+        let history = vec![RunSummary { cycles: 16, ..RunSummary::default() }; 6];
+        let causes = [None, Some(unclear.clone()), Some(scattered), Some(unclear), Some(quiet), None];
+        let errors = level_errors(&history, &causes);
+        let near = |of: Option<f64>, wanted: f64| of.is_some_and(|of| (of - wanted).abs() < 1e-12);
+        assert_eq!(
+            [errors[0], errors[1], errors[4]],
+            [None; 3],
+            "nothing is known of scatter, or there is none"
+        );
+        assert!(near(errors[2], 0.04) && near(errors[3], 0.06) && near(errors[5], 0.03), "{errors:?}");
+    }
 }
