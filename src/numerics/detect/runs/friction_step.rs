@@ -3,7 +3,8 @@
 //! Inside a run the comparison of causes finds it ([`super::curve`]), at the cycle with which it came, also in the runs
 //! of the baseline. Between runs the control chart of [`super::friction_drift`] finds that friction is away from its
 //! baseline, and the shape of the runs about the beginning says that it came at once ([`super::friction_change`]). The
-//! episode goes on as long as friction stays away. A step is worth knowing from a twentieth of friction on,
+//! episode goes on as long as friction stays away. In a joint whose friction scattered from cycle to cycle in one of the eight tests before,
+//! a step inside a run has to be likelier by what scatter is likelier beforehand. A step is worth knowing from a twentieth of friction on,
 //! a warning from `drift_warning` on and critical from `drift_critical` on.
 
 use super::curve::hypothesis::Cause;
@@ -74,6 +75,10 @@ fn with(cycle: Option<u32>) -> String {
 fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
     let found = series.causes.get(run)?.as_ref()?;
     let Some(Cause::Step { cycle, size }) = found.clear() else { return None };
+    // few cycles that scatter look like a step now and then
+    if series.scattered_before(run) && !found.is_clear_where_it_scatters() {
+        return None;
+    }
     let change = size.exp_m1();
     let threshold = series.settings.drift_warning;
     Some(Verdict::Out {

@@ -1,5 +1,7 @@
 //! What the runs of a robot say of one joint.
 
+use std::collections::VecDeque;
+
 use jiff::Timestamp;
 
 use super::arm_cause::{ArmCause, SignalFault};
@@ -102,6 +104,11 @@ impl<'a> JointSeries<'a> {
         matches!(self.clear_cause(run), Some(Cause::Scatter(_)))
     }
 
+    /// Whether one of the latest tests before a run scatters from cycle to cycle.
+    pub(super) fn scattered_before(&self, run: usize) -> bool {
+        (run.saturating_sub(LATEST_WITH_SCATTER)..run).any(|before| self.is_scattered(before))
+    }
+
     fn fault(&self, run: usize) -> Option<ArmCause> {
         *self.faults.get(run)?
     }
@@ -152,22 +159,32 @@ pub(super) fn friction_history(
     friction
 }
 
+/// Latest tests with scatter from cycle to cycle that say how much of it a joint has.
+const LATEST_WITH_SCATTER: usize = 8;
+
 /// Standard error of each test's level by scatter from cycle to cycle, as a fraction: a mean of few cycles that scatter knows the
-/// level as badly as that. A test that does not show scatter clearly, but may have it, has that of the latest one that did.
+/// level as badly as that. How much a joint scatters is the mean variance of the latest tests that show it, since the few cycles of one
+/// test know it badly. A test that does not show it clearly, but may have it, has it too.
 fn level_errors(history: &[RunSummary], causes: &[Option<RunCause>]) -> Vec<Option<f64>> {
-    let mut latest = None;
+    // variance and degrees of freedom
+    let mut latest: VecDeque<(f64, f64)> = VecDeque::new();
     let error = |(run, cause): (&RunSummary, &Option<RunCause>)| {
-        let size = match cause.as_ref().map(|of| (of.clear(), of.may_scatter())) {
-            Some((Some(Cause::Scatter(size)), _)) => {
-                latest = Some(size);
-                latest
-            }
-            Some((_, false)) => None,
+        let may_scatter = match cause {
             // too few cycles to say
-            None | Some((_, true)) => latest,
+            None => true,
+            Some(of) => match of.clear() {
+                Some(Cause::Scatter(size)) => {
+                    latest.push_front((size * size, of.cycles.max(2) as f64 - 1.0));
+                    latest.truncate(LATEST_WITH_SCATTER);
+                    true
+                }
+                _ => of.may_scatter(),
+            },
         };
-        let cycles = cause.as_ref().map_or(run.cycles as usize, |of| of.cycles);
-        size.map(|size| size / (cycles.max(1) as f64).sqrt())
+        let freedom: f64 = latest.iter().map(|(_, freedom)| freedom).sum();
+        let squares: f64 = latest.iter().map(|(variance, freedom)| variance * freedom).sum();
+        let cycles = cause.as_ref().map_or(run.cycles as usize, |of| of.cycles).max(1) as f64;
+        (may_scatter && freedom > 0.0).then(|| (squares / freedom / cycles).sqrt())
     };
     history.iter().zip(causes).map(error).collect()
 }

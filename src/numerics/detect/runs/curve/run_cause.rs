@@ -125,6 +125,11 @@ impl RunCause {
         (size >= 1.0 && clear).then_some(cause)
     }
 
+    /// Whether the clear cause is so also for a joint that is known to scatter: scatter has no price there for being rare.
+    pub(in crate::numerics::detect::runs) fn is_clear_where_it_scatters(&self) -> bool {
+        self.lead >= LEAST_LEAD_OF_STEP - PRIOR
+    }
+
     /// Whether scatter that is worth a word explains the run about as well as the likeliest cause, clear or not.
     pub(in crate::numerics::detect::runs) fn may_scatter(&self) -> bool {
         let close = |of: &Kind| of.weight >= (-LEAST_LEAD).exp();
