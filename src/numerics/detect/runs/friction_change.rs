@@ -26,16 +26,20 @@ pub(super) enum Shape {
     Step { run: usize, cycle: Option<u32>, size: f64 },
 }
 
-/// The shape of an episode: of runs that are out from `first` to `last`, as places in the history.
+/// The shape of an episode: of runs that are out from `first` to `last`, as places in the history. `change` is the smoothed change
+/// of the first of them: what came to it is of its sign.
 pub(super) fn shape(
     friction: &FrictionHistory,
     causes: &[Option<RunCause>],
+    change: f64,
     first: usize,
     last: usize,
 ) -> Shape {
     let near = first.saturating_sub(RUNS_BEFORE)..=first;
     let inside = near.rev().find_map(|run| match causes.get(run)?.as_ref()?.clear()? {
-        Cause::Step { cycle, size } => Some(Shape::Step { run, cycle: Some(cycle), size: size.exp_m1() }),
+        Cause::Step { cycle, size } if size * change > 0.0 => {
+            Some(Shape::Step { run, cycle: Some(cycle), size: size.exp_m1() })
+        }
         _ => None,
     });
     if let Some(step) = inside {
@@ -75,10 +79,9 @@ pub(super) fn shape(
         let ramp_rest = ramp_rest + (rate / USUAL_RATE).powi(2);
         // a jump shows in the average within a few runs
         let rest = if begin + RUNS_BEFORE >= out { rest } else { f64::INFINITY };
-        for (rest, shape) in
-            [(rest, Shape::Step { run: place, cycle: None, size }), (ramp_rest, Shape::Drift { run: place })]
-        {
-            if best.is_none_or(|(least, _)| rest < least) {
+        let step = (size, rest, Shape::Step { run: place, cycle: None, size });
+        for (size, rest, shape) in [step, (rate, ramp_rest, Shape::Drift { run: place })] {
+            if size * change > 0.0 && best.is_none_or(|(least, _)| rest < least) {
                 best = Some((rest, shape));
             }
         }

@@ -40,9 +40,9 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
-        let Judged { mut verdicts, rises, .. } = judged(series);
+        let Judged { mut verdicts, rises, changes, .. } = judged(series);
         for (first, last) in episodes(&verdicts) {
-            match episode_shape(series, &rises, first, last) {
+            match episode_shape(series, &rises, &changes, first, last) {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Drift { run } => {
@@ -74,8 +74,8 @@ pub(super) fn why_level(series: &JointSeries<'_>, run: usize) -> Why {
 /// runs before the last one are left out.
 pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
     let friction = series.friction;
-    let Judged { verdicts, limit, rises } = judged(series);
-    let last_jump = |(first, last)| match episode_shape(series, &rises, first, last) {
+    let Judged { verdicts, limit, rises, changes } = judged(series);
+    let last_jump = |(first, last)| match episode_shape(series, &rises, &changes, first, last) {
         // the run in which friction jumped is of both levels
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
@@ -129,12 +129,13 @@ pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
 pub(super) fn episode_shape(
     series: &JointSeries<'_>,
     rises: &[Option<usize>],
+    changes: &[f64],
     first: usize,
     last: usize,
 ) -> Shape {
     match rises[first] {
         Some(run) => Shape::Drift { run },
-        None => shape(series.friction, series.causes, first, last),
+        None => shape(series.friction, series.causes, changes[first], first, last),
     }
 }
 
@@ -146,6 +147,8 @@ pub(super) struct Judged {
     pub(super) limit: LevelLimit,
     /// Of each run that is out by a steady rise alone, the place of the run in which it began.
     pub(super) rises: Vec<Option<usize>>,
+    /// Smoothed change of each run, as a fraction of the baseline; zero for runs that are not compared.
+    pub(super) changes: Vec<f64>,
 }
 
 /// Looks at the level of friction.
@@ -159,6 +162,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
     // how far the test before was from the average, if beyond chance
     let mut jump: Option<f64> = None;
     let mut rises = vec![None; series.runs.len()];
+    let mut changes = vec![0.0; series.runs.len()];
     let mut rise: Option<Rise> = None;
     let mut compared: Vec<Observed> = Vec::new();
     for observed in &friction.runs {
@@ -187,6 +191,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
             chart.restart(level, 0.5 * own);
             change = level - 1.0;
         }
+        changes[observed.run] = change;
         let opening = limit.threshold(chart.variance()).max(MAP_ERRORS * observed.uncertainty());
         let threshold = if was_out { CLOSING * opening } else { opening };
         let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
@@ -221,7 +226,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
             why: Why::default(),
         };
     }
-    Judged { verdicts, limit, rises }
+    Judged { verdicts, limit, rises, changes }
 }
 
 /// The rise that goes on after the latest of the tests `compared`, whose smoothed friction is `average`: one that is found,

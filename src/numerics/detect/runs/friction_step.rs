@@ -27,9 +27,9 @@ impl Detector<JointSeries<'_>> for FrictionStep {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
-        let Judged { mut verdicts, rises, .. } = judged(series);
+        let Judged { mut verdicts, rises, changes, .. } = judged(series);
         for (first, last) in episodes(&verdicts) {
-            match episode_shape(series, &rises, first, last) {
+            match episode_shape(series, &rises, &changes, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {
                     // what the test says in which it jumped, or, between two, each test behind it
