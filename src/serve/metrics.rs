@@ -59,9 +59,10 @@ impl Stored {
         for severity in ["critical", "info", "warning"] {
             anomalies.extend(STATES.map(|state| ((severity, state), 0)));
         }
-        for (severity, state, count) in store.anomalies_in_states(&STATES).await? {
-            if let Some(state) = STATES.iter().find(|of| **of == state) {
-                anomalies.insert((severity.name(), state), count);
+        for found in &store.unsettled_counts().await? {
+            let state = STATES.iter().find(|state| **state == found.state);
+            if let Some(count) = state.and_then(|state| anomalies.get_mut(&(found.severity.name(), *state))) {
+                *count = found.anomalies;
             }
         }
         Ok(Self {

@@ -19,6 +19,11 @@ pub struct ListFilter<'a> {
     pub most: u32,
 }
 
+/// Anomalies that are not settled. The states are named, so that settled ones are not read: index `anomaly_by_state`.
+pub(super) const UNSETTLED: &str = "SELECT * FROM anomalies
+     WHERE state IN ('open', 'acknowledged', 'shelved', 'maintenance')
+     LIMIT $1";
+
 impl Store {
     /// Robots by name: how many tests they have, when, and where they stand.
     ///
@@ -61,6 +66,14 @@ impl Store {
              ORDER BY robot"
         );
         self.answer(&statement, |query| query).await
+    }
+
+    /// Anomalies that are not settled, at most `most`: rows of the view `anomalies`, in no order.
+    ///
+    /// # Errors
+    /// [`AskError`] of the database.
+    pub async fn unsettled_anomalies(&self, most: u32) -> Result<Table, AskError> {
+        self.answer(UNSETTLED, |query| query.bind(most)).await
     }
 
     /// The latest `most` friction indices of each joint, by robot and joint, the oldest first.

@@ -63,7 +63,7 @@ pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart, RunTotals};
 pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
 pub use lists::ListFilter;
 pub use models::{ModelParameter, StoredModel, description_hash};
-pub use monitoring::{DatabaseSize, RouteCounts};
+pub use monitoring::{AnomalyCount, DatabaseSize, RouteCounts};
 pub use public_sql::{SqlAnswer, SqlError, SqlLimits};
 pub use question::{Answer, Question, QuestionError};
 pub use results::factors::{FactorsWanted, StoredCycle};

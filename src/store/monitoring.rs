@@ -42,6 +42,25 @@ pub struct DatabaseSize {
     pub log: u64,
 }
 
+/// Anomalies of one severity in one state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AnomalyCount {
+    /// How soon a person should look.
+    pub severity: Severity,
+    /// `open`, `acknowledged`, `shelved` or `maintenance`.
+    pub state: String,
+    /// How many there are.
+    pub anomalies: u64,
+}
+
+/// How many anomalies are not settled. The states are named, so that settled ones are not read: index
+/// `anomaly_by_state`.
+pub(super) const UNSETTLED_COUNTS: &str = "SELECT severity, state, count(*) AS anomalies
+     FROM anomaly
+     WHERE state IN ('open', 'acknowledged', 'shelved', 'maintenance') AND NOT withdrawn
+     GROUP BY severity, state
+     ORDER BY severity, state";
+
 impl Store {
     /// Whether an export of this file name is stored to its end.
     ///
@@ -60,16 +79,12 @@ impl Store {
         self.checked(quarantined_by_robot(&self.readers).await)
     }
 
-    /// Anomalies of each severity in each of these states.
+    /// How many anomalies are not settled, by severity and state; what there are none of is left out.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn anomalies_in_states(
-        &self,
-        states: &[&str],
-    ) -> Result<Vec<(Severity, String, u64)>, StoreError> {
-        let states = json!(states).to_string();
-        self.checked(anomalies_in_states(&self.readers, &states).await)
+    pub async fn unsettled_counts(&self) -> Result<Vec<AnomalyCount>, StoreError> {
+        self.checked(unsettled_counts(&self.readers).await)
     }
 
     /// Where the deliveries of each route of the configuration stand, by name.
@@ -117,22 +132,17 @@ async fn quarantined_by_robot(executor: impl EngineExecutor<'_>) -> Result<Vec<(
     .await
 }
 
-/// `states` is a JSON array.
-async fn anomalies_in_states(
-    executor: impl EngineExecutor<'_>,
-    states: &str,
-) -> Result<Vec<(Severity, String, u64)>, sqlx::Error> {
-    sqlx::query(
-        "SELECT severity, state, count(*) AS anomalies FROM anomalies
-         WHERE state IN (SELECT value FROM json_each($1)) GROUP BY severity, state",
-    )
-    .bind(states)
-    .try_map(|row: EngineRow| {
-        let severity = named(&row, "severity", &Severity::ALL, Severity::name)?;
-        Ok((severity, row.try_get("state")?, size(&row, "anomalies")?))
-    })
-    .fetch_all(executor)
-    .await
+async fn unsettled_counts(executor: impl EngineExecutor<'_>) -> Result<Vec<AnomalyCount>, sqlx::Error> {
+    sqlx::query(UNSETTLED_COUNTS)
+        .try_map(|row: EngineRow| {
+            Ok(AnomalyCount {
+                severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
+                state: row.try_get("state")?,
+                anomalies: size(&row, "anomalies")?,
+            })
+        })
+        .fetch_all(executor)
+        .await
 }
 
 async fn deliveries_by_route(executor: impl EngineExecutor<'_>) -> Result<Vec<RouteCounts>, sqlx::Error> {

@@ -1,4 +1,4 @@
--- made from migrations 1c819899b1e7a319bc389433f2a985ac30eb0a1ce5678d89b5f6c54cdf78547c
+-- made from migrations a43a28a1adafc44005a35fb89a28ceb197b3e4eeb9a50b37a0d78f1ad18d9ba0
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -611,7 +611,6 @@ WHEN NEW.kind = 'production' AND NEW.status = 'quarantined' AND OLD.status = 'st
 BEGIN
     UPDATE robot SET history = history + 1 WHERE robot_id = NEW.robot_id;
 END;
-CREATE INDEX cycle_by_estimator ON cycle (estimator, run_id);
 CREATE INDEX cycle_with_kept_estimate ON cycle (estimator_wanted) WHERE estimator_wanted IS NOT NULL;
 CREATE TABLE interval_fill (
     after_cycle_id INTEGER NOT NULL
@@ -2032,6 +2031,10 @@ BEGIN
                                 FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
                                 WHERE production_summary.reference_run_id = NEW.run_id);
 END;
+CREATE INDEX anomaly_by_state ON anomaly (state, robot_id, severity) WHERE NOT withdrawn;
+CREATE INDEX anomaly_in_force ON anomaly (robot_id, joint)
+WHERE state NOT IN ('resolved', 'false_alarm') AND NOT withdrawn;
+CREATE INDEX cycle_by_estimator ON cycle (estimator, estimator_wanted, run_id) WHERE samples IS NOT NULL;
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

@@ -23,10 +23,7 @@ const TESTS: u32 = 30;
 const ANOMALIES: usize = 200;
 
 /// Most rows of one kind that are read for it.
-const MOST: usize = 100_000;
-
-/// States of anomalies that are not settled.
-const UNSETTLED: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
+const MOST: u32 = 100_000;
 
 /// The fleet at a glance
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -339,10 +336,8 @@ fn shown(index: f64) -> f64 {
 async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
     let severity =
         |row: &Row| ["critical", "warning"].iter().position(|of| row.text("severity") == *of).unwrap_or(2);
-    let mut found = Vec::new();
-    for state in UNSETTLED {
-        found.extend(rows(store, "anomalies", &[("state", state)], None).await?);
-    }
+    let table = store.unsettled_anomalies(MOST).await.map_err(Refusal::unanswered)?;
+    let mut found: Vec<Row> = table.objects().filter_map(Row::of).collect();
     found.sort_by_key(|row| {
         (severity(row), Reverse(row.text("last_seen_at").to_owned()), row.whole("anomaly_id"))
     });
@@ -371,7 +366,7 @@ async fn rows(
     let wanted = ViewRows {
         filters: filters.iter().map(|(column, value)| ((*column).to_owned(), (*value).to_owned())).collect(),
         order: order.map(|column| (column.to_owned(), false)),
-        limit: MOST,
+        limit: MOST as usize,
     };
     let table = store.rows_of_view(view, &wanted).await.map_err(Refusal::unanswered)?;
     Ok(table.objects().filter_map(Row::of).collect())

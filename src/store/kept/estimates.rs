@@ -168,21 +168,25 @@ fn others_than(wanted: Estimator) -> [&'static str; 2] {
     }
 }
 
-async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
-    let [first, second] = others_than(wanted);
-    sqlx::query_scalar(
-        "SELECT EXISTS (
+/// Whether a cycle of another estimator is not marked as kept yet, and whether one is marked for no reason. Asked with
+/// each conclusion: what is marked already stands apart in the index `cycle_by_estimator` and is not read again.
+pub(in crate::store) const ANY_TO_MARK: &str = "SELECT EXISTS (
              SELECT 1 FROM cycle
-             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS NULL
                    AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
                                                     WHERE torque_factor.cycle_id = cycle.cycle_id)))
-             OR EXISTS (SELECT 1 FROM cycle WHERE estimator || '' = $3 AND estimator_wanted IS NOT NULL)",
-    )
-    .bind(first)
-    .bind(second)
-    .bind(wanted.name())
-    .fetch_one(executor)
-    .await
+         OR EXISTS (
+             SELECT 1 FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IN ($1, $2)
+                   AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+                                                    WHERE torque_factor.cycle_id = cycle.cycle_id)))
+         OR EXISTS (
+             SELECT 1 FROM cycle
+             WHERE estimator = $3 AND samples IS NOT NULL AND estimator_wanted IN ($1, $2, $3))";
+
+async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
+    let [first, second] = others_than(wanted);
+    sqlx::query_scalar(ANY_TO_MARK).bind(first).bind(second).bind(wanted.name()).fetch_one(executor).await
 }
 
 /// What was not possible with an estimator that is not wanted any more is no reason now.
@@ -215,28 +219,34 @@ async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Resu
     Ok(done.rows_affected())
 }
 
+/// Cycles of another estimator by run, without those that are marked as kept, which are not read.
+pub(in crate::store) const OTHERS: &str = "SELECT run.run_id, robot.name AS robot, count(*) AS cycles
+         FROM (
+             SELECT run_id FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS NULL
+             UNION ALL
+             SELECT run_id FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IN ($1, $2)
+         ) AS other
+         JOIN run USING (run_id)
+         JOIN robot USING (robot_id)
+         WHERE $3 <> 'huber' AND ($4 IS NULL OR robot_id = $4)
+         GROUP BY run.run_id, robot.name
+         ORDER BY run.started_at, run.run_id";
+
 async fn others(
     executor: impl EngineExecutor<'_>,
     wanted: Estimator,
     robot_id: Option<i64>,
 ) -> Result<Vec<OtherEstimate>, sqlx::Error> {
     let [first, second] = others_than(wanted);
-    sqlx::query_as(
-        "SELECT run.run_id, robot.name AS robot, count(*) AS cycles
-         FROM cycle
-         JOIN run USING (run_id)
-         JOIN robot USING (robot_id)
-         WHERE cycle.estimator IN ($1, $2) AND cycle.samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
-               AND $3 <> 'huber' AND ($4 IS NULL OR robot_id = $4)
-         GROUP BY run.run_id, robot.name
-         ORDER BY run.started_at, run.run_id",
-    )
-    .bind(first)
-    .bind(second)
-    .bind(wanted.name())
-    .bind(robot_id)
-    .fetch_all(executor)
-    .await
+    sqlx::query_as(OTHERS)
+        .bind(first)
+        .bind(second)
+        .bind(wanted.name())
+        .bind(robot_id)
+        .fetch_all(executor)
+        .await
 }
 
 async fn cycles_of(

@@ -19,7 +19,7 @@ CREATE INDEX fault_by_run ON fault (run_id, fault_id);
 CREATE INDEX run_by_retry ON run (retry_asked_at) WHERE retry_asked_at IS NOT NULL;
 CREATE INDEX run_by_name ON run (source_name);
 CREATE INDEX production_summary_by_reference ON production_summary (reference_run_id);
-CREATE INDEX cycle_by_estimator ON cycle (estimator, run_id);
+CREATE INDEX cycle_by_estimator ON cycle (estimator, estimator_wanted, run_id) WHERE samples IS NOT NULL;
 CREATE INDEX cycle_with_kept_estimate ON cycle (estimator_wanted) WHERE estimator_wanted IS NOT NULL;
 CREATE INDEX joint_health_by_last_result ON joint_health (last_result_run_id);
 CREATE INDEX dismissal_by_fault ON dismissal (fault_id);
@@ -61,3 +61,6 @@ CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until
 CREATE INDEX anomaly_by_settled_history ON anomaly (settled_history_id) WHERE settled_history_id IS NOT NULL;
 CREATE INDEX anomaly_not_settled ON anomaly (robot_id, anomaly_id) WHERE settled_history_id IS NULL;
 CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE kind = 'production';
+CREATE INDEX anomaly_by_state ON anomaly (state, robot_id, severity) WHERE NOT withdrawn;
+CREATE INDEX anomaly_in_force ON anomaly (robot_id, joint)
+WHERE state NOT IN ('resolved', 'false_alarm') AND NOT withdrawn;

@@ -328,6 +328,40 @@ async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
 }
 
 #[tokio::test]
+async fn what_monitoring_and_the_dashboard_hear_is_what_is_not_settled() {
+    let (_folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let of = |number: usize, severity: Severity| anomaly(joint(number), run_id, severity);
+    let mut found = vec![
+        of(1, Severity::Critical),
+        of(2, Severity::Warning),
+        of(3, Severity::Warning),
+        ended(of(4, Severity::Critical)),
+        of(5, Severity::Info),
+        of(6, Severity::Info),
+    ];
+    super::support::finish(&store, run_id, 1, &findings(found.clone())).await;
+    let key = async |number: usize| {
+        let rows = store.anomalies_after(0).await.expect("anomalies");
+        rows.iter().find(|row| row.joint == Some(joint(number))).map(|row| row.anomaly_id)
+    };
+    act(&store, key(3).await.expect("found"), Acknowledge).await.expect("possible");
+    act(&store, key(5).await.expect("found"), FalseAlarm).await.expect("possible");
+    // withdrawn
+    found.pop();
+    super::support::finish(&store, run_id, 1, &findings(found)).await;
+    let counts = store.unsettled_counts().await.expect("counts");
+    let counts: Vec<_> =
+        counts.iter().map(|of| (of.severity.name(), of.state.as_str(), of.anomalies)).collect();
+    assert_eq!(counts, [("critical", "open", 1), ("warning", "acknowledged", 1), ("warning", "open", 1)]);
+    let told = store.unsettled_anomalies(10).await.expect("rows");
+    let mut joints: Vec<u64> = told.objects().filter_map(|row| row["joint"].as_u64()).collect();
+    joints.sort_unstable();
+    assert_eq!(joints, [1, 2, 3]);
+    assert_eq!(store.unsettled_anomalies(2).await.expect("rows").rows.len(), 2);
+}
+
+#[tokio::test]
 async fn what_ended_before_it_was_found_is_no_news_until_it_goes_on() {
     let (_folder, store) = fresh().await;
     let robot = Robot::with_runs(&store, "R00", 10).await;

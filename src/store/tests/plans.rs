@@ -5,6 +5,9 @@ use sqlx::{AssertSqlSafe, Row};
 use syn::visit::Visit;
 
 use super::support::*;
+use crate::store::kept::estimates::{ANY_TO_MARK, OTHERS};
+use crate::store::lists::UNSETTLED;
+use crate::store::monitoring::UNSETTLED_COUNTS;
 
 /// Sources whose statements are asked with each conclusion or each look at the folders.
 const SOURCES: [&str; 18] = [
@@ -94,6 +97,35 @@ async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
         }
     }
     assert!(planned > 60, "{planned} statements were understood");
+}
+
+/// What monitoring, the dashboard and each conclusion ask reads what is open or not marked yet, not what has been settled in
+/// years.
+#[tokio::test]
+async fn settled_anomalies_and_kept_estimates_are_not_read() {
+    let (_folder, store) = fresh().await;
+    let anomalies = ["anomaly_by_state (state=?", "anomaly_in_force (robot_id=?"];
+    let cycles = ["cycle_by_estimator (estimator=? AND estimator_wanted=?"];
+    for (statement, table, indices) in [
+        (UNSETTLED_COUNTS, "anomaly", &anomalies[..]),
+        (UNSETTLED, "anomaly", &anomalies),
+        ("SELECT * FROM fleet_health", "anomaly", &anomalies),
+        ("SELECT count(*) FROM anomalies WHERE state = 'open'", "anomaly", &anomalies),
+        (ANY_TO_MARK, "cycle", &cycles),
+        (OTHERS, "cycle", &cycles),
+    ] {
+        let plan = sqlx::query(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {statement}")));
+        let steps = plan.fetch_all(&store.writer).await.expect("a plan");
+        let steps: Vec<String> = steps.iter().map(|step| step.get("detail")).collect();
+        let of_table =
+            |step: &&String| step.split(' ').nth(1) == Some(table) && !step.starts_with("CO-ROUTINE");
+        let found: Vec<&String> = steps.iter().filter(of_table).collect();
+        assert!(!found.is_empty(), "{steps:?}, of:\n{statement}");
+        for step in found {
+            let is_bounded = indices.iter().any(|index| step.contains(index));
+            assert!(step.starts_with("SEARCH ") && is_bounded, "{step}, of:\n{statement}");
+        }
+    }
 }
 
 #[test]
