@@ -62,22 +62,53 @@ async fn moved(
 pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
     let Some(folder) = pipeline.config().watch.archive.clone() else { return };
     let found = tokio::task::spawn_blocking(move || watch::scan(&[from_root(&folder)])).await;
-    let files = found.map(|scan| scan.files).unwrap_or_default();
-    let mut robots = BTreeSet::new();
-    for path in files.into_iter().map(|file| file.path) {
-        if stop.is_cancelled() {
+    let files = match found {
+        Ok(scan) => scan.files,
+        Err(error) => {
+            tracing::error!(%error, "the archive was not looked through for exports that the database lacks");
             return;
         }
-        match take_if_missed(&pipeline, &path, &stop).await {
-            Ok(robot) => robots.extend(robot),
-            Err(error) => tracing::warn!(file = %path.display(), %error, "in the archive, and not taken"),
-        }
-    }
+    };
+    let taking = |path: PathBuf| {
+        let (pipeline, stop) = (pipeline.clone(), stop.clone());
+        async move { take_if_missed(&pipeline, &path, &stop).await }
+    };
+    let robots = each_alone(files.into_iter().map(|file| file.path), &stop, taking).await;
     for robot in robots {
-        if let Err(error) = pipeline.conclude_named(&robot).await {
+        if stop.is_cancelled() {
+            // they are concluded when the daemon starts again
+            return;
+        }
+        // what fails of one robot's history is written down and keeps no other robot waiting
+        if let Err(error) = pipeline.conclude_isolated(&robot).await {
             tracing::warn!(robot, %error, "conclusions are drawn later");
         }
     }
+}
+
+/// Takes files one after the other, each in a task of its own: one that fails or panics is said in the log and leaves the
+/// others as they are. The robots whose histories change.
+async fn each_alone<F>(
+    files: impl Iterator<Item = PathBuf>,
+    stop: &CancellationToken,
+    take: impl Fn(PathBuf) -> F,
+) -> BTreeSet<String>
+where
+    F: Future<Output = Result<Option<String>, PipelineError>> + Send + 'static,
+{
+    let mut robots = BTreeSet::new();
+    for path in files {
+        if stop.is_cancelled() {
+            break;
+        }
+        let file = path.display().to_string();
+        let taken = tokio::spawn(take(path)).await;
+        match taken.map_err(PipelineError::from).and_then(|taken| taken) {
+            Ok(robot) => robots.extend(robot),
+            Err(error) => tracing::warn!(file, %error, "in the archive, and not taken"),
+        }
+    }
+    robots
 }
 
 /// Takes an export of the archive unless it is known; the robot whose history it changes.
@@ -132,6 +163,7 @@ pub fn from_root(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::StoreError;
 
     #[test]
     fn sub_folders_are_kept() {
@@ -139,5 +171,25 @@ mod tests {
         assert_eq!(below(Path::new("inbox/R00.csv"), &folders), Path::new(""));
         assert_eq!(below(Path::new("/mnt/cell 7/2026/01/R00.csv"), &folders), Path::new("2026/01"));
         assert_eq!(below(Path::new("elsewhere/R00.csv"), &folders), Path::new(""));
+    }
+    #[tokio::test]
+    async fn an_export_that_fails_leaves_the_others_of_the_archive() {
+        let taking = |path: PathBuf| async move {
+            match path.to_str() {
+                Some("broken") => Err(PipelineError::Store(StoreError::Refused {
+                    path: "fleet.db".into(),
+                    detail: "NOT NULL".into(),
+                })),
+                Some("panics") => panic!("index 7 of 3"),
+                Some("known") => Ok(None),
+                _ => Ok(Some(path.display().to_string())),
+            }
+        };
+        let files = ["A", "panics", "broken", "known", "B"].map(PathBuf::from);
+        let stop = CancellationToken::new();
+        let robots = each_alone(files.clone().into_iter(), &stop, taking).await;
+        assert_eq!(robots.into_iter().collect::<Vec<_>>(), ["A", "B"]);
+        stop.cancel();
+        assert!(each_alone(files.into_iter(), &stop, taking).await.is_empty(), "taken after a stop");
     }
 }
