@@ -26,7 +26,7 @@ pub(super) struct Shared {
     pub(super) rates: Rates,
     /// Turns of statements of people and programs: their work takes cores from the pipeline.
     pub(super) statements: Arc<Semaphore>,
-    /// The turn of requests that read an export again: one at a time.
+    /// The turn of requests that read an export again: one at a time. The task that reads holds it.
     pub(super) replays: Arc<Semaphore>,
     pub(super) stop: CancellationToken,
     /// What `/ready` said last.

@@ -8,6 +8,8 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode};
 use serde::{Deserialize, Serialize};
+use tokio::sync::Semaphore;
+use tokio::task::JoinError;
 use utoipa::{IntoParams, ToSchema};
 
 use super::number::number;
@@ -132,19 +134,14 @@ pub async fn of_cycle(
     if !POINTS.contains(&points) {
         return Err(bad(format!("points = {points}: give {range}")));
     }
-    let turns = Arc::clone(&shared.replays);
-    let Ok(Ok(turn)) = tokio::time::timeout(PATIENCE, turns.acquire_owned()).await else {
+    let config = Arc::clone(&shared.config.borrow());
+    let store = shared.looking().await?.clone();
+    let read = async move { cycle_torque(&config, &store, run_id, cycle, points).await };
+    let Some(read) = in_turn(&shared.replays, PATIENCE, read).await else {
         let sentence = "other cycles are being read; try again";
         return Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, sentence).after(5));
     };
-    let config = Arc::clone(&shared.config.borrow());
-    // a reader that goes away does not end the reading of its export, which keeps the turn until it is done
-    let reading = tokio::spawn(async move {
-        let _turn = turn;
-        let store = shared.looking().await?;
-        cycle_torque(&config, store, run_id, cycle, points).await.map_err(|error| refused(&error))
-    });
-    let found = reading.await.map_err(|error| Refusal::internal(&error))??;
+    let found = read.unwrap_or_else(|error| Err(error.into())).map_err(|error| refused(&error))?;
     let CycleTorque { robot, source_name, cutoff_hz, stages, joints } = found;
     let stage = |span: crate::pipeline::look::torque::StageSpan| Stage {
         stage: span.stage.name(),
@@ -160,6 +157,23 @@ pub async fn of_cycle(
         stages: stages.into_iter().map(stage).collect(),
         joints: joints.iter().map(told).collect(),
     }))
+}
+
+/// Does `work` when it has a turn, in a task of its own that keeps the turn until it has ended: a request whose client
+/// goes away is dropped, and what it has begun to read is not. `None` if no turn came in time.
+async fn in_turn<T: Send + 'static>(
+    turns: &Arc<Semaphore>,
+    patience: Duration,
+    work: impl Future<Output = T> + Send + 'static,
+) -> Option<Result<T, JoinError>> {
+    let Ok(Ok(turn)) = tokio::time::timeout(patience, Arc::clone(turns).acquire_owned()).await else {
+        return None;
+    };
+    let task = tokio::spawn(async move {
+        let _turn = turn;
+        work.await
+    });
+    Some(task.await)
 }
 
 fn told(of: &JointTorque) -> Joint {
@@ -203,5 +217,46 @@ fn refused(error: &ReplayError) -> Refusal {
         }
         ReplayError::Numerics(_) => Refusal::new(StatusCode::NOT_FOUND, error.to_string()),
         ReplayError::Store(_) | ReplayError::Task(_) => Refusal::internal(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOON: Duration = Duration::from_millis(50);
+    const LONG: Duration = Duration::from_secs(60);
+
+    #[tokio::test]
+    async fn a_turn_lasts_as_long_as_its_work_also_when_nobody_waits_for_it() {
+        let turns = Arc::new(Semaphore::new(1));
+        let (end, ended) = tokio::sync::oneshot::channel::<()>();
+        let (begin, begun) = tokio::sync::oneshot::channel::<()>();
+        let request = {
+            let turns = Arc::clone(&turns);
+            tokio::spawn(async move {
+                let work = async move {
+                    begin.send(()).expect("somebody waits");
+                    ended.await
+                };
+                in_turn(&turns, LONG, work).await
+            })
+        };
+        begun.await.expect("begun");
+        // the client goes away
+        request.abort();
+        assert!(request.await.is_err_and(|error| error.is_cancelled()));
+        assert!(in_turn(&turns, SOON, async {}).await.is_none(), "two read at once");
+        end.send(()).expect("the work goes on");
+        assert!(in_turn(&turns, LONG, async {}).await.is_some_and(|done| done.is_ok()));
+        assert_eq!(turns.available_permits(), 1);
+    }
+
+    #[tokio::test]
+    async fn work_that_fails_gives_its_turn_back() {
+        let turns = Arc::new(Semaphore::new(1));
+        let failed = in_turn(&turns, LONG, async { panic!("index 7 of 3") }).await;
+        assert!(failed.is_some_and(|done: Result<(), _>| done.is_err_and(|error| error.is_panic())));
+        assert_eq!(turns.available_permits(), 1);
     }
 }
