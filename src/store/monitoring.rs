@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use serde_json::json;
 use sqlx::Row;
 
 use super::error::StoreError;

@@ -41,7 +41,7 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         let Judged { mut verdicts, rises, changes, .. } = judged(series);
-        for (first, last) in episodes(&verdicts) {
+        for (first, last) in episodes(&verdicts, &changes) {
             match episode_shape(series, &rises, &changes, first, last) {
                 // another detector's affair
                 Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
@@ -80,7 +80,7 @@ pub(super) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
         Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
         Shape::Drift { .. } => None,
     };
-    let begin = episodes(&verdicts).into_iter().rev().find_map(last_jump).unwrap_or(0);
+    let begin = episodes(&verdicts, &changes).into_iter().rev().find_map(last_jump).unwrap_or(0);
     let tests: Vec<Test> = friction
         .runs
         .iter()
@@ -105,8 +105,8 @@ fn at_this_rate(outlook: &Forecast, is_above: bool) -> String {
     }
 }
 
-/// First and last run of each stretch of runs that are out; one quiet run in between does not end it.
-pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
+/// First and last run of each stretch of runs that are out to one side; one quiet run in between does not end it.
+pub(super) fn episodes(verdicts: &[Verdict], changes: &[f64]) -> Vec<(usize, usize)> {
     let mut found: Vec<(usize, usize)> = Vec::new();
     let mut quiet = 2;
     for (run, verdict) in verdicts.iter().enumerate() {
@@ -114,7 +114,8 @@ pub(super) fn episodes(verdicts: &[Verdict]) -> Vec<(usize, usize)> {
             Verdict::Unknown => {}
             Verdict::Quiet => quiet += 1,
             Verdict::Out { .. } => {
-                match found.last_mut().filter(|_| quiet < 2) {
+                let goes_on = |open: &&mut (usize, usize)| quiet < 2 && changes[open.0] * changes[run] > 0.0;
+                match found.last_mut().filter(goes_on) {
                     Some(open) => open.1 = run,
                     None => found.push((run, run)),
                 }
@@ -147,7 +148,8 @@ pub(super) struct Judged {
     pub(super) limit: LevelLimit,
     /// Of each run that is out by a steady rise alone, the place of the run in which it began.
     pub(super) rises: Vec<Option<usize>>,
-    /// Smoothed change of each run, as a fraction of the baseline; zero for runs that are not compared.
+    /// Smoothed change of each run, as a fraction of the baseline; of a steady rise that since its beginning. Zero for runs that are not
+    /// compared.
     pub(super) changes: Vec<f64>,
 }
 
@@ -201,6 +203,7 @@ pub(super) fn judged(series: &JointSeries<'_>) -> Judged {
                 Some(of) => {
                     limit.out();
                     rises[observed.run] = Some(of.run);
+                    changes[observed.run] = of.size;
                     verdicts[observed.run] = of_rise(&of, observed, baseline, opening);
                 }
                 None => {

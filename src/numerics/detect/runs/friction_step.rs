@@ -28,7 +28,7 @@ impl Detector<JointSeries<'_>> for FrictionStep {
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
         let Judged { mut verdicts, rises, changes, .. } = judged(series);
-        for (first, last) in episodes(&verdicts) {
+        for (first, last) in episodes(&verdicts, &changes) {
             match episode_shape(series, &rises, &changes, first, last) {
                 Shape::Drift { .. } => verdicts[first..=last].fill(Verdict::Quiet),
                 Shape::Step { run, cycle, size } => {

@@ -53,6 +53,27 @@ fn with_index(mut runs: Vec<RunSummary>, index: impl Fn(usize) -> Option<(f64, f
     runs
 }
 
+/// What the words say of the beginning has the sign of what they say of the level.
+#[test]
+fn friction_that_jumps_up_and_falls_below_its_baseline_is_told_with_the_sign_of_each() {
+    let up_and_down = |i: usize| match i {
+        0..=11 => 1.0,
+        12..=14 => 1.14,
+        _ => 0.8,
+    };
+    for runs in 13..=22 {
+        let tests = with_index(history(runs, |_| 12.0), |i| Some((up_and_down(i) * wobble(i), 0.004)));
+        let found = detect(&tests, &DetectSettings::default()).anomalies;
+        assert!(!found.is_empty(), "{runs}");
+        for of in found {
+            let (above, below) =
+                (of.message.contains("above the joint's"), of.message.contains("below the joint's"));
+            let jumps = [of.message.contains("jumped by +"), of.message.contains("jumped by -")];
+            assert!(above != below && jumps == [above, below], "{runs}: {}", of.message);
+        }
+    }
+}
+
 #[test]
 fn a_hall_that_the_index_knows_of_is_no_drift() {
     // warm friction rises by a tenth with a cold hall, the index does not
