@@ -6,6 +6,7 @@ use proptest::prelude::*;
 use super::{PhysicalSettings, Problem};
 use crate::config::parse_robot;
 use crate::numerics::least_squares::factor::TriangularFactor;
+use crate::numerics::least_squares::solution::MAX_SCALED_CONDITION;
 use crate::numerics::least_squares::weighted::{WeightRule, joined};
 use crate::numerics::model::base_parameters::{BaseParameters, PROBE_STATES, base_parameters, probe_state};
 use crate::numerics::model::kinematics::tests::any_arm;
@@ -172,7 +173,9 @@ proptest! {
 
     #[test]
     fn any_arm_is_reached_from_cylinders(robot in any_arm()) {
-        prop_assume!(robot.joint_count() <= 4 && base_parameters(&robot).is_ok());
+        // gravity that is off an axis' normal by a tenth of a degree shows its mass too badly: such rows are refused
+        let is_shown = |base: BaseParameters| base.scaled_condition_number < 0.99 * MAX_SCALED_CONDITION;
+        prop_assume!(robot.joint_count() <= 4 && base_parameters(&robot).is_ok_and(is_shown));
         let (base, fit) = fitted(&robot, 0.0);
         prop_assert!(fit.estimate.settled, "{} steps", fit.estimate.steps);
         for price in &fit.price {
