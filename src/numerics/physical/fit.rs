@@ -4,7 +4,7 @@ use super::bodies::{PhysicalEstimate, PhysicalSettings, physical};
 use super::uniform_bodies::{Start, start};
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::factor::TriangularFactor;
-use crate::numerics::least_squares::solution::{MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION};
+use crate::numerics::least_squares::solution::MAX_SCALED_CONDITION;
 use crate::numerics::least_squares::weighted::{WeightRule, joined};
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::robot::{JointIndex, Robot};
@@ -92,12 +92,11 @@ fn weights(
             needed: b + 1,
         });
     }
-    // rows as they are say whether the motion shows everything; weights may differ by far without hiding anything
-    let solve = |rule: &WeightRule, max_condition: f64| {
-        joined(factors, rule, b).solve(max_condition, |k| base.kept[k].to_string())
+    let solve = |rule: &WeightRule| {
+        joined(factors, rule, b).solve(MAX_SCALED_CONDITION, |k| base.kept[k].to_string())
     };
     let mut rule = WeightRule::equal(factors.len());
-    let mut solution = solve(&rule, MAX_SCALED_CONDITION)?;
+    let mut solution = solve(&rule)?;
     for _ in 0..MAX_ROUNDS {
         let mut change = 0.0_f64;
         for (sigma, factor) in rule.sigma.iter_mut().zip(factors).filter(|(_, factor)| factor.rows() > 0) {
@@ -111,7 +110,7 @@ fn weights(
             change = change.max((found / *sigma - 1.0).abs());
             *sigma = found;
         }
-        solution = solve(&rule, MAX_WEIGHTED_CONDITION)?;
+        solution = solve(&rule)?;
         if change < SETTLED {
             break;
         }
