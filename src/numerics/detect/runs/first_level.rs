@@ -7,6 +7,9 @@ use nalgebra::DVector;
 
 use crate::numerics::statistics::descriptive::median;
 
+/// Change of a joint's friction between two tests, in logarithms and beyond what all joints have in common, that ends a baseline.
+pub(super) const LEVEL_CHANGE: f64 = 0.06;
+
 /// Tests that show a level, before a change and behind it.
 const FEWEST: usize = 2;
 

@@ -6,7 +6,7 @@
 
 use nalgebra::DVector;
 
-use super::first_level::FirstLevels;
+use super::first_level::{FirstLevels, LEVEL_CHANGE};
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
 use crate::numerics::detect::control_chart::median_variance;
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
@@ -302,9 +302,7 @@ pub(super) fn bound_spreads(joints: &mut [FrictionHistory]) {
     }
 }
 
-/// Smallest change of a joint's friction between two of the tests of its baseline, in logarithms, that is none of scatter, and
-/// its square in variances of a test.
-const LEAST_JUMP: f64 = 0.06;
+/// Least square of a jump between two of the tests of a baseline, in variances of a test.
 const LEAST_JUMP_SQUARE: f64 = 64.0;
 
 /// Where the index of a joint jumps between two of the tests that its baseline is learnt from and stays there, beyond what
@@ -336,7 +334,7 @@ fn jump_at_first(joints: &[FrictionHistory], own: usize) -> Option<usize> {
     let tests: Vec<DVector<f64>> =
         learnt.iter().map(|of| DVector::from_element(1, level(of) / error)).collect();
     let is_jump =
-        |before: &DVector<f64>, behind: &DVector<f64>| error * (behind[0] - before[0]).abs() >= LEAST_JUMP;
+        |before: &DVector<f64>, behind: &DVector<f64>| error * (behind[0] - before[0]).abs() >= LEVEL_CHANGE;
     let levels = FirstLevels::of(&tests, LEAST_JUMP_SQUARE, is_jump);
     (!levels.changed.is_empty()).then(|| learnt[levels.usual.len()].run)
 }

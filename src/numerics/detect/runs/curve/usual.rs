@@ -6,6 +6,7 @@ use super::points::{Curve, common_part};
 use super::run_cause::RunCause;
 use super::template::{self, Template};
 use super::within_run;
+use crate::numerics::detect::runs::first_level::LEVEL_CHANGE;
 use crate::numerics::statistics::descriptive::{mean, median};
 
 /// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own
@@ -15,8 +16,6 @@ const QUIET_SCATTER: [f64; 2] = [0.002, 0.015];
 const LEAST_SCATTER_OF_CYCLE: f64 = 0.001;
 /// Scatter of a joint, as a multiple of the median over the arm's joints, that is still its own.
 const MOST_OF_NEIGHBOURS: f64 = 3.0;
-/// Change of the level between two runs, beyond what all joints have in common, that ends a baseline.
-const LEVEL_CHANGE: f64 = 0.06;
 
 /// A joint: its curves and what its runs by themselves say.
 #[derive(Debug, Clone, PartialEq)]
