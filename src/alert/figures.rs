@@ -62,7 +62,7 @@ impl Figures {
             "friction_swing" | "moving_relative_rmsd" | "production_relative_rmsd" => {
                 (Form::Percent, Form::Percent)
             }
-            "warm_up_time_ratio" => (Form::Times, Form::LogarithmOfTimes),
+            "warm_up_time_ratio" | "common_warm_up_time_ratio" => (Form::Times, Form::LogarithmOfTimes),
             "friction_of_model_nm" => (Form::Torque, Form::LogarithmOfTimes),
             "rmsd_of_model" => (Form::Percent, Form::LogarithmOfTimes),
             "load_kg" | "production_load_kg" => (Form::Mass, Form::StandardErrors),

@@ -36,11 +36,12 @@ mod explain;
 mod torque;
 mod verify;
 
+use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::cli::context::{EXIT_IO, Global, LogFormat};
+use crate::cli::context::{CliError, EXIT_IO, Global, LogFormat};
 use crate::numerics::lanes;
 use crate::telemetry;
 
@@ -266,7 +267,32 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     telemetry::start(format, verbosity.saturating_add(usual));
     lanes::run_as_on_any_processor(std::env::var_os(benchmark::throughput::ANY_PROCESSOR).is_some());
-    let done = match cli.command {
+    let done = or_internal(|| carry_out(cli));
+    let status = done.unwrap_or_else(|error| {
+        shared::output::print_error(&error);
+        error.exit_code()
+    });
+    ExitCode::from(match shared::output::failure() {
+        Some(detail) => {
+            let text =
+                format!("standard output cannot be written: {detail}; free space there, or print elsewhere");
+            shared::output::print_error(&text);
+            EXIT_IO
+        }
+        None => status,
+    })
+}
+
+/// What a command ends with. A panic is a defect of the program: the hook has said where, and the exit status is that of one.
+fn or_internal(command: impl FnOnce() -> Result<u8, CliError>) -> Result<u8, CliError> {
+    // nothing of a command is looked at after its panic
+    std::panic::catch_unwind(AssertUnwindSafe(command)).unwrap_or_else(|_| {
+        Err(CliError::Internal("the program has stopped where the line above says; please report it".into()))
+    })
+}
+
+fn carry_out(cli: Cli) -> Result<u8, CliError> {
+    match cli.command {
         Command::Demo(args) => demo::command::demo(&cli.global, &args),
         Command::Run(args) => run::run(&cli.global, &args),
         Command::Ingest(args) => ingest::ingest(&cli.global, &args),
@@ -345,18 +371,18 @@ pub fn run(cli: Cli) -> ExitCode {
         Command::Config { command: ConfigCommand::Init(args) } => config::init::init(&cli.global, &args),
         Command::Completions(args) => completions::completions(&args, &mut Cli::dressed_command()),
         Command::Man(args) => man::man(&cli.global, &args, Cli::dressed_command()),
-    };
-    let status = done.unwrap_or_else(|error| {
-        shared::output::print_error(&error);
-        error.exit_code()
-    });
-    ExitCode::from(match shared::output::failure() {
-        Some(detail) => {
-            let text =
-                format!("standard output cannot be written: {detail}; free space there, or print elsewhere");
-            shared::output::print_error(&text);
-            EXIT_IO
-        }
-        None => status,
-    })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::context::EXIT_INTERNAL;
+
+    #[test]
+    fn a_panic_is_an_internal_error() {
+        let error = or_internal(|| panic!("tried")).expect_err("a panic");
+        assert_eq!(error.exit_code(), EXIT_INTERNAL);
+        assert_eq!(or_internal(|| Ok(3)).expect("no panic"), 3);
+    }
 }

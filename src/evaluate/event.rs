@@ -38,7 +38,7 @@ pub(super) struct Event {
 pub(super) fn named_joint(scenario: Scenario, joint: usize) -> Option<JointIndex> {
     use Scenario as S;
     match scenario {
-        S::Payload | S::CoupledJitter => None,
+        S::Payload | S::CoupledJitter | S::Lubricant => None,
         of if of.kind().is_none() => None,
         _ => Some(JointIndex::new(joint)),
     }
@@ -57,8 +57,8 @@ pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
         S::StepBetween | S::StepInside | S::StepInBaseline => draws.sign(0.25) * draws.log_between(0.04, 0.4),
         S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
         S::Jitter | S::CoupledJitter => draws.log_between(0.02, 0.2),
-        S::WarmUp if draws.happens(0.3) => draws.log_between(0.35, 0.75),
-        S::WarmUp => draws.log_between(1.3, 3.0),
+        S::WarmUp | S::Lubricant if draws.happens(0.3) => draws.log_between(0.35, 0.75),
+        S::WarmUp | S::Lubricant => draws.log_between(1.3, 3.0),
         S::TorqueOffset => draws.sign(0.5) * draws.log_between(2.0, 16.0),
         S::TorqueGain => draws.sign(0.5) * draws.log_between(0.02, 0.2),
         S::TorqueNoise => draws.log_between(1.5, 8.0),

@@ -136,7 +136,12 @@ fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws
             let cold = joint.coldness(moment.rest_h);
             let of = |k: usize, draws: &mut Draws| {
                 let holds = is_own && event.holds(run, k);
-                let slow = if holds && event.scenario == Scenario::WarmUp { event.size } else { 1.0 };
+                let is_slow = match event.scenario {
+                    Scenario::WarmUp => holds,
+                    Scenario::Lubricant => event.holds(run, k),
+                    _ => false,
+                };
+                let slow = if is_slow { event.size } else { 1.0 };
                 let scatter = event.scatter(joint, holds);
                 let jumps = matches!(
                     event.scenario,

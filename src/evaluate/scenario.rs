@@ -57,6 +57,8 @@ pub enum Scenario {
     LateTorque,
     /// Short checks of one cycle, and a whole test after each three of them.
     MixedTests,
+    /// The slow time constant of the warm-up of all joints changes.
+    Lubricant,
 }
 
 /// The roads on which a scenario can be simulated.
@@ -79,7 +81,7 @@ struct Row {
     roads: Roads,
 }
 
-const ROWS: [Row; 26] = {
+const ROWS: [Row; 27] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -148,13 +150,20 @@ const ROWS: [Row; 26] = {
         ),
         row(Scenario::LateTorque, "late-torque", Some(Sensor), "delay, s", Exports),
         row(Scenario::MixedTests, "mixed-tests", None, "", Both),
+        row(
+            Scenario::Lubricant,
+            "lubricant",
+            Some(Thermal),
+            "slow time constants, fraction of the old",
+            Both,
+        ),
     ]
 };
 
 impl Scenario {
     /// All of them. What is drawn for a robot depends on the place of its scenario.
-    pub const ALL: [Self; 26] = {
-        let mut all = [Self::Healthy; 26];
+    pub const ALL: [Self; 27] = {
+        let mut all = [Self::Healthy; 27];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;

@@ -279,7 +279,7 @@ fn most_delay(outcomes: &[&Outcome]) -> f64 {
 fn by_size(scenario: Scenario, outcomes: &[&Outcome]) -> Vec<SizeBin> {
     let magnitude = |of: &Outcome| match scenario {
         // a factor: as far from one as its inverse
-        Scenario::WarmUp => of.size.ln().abs().exp(),
+        Scenario::WarmUp | Scenario::Lubricant => of.size.ln().abs().exp(),
         _ => of.size.abs(),
     };
     let mut sorted: Vec<&Outcome> = outcomes.to_vec();

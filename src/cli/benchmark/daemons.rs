@@ -15,7 +15,8 @@ use crate::config::{is_on_server, shipped_files};
 use crate::numerics::statistics::descriptive::median;
 use crate::store::{ClaimKind, SessionKind, Store};
 
-/// How often it is looked whether all is stored; looking takes time of the server.
+/// How often it is looked whether all is stored, before nine tenths are and from then on; looking takes time of the server.
+const SELDOM: Duration = Duration::from_millis(1500);
 const LOOK: Duration = Duration::from_millis(150);
 /// Exports of one turn that are not stored by then never will be.
 const LONGEST: Duration = Duration::from_secs(1800);
@@ -37,8 +38,10 @@ const ROBOT: &str =
 In turns, the same number of exports is taken by one daemon into a file of SQLite, by one daemon into the database on the
 server, and by several there that all see the folder. Each daemon has a processor of its own, by `taskset`. A turn lasts
 until every export is stored and every robot concluded. Printed are the medians of all turns: exports a minute, processor time of
-the daemons for each export, that of everything else on this machine, which is the server's where it runs here, and the ratio of
-several daemons to one. Then, while nothing else works on the database, the time of a claim and of giving it back, which is
+the daemons for each export, that of everything else on this machine, which is the server's where it runs here, the ratio of
+several daemons to one, and how much more processor time an export takes with several, the server's included. Where daemons and
+server share all processors, the server takes from several daemons what it takes from none of one: then the latter figure is what
+several daemons cost each other. Then, while nothing else works on the database, the time of a claim and of giving it back, which is
 each a statement with its commit.
 
 The database on the server must be empty, as `createdb trial` makes it; the robots of the benchmark stay in it.
@@ -213,13 +216,15 @@ async fn take(
         children.iter_mut().try_for_each(ChildDaemon::check)?;
         // a service manager listens
         children.iter().for_each(|child| drop(child.said()));
-        if store.counts().await?.complete_runs >= wanted && store.stale_robots().await?.is_empty() {
+        let stored = store.counts().await?.complete_runs;
+        if stored >= wanted && store.stale_robots().await?.is_empty() {
             break;
         }
         if began.elapsed() > LONGEST {
             return Err(CliError::Internal(format!("not all was stored within {} s", LONGEST.as_secs())));
         }
-        tokio::time::sleep(LOOK).await;
+        let is_near = 10 * (stored - before) >= 9 * (wanted - before);
+        tokio::time::sleep(if is_near { LOOK } else { SELDOM }).await;
     }
     let wall_s = began.elapsed().as_secs_f64();
     let daemons_cpu_s = cpu(&children) - own;
@@ -315,6 +320,8 @@ fn report(
     let [file, one, several] = &figures[..] else { return };
     let ratio = several.exports_a_min / one.exports_a_min;
     let cpu_ratio = one.cpu_s / file.cpu_s;
+    let all_cpu_s = |of: &Figures| of.cpu_s + of.others_cpu_s.unwrap_or(0.0);
+    let cpu_growth = all_cpu_s(several) / all_cpu_s(one) - 1.0;
     if global.json {
         let row = |figures: &Figures| -> Value {
             json!({
@@ -325,7 +332,7 @@ fn report(
         output::json(&json!({
             "exports": args.exports, "cycles": args.cycles, "rounds": args.rounds, "daemons": args.daemons,
             "setups": figures.iter().map(row).collect::<Vec<_>>(), "ratio": ratio,
-            "cpu_ratio_of_server_to_file": cpu_ratio, "claim_ms": claim_ms, "release_ms": release_ms,
+            "cpu_growth_of_several": cpu_growth, "cpu_ratio_of_server_to_file": cpu_ratio, "claim_ms": claim_ms, "release_ms": release_ms,
         }));
         return;
     }
@@ -347,8 +354,10 @@ fn report(
     let header = ["", "exports_per_min", "cpu_per_export_s", "others_cpu_per_export_s"];
     output::line(&output::table(&header, &rows));
     output::line(&format!(
-        "{} daemons to one: {ratio:.2}; processor time of a daemon, server to file: {cpu_ratio:.2}",
-        args.daemons
+        "{} daemons to one: {ratio:.2}; processor time of all for each export: {:+.0} %; of a daemon, server to file: \
+         {cpu_ratio:.2}",
+        args.daemons,
+        100.0 * cpu_growth
     ));
     output::line(&format!("a claim takes {claim_ms:.2} ms, giving it back {release_ms:.2} ms"));
 }

@@ -244,6 +244,9 @@ fn fault(
         S::Payload => always(load(size)),
         S::Jitter => always(FaultKind::Jitter { size }),
         S::WarmUp => always(FaultKind::WarmUp { factor: size }),
+        S::Lubricant => {
+            Some(Fault { kind: FaultKind::WarmUp { factor: size }, joint: None, start_run, last_run: None })
+        }
         S::TorqueOffset => {
             let noise = arm.joints[drawn.joint].nominal.map_or(0.0, |nominal| nominal.torque_noise);
             always(FaultKind::Offset { torque: size * noise })

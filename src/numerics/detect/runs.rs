@@ -57,7 +57,7 @@ use self::oscillation::Oscillation;
 use self::parts::{Part, Parts, grouped};
 use self::series::{JointSeries, RunDetector};
 use self::unlike_peers::UnlikePeers;
-use self::warm_up::WarmUp;
+use self::warm_up::{WarmUp, of_common_warm_up};
 use self::without_result::without_result;
 use super::episodes::anomalies;
 use super::verdict::DetectSettings;
@@ -121,8 +121,9 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
             let Some(part) = parts.of(places) else { continue };
             let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
-            let series =
-                JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings).among(peers);
+            let series = JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)
+                .beside(&part.common_causes, &part.common_warm_up)
+                .among(peers);
             let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
             found.retain(|of| !is_of_contact(of));
             if is_latest {
@@ -138,6 +139,7 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
         let mut found = arm_changes(&part.arm, &part.faults, joints, &part.moments);
         found.retain(|of| !is_of_contact(of));
         found.extend(common_changes(&part.friction, &part.faults, &part.moments));
+        found.extend(of_common_warm_up(&part.common_warm_up, &part.moments));
         found.extend(of_contacts.iter().cloned());
         if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);

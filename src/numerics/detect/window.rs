@@ -45,13 +45,14 @@ impl Lengths {
 }
 
 /// Quantities of anomalies that windows settle.
-const QUANTITIES: [&str; 25] = [
+const QUANTITIES: [&str; 26] = [
     "friction_index",
     "common_friction_ratio",
     "warm_friction_nm",
     "excitation_friction_nm",
     "friction_swing",
     "warm_up_time_ratio",
+    "common_warm_up_time_ratio",
     "moving_relative_rmsd",
     "friction_of_model_nm",
     "rmsd_of_model",

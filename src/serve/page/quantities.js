@@ -21,6 +21,7 @@ const QUANTITIES = {
   excitation_friction_nm: ["friction of the excitation", friction, fraction],
   friction_swing: ["swing of friction from cycle to cycle", fraction, fraction],
   warm_up_time_ratio: ["warm-up time, against the usual", times, logarithm],
+  common_warm_up_time_ratio: ["warm-up time common to all joints, against the usual", times, logarithm],
   moving_relative_rmsd: ["relative RMSD, moving", fraction, fraction],
   friction_of_model_nm: ["friction against other arms", nm, logarithm],
   rmsd_of_model: ["RMSD against other arms", fraction, logarithm],

@@ -5,8 +5,8 @@
 //! parameters and a contact. With `T` tests a year and the rate `r`, each test and channel has the probability `alpha = r / (C T)`. Over
 //! channels that are looked at once a test these add up to the rate whatever depends on whatever (Bonferroni); what goes together
 //! makes the rate lower. A channel that is looked at in several ways may spend up to as many times its share: the level (its
-//! average and a steady rise), the warm-up (one test, a sum over tests, a jump), parameters of the arm (one test and means of up
-//! to eight). Limits that are fixed, as of an oscillation, spend what they spend. Logs of ordinary work have a budget of their own.
+//! average and a steady rise), the warm-up (one test, a sum over tests, a jump; the same of what all joints share), parameters of
+//! the arm (one test and means of up to eight). Limits that are fixed, as of an oscillation, spend what they spend. Logs of ordinary work have a budget of their own.
 //! `armwatch evaluate` measures what comes of it.
 
 use jiff::Timestamp;

@@ -44,6 +44,8 @@ pub(super) struct State {
     pub(super) swing: Option<(usize, f64)>,
     /// Slow time constant of a joint as a multiple of the usual.
     pub(super) slower: Option<(usize, f64)>,
+    /// Slow time constants of all joints as a multiple of the usual.
+    pub(super) lubricant: Option<f64>,
     /// Offset of a joint's torque, Nm.
     pub(super) offset: Option<(usize, f64)>,
     /// Unexplained torque of a joint as a multiple of the usual.
@@ -71,7 +73,8 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
         let mut level = 0.0;
         for cycle in 1..=CYCLES {
             let minute = 3.1 * f64::from(cycle) - 1.2;
-            let slow = 25.0 * state.slower.filter(|of| of.0 == j).map_or(1.0, |of| of.1);
+            let own = state.slower.filter(|of| of.0 == j).map(|of| of.1);
+            let slow = 25.0 * own.or(state.lubricant).unwrap_or(1.0);
             let warm_up = 0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / slow).exp();
             let wrong = state.friction.map_or(0.0, |of| of(j, cycle));
             let swing = state.swing.filter(|of| of.0 == j).map_or(0.0, |of| of.1 * noise.normal());
@@ -293,6 +296,43 @@ fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
 }
 
 /// Whether an alarm has odds, and these words among the causes that are much less likely.
+#[test]
+fn another_warm_up_of_all_joints_is_one_alarm_of_the_arm() {
+    for (seed, factor) in [(1, 2.0), (2, 2.0), (3, 2.0), (4, 0.5), (5, 0.5)] {
+        let history =
+            fleet(24, seed, |run| State { lubricant: (run >= 12).then_some(factor), ..State::default() });
+        let alarm = only(&history, AnomalyKind::Thermal, None);
+        assert_eq!(alarm.quantity, "common_warm_up_time_ratio", "{alarm:?}");
+        assert!((12..=18).contains(&alarm.first_run_id), "{alarm:?}");
+        assert!(!alarm.ended, "{alarm:?}");
+        assert!((alarm.value / factor).ln().abs() < 0.5, "{alarm:?}");
+    }
+}
+
+#[test]
+fn starts_that_are_half_warm_and_a_warmer_hall_are_no_other_warm_up() {
+    fn excess(cycle: u32) -> f64 {
+        let minute = 3.1 * f64::from(cycle) - 1.2;
+        0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / 25.0).exp()
+    }
+    /// Work before each test: a fifth of the warm-up is over when it begins.
+    fn half_warm(_: usize, cycle: u32) -> f64 {
+        -0.2 * excess(cycle)
+    }
+    /// A warmer hall, of which a joint that heats itself less keeps a half.
+    fn warmer(_: usize, cycle: u32) -> f64 {
+        -0.07 * (0.5 + 0.5 * excess(cycle) / excess(1))
+    }
+    for (seed, friction) in
+        [half_warm as fn(usize, u32) -> f64, warmer].into_iter().flat_map(|of| (1..=4).map(move |s| (s, of)))
+    {
+        let history =
+            fleet(30, seed, |run| State { friction: (run >= 12).then_some(friction), ..State::default() });
+        let alarms = alarms(&history);
+        assert!(alarms.iter().all(|of| of.kind != AnomalyKind::Thermal), "{seed}: {alarms:?}");
+    }
+}
+
 fn rejects(alarm: &Anomaly, words: &str) -> bool {
     let rejected = |of: &Alternative| of.cause == words && of.odds < 0.01;
     alarm.odds.is_some_and(|odds| odds > 100.0) && alarm.alternatives.iter().any(rejected)

@@ -83,8 +83,8 @@ fn response(run: &RunSummary) -> Arc<ChannelResponse> {
 /// A life with faults of all kinds, short checks, contacts and maintenance.
 pub(super) fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let begin: Vec<i64> = (0..9).map(|_| rng.random_range(3..tests)).collect();
-    let lasts: Vec<i64> = (0..9).map(|_| rng.random_range(1..12)).collect();
+    let begin: Vec<i64> = (0..10).map(|_| rng.random_range(3..tests)).collect();
+    let lasts: Vec<i64> = (0..10).map(|_| rng.random_range(1..12)).collect();
     let is_in = |fault: usize, run: i64| (begin[fault]..begin[fault] + lasts[fault]).contains(&run);
     // joints that swing together, and one that steps
     let swing: fn(usize, u32) -> f64 = |joint, cycle| match joint {
@@ -97,6 +97,7 @@ pub(super) fn life(seed: u64, tests: i64) -> Vec<RunSummary> {
         friction: if is_in(0, run) { Some(swing) } else { is_in(1, run).then_some(step) },
         swing: is_in(2, run).then_some((4, 0.08)),
         slower: is_in(3, run).then_some((0, 2.0)),
+        lubricant: is_in(9, run).then_some(1.7),
         offset: is_in(4, run).then_some((1, 1.1)),
         unexplained: is_in(5, run).then_some((3, 4.0)),
         noise: seed.is_multiple_of(2).then_some((4, if is_in(7, run) { 2.0 } else { 1.0 })),

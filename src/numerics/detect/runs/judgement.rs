@@ -11,7 +11,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use super::arm::{ArmJudgement, UsualArm};
 use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::brief::content;
-use super::curve::causes::UsualCurves;
+use super::curve::causes::{RunCauses, UsualCurves};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{Kind, RunCause, WarmUpOfRun};
 use crate::analysis::Estimate;
@@ -20,13 +20,12 @@ use crate::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
 /// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (9, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (10, env!("CARGO_PKG_VERSION"));
 
 /// What is found in the cycles of a test.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Judgement {
-    /// By joint.
-    pub(super) causes: Vec<Option<RunCause>>,
+    pub(super) causes: RunCauses,
     pub(super) arm: ArmJudgement,
 }
 
@@ -43,8 +42,8 @@ impl Frame {
     pub(super) fn hashes(&self) -> Vec<u64> {
         let mut of_curves = Hashed(DefaultHasher::new());
         METHOD.hash(&mut of_curves.0);
-        // numbers are written to their last bit; to write into a hash does not fail
-        _ = write!(of_curves, "{:?}", self.curves.joints);
+        // to write into a hash does not fail
+        _ = self.curves.write(&mut of_curves);
         let of_arm = |arm: &UsualArm| {
             let mut hashed = Hashed(of_curves.0.clone());
             _ = write!(hashed, "{arm:?}");
@@ -225,7 +224,11 @@ impl Reader<'_> {
     }
 
     /// The outer `None` is the end of the numbers.
-    fn run_cause(&mut self, joint: usize, curves: &UsualCurves) -> Option<Option<RunCause>> {
+    fn run_cause(
+        &mut self,
+        scatter: impl Fn(usize) -> f64,
+        least_advantage: f64,
+    ) -> Option<Option<RunCause>> {
         let form = match self.byte()? {
             0 => return Some(None),
             form @ 1..=8 => form - 1,
@@ -252,8 +255,7 @@ impl Reader<'_> {
             let kind = |_| Some(Kind { cause: self.cause()?, weight: self.number()? });
             kinds = (0..count).map(kind).collect::<Option<_>>()?;
         }
-        let scatter = curves.scatter(joint, cycles);
-        let least_advantage = curves.least_advantage;
+        let scatter = scatter(cycles);
         Some(Some(RunCause {
             kinds,
             advantage,
@@ -296,8 +298,9 @@ impl Judgement {
     pub(super) fn packed(&self) -> Vec<u8> {
         let Self { causes, arm: ArmJudgement { plain, together } } = self;
         let mut packed = Packed::default();
-        packed.byte(causes.len());
-        causes.iter().for_each(|cause| packed.run_cause(cause.as_ref()));
+        packed.byte(causes.of_joints.len());
+        causes.of_joints.iter().for_each(|cause| packed.run_cause(cause.as_ref()));
+        packed.run_cause(causes.of_arm.as_ref());
         packed.byte(usize::from(plain.is_some()));
         plain.iter().for_each(|causes| packed.arm_causes(causes));
         packed.byte(together.len());
@@ -312,7 +315,11 @@ impl Judgement {
     pub(super) fn unpacked(bytes: &[u8], curves: &UsualCurves) -> Option<Self> {
         let mut reader = Reader(bytes);
         let joints = reader.byte()?;
-        let causes = (0..joints).map(|joint| reader.run_cause(joint, curves)).collect::<Option<_>>()?;
+        let least = curves.least_advantage;
+        let of_joint = |joint| reader.run_cause(|cycles| curves.scatter(joint, cycles), least);
+        let of_joints = (0..joints).map(of_joint).collect::<Option<_>>()?;
+        let of_arm = reader.run_cause(|_| curves.scatter_of_arm(), least)?;
+        let causes = RunCauses { of_joints, of_arm };
         let plain = match reader.byte()? {
             0 => None,
             _ => Some(reader.arm_causes()?),

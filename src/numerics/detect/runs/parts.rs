@@ -11,15 +11,16 @@ use super::arm::{
 };
 use super::arm_cause::ArmCause;
 use super::common_change::common_parts;
-use super::curve::causes::{UsualCurves, tests_of_usual};
+use super::curve::causes::{RunCauses, UsualCurves, tests_of_usual};
 use super::curve::run_cause::{RunCause, least_advantage};
 use super::detection::{Detection, lacks};
 use super::friction_history::{FrictionHistory, bound_spreads, learn_before_jumps};
 use super::judgement::{Frame, Judgement, key};
 use super::like_length::of_like_length;
 use super::series::friction_history;
+use super::warm_up::common_warm_up;
 use crate::anomaly::{Findings, RunSummary};
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::verdict::{DetectSettings, Verdict};
 use crate::robot::JointIndex;
 
 /// Tests that are asked for at once because nothing that holds is kept of them: so many are read, judged and left out
@@ -36,6 +37,9 @@ pub(super) struct Part<'h> {
     pub(super) faults: Vec<Option<ArmCause>>,
     /// By joint and run.
     pub(super) causes: Vec<Vec<Option<RunCause>>>,
+    /// Why what all joints share differs from the usual in each run, and what is said of their warm-up.
+    pub(super) common_causes: Vec<Option<RunCause>>,
+    pub(super) common_warm_up: Vec<Verdict>,
     /// By joint.
     pub(super) friction: Vec<FrictionHistory>,
 }
@@ -120,8 +124,11 @@ impl<'h> Parts<'h> {
         let judged = self.judged(places, &runs)?;
         let mut causes: Vec<Vec<Option<RunCause>>> = vec![Vec::with_capacity(runs.len()); self.joints];
         let mut arm = Vec::with_capacity(runs.len());
+        let mut common_causes = Vec::with_capacity(runs.len());
         for judgement in judged {
-            causes.iter_mut().zip(judgement.causes).for_each(|(causes, cause)| causes.push(cause));
+            let RunCauses { of_joints, of_arm: shared } = judgement.causes;
+            causes.iter_mut().zip(of_joints).for_each(|(causes, cause)| causes.push(cause));
+            common_causes.push(shared);
             arm.push(judgement.arm.at_least(self.least[1]));
         }
         let baseline_runs = self.settings.baseline_runs;
@@ -133,9 +140,10 @@ impl<'h> Parts<'h> {
         let common = common_parts(&friction, runs.len());
         friction.iter_mut().zip(&common).for_each(|(history, common)| history.without_common(common));
         bound_spreads(&mut friction);
-        let moments = runs.iter().map(|run| (run.run_id, run.started_at)).collect();
+        let moments: Vec<(i64, Timestamp)> = runs.iter().map(|run| (run.run_id, run.started_at)).collect();
         let faults = faults(&arm);
-        Some(Part { runs, moments, arm, faults, causes, friction })
+        let common_warm_up = common_warm_up(&common_causes, &faults, self.joints, &moments, self.settings);
+        Some(Part { runs, moments, arm, faults, causes, common_causes, common_warm_up, friction })
     }
 
     /// What is found in the cycles of each test; `None` where some have to be read first.

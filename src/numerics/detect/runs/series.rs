@@ -8,13 +8,17 @@ use super::arm_cause::{ArmCause, SignalFault};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
 use super::friction_history::FrictionHistory;
-use crate::analysis::JointSummary;
+use super::warm_up_jump::LEAST_FACTOR;
+use crate::analysis::{Estimate, JointSummary};
 use crate::anomaly::RunSummary;
 use crate::anomaly::peer::Peer;
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::verdict::{DetectSettings, Verdict};
 use crate::numerics::statistics::descriptive::median;
 use crate::robot::JointIndex;
+
+/// Standard errors from which on what all joints share says of a run that their warm-up is another one.
+const CLEAR_ERRORS: f64 = 2.0;
 
 /// A detector of a joint's tests.
 pub(super) type RunDetector = dyn for<'a> Detector<JointSeries<'a>>;
@@ -34,6 +38,10 @@ pub(super) struct JointSeries<'a> {
     pub(super) causes: &'a [Option<RunCause>],
     /// The fault of the whole arm that each run has.
     pub(super) faults: &'a [Option<ArmCause>],
+    /// Why what all joints share differs from the usual in each run, and what is said of their warm-up; empty where it was not
+    /// looked at.
+    common_causes: &'a [Option<RunCause>],
+    common_warm_up: &'a [Verdict],
     pub(super) settings: &'a DetectSettings,
     /// Other robots of the model.
     peers: &'a [Peer],
@@ -58,6 +66,8 @@ impl<'a> JointSeries<'a> {
             friction,
             causes,
             faults,
+            common_causes: &[],
+            common_warm_up: &[],
             settings,
             peers: &[],
         }
@@ -66,6 +76,11 @@ impl<'a> JointSeries<'a> {
     /// The same with other robots of the model to compare with.
     pub(super) fn among(self, peers: &'a [Peer]) -> Self {
         Self { peers, ..self }
+    }
+
+    /// The same with why what all joints share differs from the usual, and what is said of their warm-up.
+    pub(super) fn beside(self, common_causes: &'a [Option<RunCause>], common_warm_up: &'a [Verdict]) -> Self {
+        Self { common_causes, common_warm_up, ..self }
     }
 
     /// A figure of this joint in each of the other robots of the model: the median of its first tests. Robots without it
@@ -107,6 +122,27 @@ impl<'a> JointSeries<'a> {
     /// Whether one of the latest tests before a run scatters from cycle to cycle.
     pub(super) fn scattered_before(&self, run: usize) -> bool {
         (run.saturating_sub(LATEST_WITH_SCATTER)..run).any(|before| self.is_scattered(before))
+    }
+
+    /// Whether the warm-up of all joints is, or may be, another one in a run, to the same side as the joint's.
+    pub(super) fn is_warm_up_of_arm(&self, run: usize) -> bool {
+        let is_longer = self.causes[run].as_ref().and_then(|of| of.slowing).map(|(factor, _)| factor > 1.0);
+        let may_be = |of: &RunCause| {
+            let is_likeliest = of.is_beyond_margin() && matches!(of.likeliest(), Cause::TimeConstant(_));
+            let is_same = |Estimate { value, std_error }: Estimate| {
+                let is_clear = value.abs() >= LEAST_FACTOR.ln().max(CLEAR_ERRORS * std_error);
+                is_clear && is_longer == Some(value > 0.0)
+            };
+            is_likeliest || of.warm_up.is_some_and(|of| is_same(of.ln_factor))
+        };
+        matches!(self.common_warm_up.get(run), Some(Verdict::Out { .. }))
+            || self.common_causes.get(run).is_some_and(|of| of.as_ref().is_some_and(may_be))
+    }
+
+    /// Natural logarithm of the factor of the slow time constant that all joints share in a run; 0 where it is not known.
+    pub(super) fn warm_up_of_arm(&self, run: usize) -> f64 {
+        let cause = self.common_causes.get(run).and_then(Option::as_ref);
+        cause.and_then(|of| of.warm_up).map_or(0.0, |of| of.ln_factor.value)
     }
 
     fn fault(&self, run: usize) -> Option<ArmCause> {

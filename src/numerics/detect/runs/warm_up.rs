@@ -1,4 +1,4 @@
-//! Thermal: the warm-up of a joint takes another time than in its first runs.
+//! Thermal: the warm-up of a joint, or of all joints, takes another time than in its first runs.
 //!
 //! The quantity is the slow time constant as a multiple of that of the usual curve. The comparison of causes
 //! ([`super::curve`]) tells it from another level of friction and from another warmth at the start: a time constant
@@ -6,14 +6,22 @@
 //! moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs: the likelihood ratio
 //! against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as much as one run needs. And
 //! what the runs say of the factor is looked at as a series ([`super::warm_up_jump`]).
+//!
+//! What all joints share is looked at likewise, as the warm-up of the arm. Where it differs, a joint is not judged by itself: joints
+//! differ in what a lubricant does to them.
 
+use jiff::Timestamp;
+
+use super::arm_cause::ArmCause;
 use super::curve::hypothesis::Cause;
+use super::curve::run_cause::RunCause;
 use super::series::JointSeries;
-use super::warm_up_jump::{LEAST_FACTOR, WarmUpJump};
-use crate::anomaly::{AnomalyKind, Severity};
+use super::warm_up_jump::{LEAST_FACTOR, Limits, WarmUpJump};
+use crate::anomaly::{Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
+use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::rate::budget::Budget;
-use crate::numerics::detect::verdict::{Verdict, Why};
+use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why};
 
 pub(super) struct WarmUp;
 
@@ -27,32 +35,94 @@ impl Detector<JointSeries<'_>> for WarmUp {
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let is_known = |run: usize| {
+            series.runs[run].is_some() && !series.has_wrong_signal(run) && !series.is_warm_up_of_arm(run)
+        };
+        let judged = Judged {
+            causes: series.causes,
+            of_arm: &|run: usize| series.warm_up_of_arm(run),
+            is_known: &is_known,
+            alpha: alpha(series.settings, series.joints, &series.starts),
+            limits: Limits::OF_JOINT,
+            least_lead: 0.0,
+            whose: "the joint's",
+            remedy: "cold and warm friction fit; check the lubricant and what cools the joint",
+        };
+        judged.verdicts()
+    }
+}
+
+/// What each run says of the warm-up that all joints share. `causes` are those of what they share, `faults` the fault of the arm in
+/// each run, `runs` key and start of each.
+pub(super) fn common_warm_up(
+    causes: &[Option<RunCause>],
+    faults: &[Option<ArmCause>],
+    joints: usize,
+    runs: &[(i64, Timestamp)],
+    settings: &DetectSettings,
+) -> Vec<Verdict> {
+    let starts: Vec<Timestamp> = runs.iter().map(|(_, start)| *start).collect();
+    let judged = Judged {
+        causes,
+        of_arm: &|_| 0.0,
+        is_known: &|run: usize| !matches!(faults.get(run), Some(Some(ArmCause::Load(_)))),
+        alpha: alpha(settings, joints, &starts),
+        limits: Limits::OF_ARM,
+        least_lead: LEAST_LEAD_OF_ARM,
+        whose: "the arm's",
+        remedy: "friction of the first cycle fits; all joints do so, as with another or an aged lubricant",
+    };
+    judged.verdicts()
+}
+
+/// Anomalies of the warm-up that all joints share, of what [`common_warm_up`] says of each run.
+pub(super) fn of_common_warm_up(verdicts: &[Verdict], runs: &[(i64, Timestamp)]) -> Vec<Anomaly> {
+    episodes(runs, None, AnomalyKind::Thermal, "common_warm_up_time_ratio", verdicts.to_vec())
+}
+
+fn alpha(settings: &DetectSettings, joints: usize, starts: &[Timestamp]) -> f64 {
+    Budget::new(settings.false_alarms_per_robot_year, joints, starts).alpha()
+}
+
+/// Warm-ups of successive runs, and what to say of one that differs.
+struct Judged<'a> {
+    causes: &'a [Option<RunCause>],
+    is_known: &'a dyn Fn(usize) -> bool,
+    /// Logarithm of the factor that all joints share in a run; 0 where it is their own that is judged.
+    of_arm: &'a dyn Fn(usize) -> f64,
+    /// Probability of a false alarm of each run.
+    alpha: f64,
+    limits: Limits,
+    /// Least lead, in logarithms, of this cause over the next one in a run that shows it by itself.
+    least_lead: f64,
+    whose: &'static str,
+    remedy: &'static str,
+}
+
+impl Judged<'_> {
+    fn verdicts(&self) -> Vec<Verdict> {
         // evidence for a longer and for a shorter time constant, over the runs
         let mut evidence = [0.0_f64; 2];
-        let budget = Budget::new(series.settings.false_alarms_per_robot_year, series.joints, &series.starts);
-        let mut jumps = WarmUpJump::new(budget.alpha());
+        let mut jumps = WarmUpJump::new(self.alpha, self.limits);
         let verdict = |run: usize| {
-            let Some(found) = series.causes[run].as_ref().filter(|_| series.runs[run].is_some()) else {
+            let Some(found) = self.causes[run].as_ref().filter(|_| (self.is_known)(run)) else {
                 return Verdict::Unknown;
             };
-            if series.has_wrong_signal(run) {
-                return Verdict::Unknown;
-            }
             let slowing = found.slowing;
             for (side, sum) in evidence.iter_mut().enumerate() {
                 let own = slowing.filter(|(factor, _)| (*factor > 1.0) == (side == 0));
                 *sum =
                     (*sum + own.map_or(AGAINST, |(_, gain)| gain)).clamp(0.0, MOST_EVIDENCE * found.needed());
             }
-            let jump = jumps.add(run, found);
+            let jump = jumps.add(run, found, (self.of_arm)(run));
             let clear = match found.clear() {
-                Some(Cause::TimeConstant(factor)) => Some(factor),
+                Some(Cause::TimeConstant(factor)) if found.lead >= self.least_lead => Some(factor),
                 _ => slowing
                     .map(|(factor, _)| factor)
                     .filter(|factor| evidence[usize::from(*factor < 1.0)] >= found.needed()),
             };
             let (factor, usual) = match (clear, jump) {
-                (Some(factor), _) => (factor, "in the joint's first tests".to_owned()),
+                (Some(factor), _) => (factor, format!("in {} first tests", self.whose)),
                 (None, Some(jump)) => (jump.size.exp(), format!("before, for {} tests now", jump.tests)),
                 (None, None) => return Verdict::Quiet,
             };
@@ -67,8 +137,8 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 value: factor,
                 baseline: 1.0,
                 message: format!(
-                    "warming up takes {side} than {usual}, about {factor:.1} times as long, while cold and warm friction \
-                     fit; check the lubricant and what cools the joint"
+                    "warming up takes {side} than {usual}, about {factor:.1} times as long, while {}",
+                    self.remedy
                 ),
                 why: Why {
                     onset,
@@ -77,10 +147,12 @@ impl Detector<JointSeries<'_>> for WarmUp {
                 },
             }
         };
-        (0..series.causes.len()).map(verdict).collect()
+        (0..self.causes.len()).map(verdict).collect()
     }
 }
 
+/// What all joints share has starts and halls for causes, whose forms are known less well than a joint's own.
+const LEAST_LEAD_OF_ARM: f64 = 8.0;
 /// Evidence of a run that shows nothing of it, in logarithms of likelihood.
 const AGAINST: f64 = -3.0;
 /// Most evidence that is kept, as a multiple of what an alarm needs, so that an alarm ends when its cause does.

@@ -6,11 +6,11 @@
 //! values. Scatter and autocorrelation are those of its residuals, shrunk towards a prior. (About one level, a jump that is not
 //! found at once would count as scatter.) A jump counts if
 //!
-//! * it is a factor of [`LEAST_FACTOR`] or its inverse,
+//! * it is a factor of [`LEAST_FACTOR`], or of 1.6 of what all joints share, or its inverse,
 //! * it is beyond chance: of Student's distribution, with the probability that a channel has at the rate of false alarms asked
 //!   for, divided by the number of places that are tried, and with the margin for the model of the noise that other comparisons
 //!   of causes have,
-//! * it is more than goes with a change that all joints have in common.
+//! * it is more than goes with a change that all joints have in common, of friction and of the warm-up.
 //!
 //! It goes on until the mean of the latest [`LATEST`] tests differs from that before by less than half of the least factor's
 //! logarithm.
@@ -24,15 +24,32 @@ use crate::numerics::statistics::descriptive::{mean, median};
 
 /// Least ratio of time constants that counts, and the least that is tried of one run.
 pub(super) const LEAST_FACTOR: f64 = 1.25;
+/// What a jump must exceed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    /// Least factor.
+    least_factor: f64,
+    /// What chance does, as a multiple of what it does where the scatter of the tests shows all of it.
+    chance: f64,
+    /// Logarithm of the factor that goes with a change of all joints' friction, for each part of that change.
+    with_common: f64,
+}
+
+impl Limits {
+    /// Of a joint. A hall that is colder makes the warm-up another one.
+    pub(super) const OF_JOINT: Self = Self { least_factor: LEAST_FACTOR, chance: 1.0, with_common: 10.0 };
+    /// Of what all joints share. Starts and halls differ for some time in all joints alike, which the scatter of tests before does
+    /// not show: of 160 simulated years, ten had such a jump with the limits of a joint, one with these. The change of friction is
+    /// that of the first cycle.
+    pub(super) const OF_ARM: Self = Self { least_factor: 1.6, chance: 1.6, with_common: 20.0 };
+}
+
 /// Tests that are fitted at most.
 const WINDOW: usize = 80;
 /// Fewest tests before a jump and from it on.
 const FEWEST: usize = 5;
 /// Tests whose mean says whether a jump goes on.
 const LATEST: usize = 5;
-/// Logarithm of the factor that goes with a change of all joints' friction, for each part of that change: a hall that is
-/// colder makes the warm-up another one.
-const WITH_COMMON: f64 = 10.0;
 /// Prior of the standard deviation from test to test, as a part of the standard error of one test, and the tests that it is
 /// worth. Simulated robots have 0.6 in the median: the usual curve's own error is in every standard error.
 const PART_OF_ERROR: f64 = 0.7;
@@ -62,28 +79,30 @@ pub(super) struct Jump {
 /// The tests of a joint as they come.
 pub(super) struct WarmUpJump {
     alpha: f64,
+    limits: Limits,
     tests: Vec<Estimate>,
     /// Places of their runs.
     runs: Vec<usize>,
-    /// Change of friction that all joints have in common in each, in logarithms.
-    common: Vec<f64>,
+    /// Logarithms of the factors that may go with what all joints have in common in each: with its friction and its warm-up.
+    beside: Vec<[f64; 2]>,
     jump: Option<Jump>,
 }
 
 impl WarmUpJump {
     /// Before the first test. `alpha` is the probability of a false alarm that the channel has with each test.
-    pub(super) fn new(alpha: f64) -> Self {
-        Self { alpha, tests: Vec::new(), runs: Vec::new(), common: Vec::new(), jump: None }
+    pub(super) fn new(alpha: f64, limits: Limits) -> Self {
+        Self { alpha, limits, tests: Vec::new(), runs: Vec::new(), beside: Vec::new(), jump: None }
     }
 
-    /// Takes the test of the run at this place; the jump that it belongs to.
-    pub(super) fn add(&mut self, run: usize, cause: &RunCause) -> Option<Jump> {
+    /// Takes the test of the run at this place; the jump that it belongs to. `of_arm` is the factor's logarithm that all joints
+    /// share, of which a joint may have more or less.
+    pub(super) fn add(&mut self, run: usize, cause: &RunCause, of_arm: f64) -> Option<Jump> {
         let is_of_level = matches!(cause.clear(), None | Some(Cause::TimeConstant(_)));
         let is_known = |of: &WarmUpOfRun| is_of_level && of.ln_factor.std_error < SAYS_NOTHING;
         let Some(test) = cause.warm_up.filter(is_known) else { return self.jump };
         self.tests.push(test.ln_factor);
         self.runs.push(run);
-        self.common.push(test.common);
+        self.beside.push([self.limits.with_common * test.common, of_arm]);
         self.jump = match self.jump.take() {
             Some(jump) => self.goes_on(jump),
             None => self.begins(),
@@ -103,7 +122,7 @@ impl WarmUpJump {
         let begin = self.tests.len().saturating_sub(tests);
         self.tests.truncate(begin);
         self.runs.truncate(begin);
-        self.common.truncate(begin);
+        self.beside.truncate(begin);
         None
     }
 
@@ -121,10 +140,13 @@ impl WarmUpJump {
         // a log-likelihood is half a square of standard deviations
         let chance = beyond_chance(0.5 * self.alpha / tried as f64, freedom);
         let by_chance = chance.hypot((2.0 * MODEL_MARGIN).sqrt()) * size_error;
-        let common = &self.common[self.common.len() - tests.len()..];
-        let change = mean(&common[begin..])? - mean(&common[..begin])?;
-        let needed = by_chance.hypot(WITH_COMMON * change);
-        (fit.size.abs() >= needed.max(LEAST_FACTOR.ln())).then_some(Jump {
+        let beside = &self.beside[self.beside.len() - tests.len()..];
+        let change = |of: usize| {
+            let mean = |tests: &[[f64; 2]]| mean(&tests.iter().map(|each| each[of]).collect::<Vec<f64>>());
+            Some(mean(&beside[begin..])? - mean(&beside[..begin])?)
+        };
+        let needed = (self.limits.chance * by_chance).hypot(change(0)?).hypot(change(1)?);
+        (fit.size.abs() >= needed.max(self.limits.least_factor.ln())).then_some(Jump {
             size: fit.size,
             tests: tests.len() - begin,
             since: self.runs[self.runs.len() - tests.len() + begin],
@@ -183,7 +205,7 @@ mod tests {
         let (mut state, deviation) = (0.0, 0.2);
         // what the usual curve has wrong is alike in all tests
         let usual = 0.1 * rng.sample::<f64, _>(StandardNormal);
-        let mut of = WarmUpJump::new(ALPHA);
+        let mut of = WarmUpJump::new(ALPHA, Limits::OF_JOINT);
         (0..count).find_map(|test| {
             let fresh = deviation * rng.sample::<f64, _>(StandardNormal);
             state = correlation * state + fresh * f64::sqrt(1.0 - correlation * correlation);
@@ -191,7 +213,7 @@ mod tests {
             let value = usual + state + size;
             let warm_up = WarmUpOfRun { ln_factor: Estimate { value, std_error: 0.15 }, common: hall };
             let cause = RunCause { warm_up: Some(warm_up), ..RunCause::of_nothing() };
-            of.add(test, &cause).map(|jump| (test, jump))
+            of.add(test, &cause, 0.0).map(|jump| (test, jump))
         })
     }
 

@@ -2,15 +2,18 @@
 
 pub(in crate::numerics::detect::runs) mod open_run;
 
+use std::fmt::{self, Write};
+
 use super::hypothesis::{Cause, Evidence, PRIOR};
-use super::points::{Curve, curve, curves, of_joint, usual_levels};
+use super::points::{Curve, curve, curves, of_joint, shared, usual_levels};
 use super::run_cause::{LEAST_SCATTER, RunCause, WarmUpOfRun};
 use super::template;
-use super::usual::{JointCurves, Usual, common_of, joint_curves, usuals};
+use super::usual::{HALL_SPREAD, JointCurves, Usual, common_of, joint_curves, of_hall, usuals};
 use super::within_run;
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::runs::first_tests::first_tests;
+use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 
@@ -22,8 +25,19 @@ const LEAST_EVIDENCE: f64 = 3.0;
 pub(in crate::numerics::detect::runs) struct UsualCurves {
     /// By joint.
     pub(in crate::numerics::detect::runs) joints: Vec<UsualCurve>,
+    /// Of what all joints share; `None` before there are two runs that count for every joint.
+    of_arm: Option<Usual>,
     /// Advantage over no cause, in logarithms, that a cause needs.
     pub(in crate::numerics::detect::runs) least_advantage: f64,
+}
+
+/// Why the friction curves of one run differ from the usual ones.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::numerics::detect::runs) struct RunCauses {
+    /// By joint.
+    pub(in crate::numerics::detect::runs) of_joints: Vec<Option<RunCause>>,
+    /// Of what all joints share.
+    pub(in crate::numerics::detect::runs) of_arm: Option<RunCause>,
 }
 
 /// What they say of the curve of a joint.
@@ -49,32 +63,65 @@ impl UsualCurves {
         let all: Vec<Vec<Curve>> = (0..joints).map(|j| curves(history, JointIndex::new(j))).collect();
         let curves = joint_curves(all, baseline_runs);
         let level = |j: usize| history.iter().find_map(|run| usual_levels(run, JointIndex::new(j)));
-        let usual = usuals(&curves, baseline_runs, least_advantage);
+        let (usual, of_arm) = usuals(&curves, baseline_runs, least_advantage);
         let joints = usual.into_iter().zip(&curves).enumerate();
         let of = |(j, (usual, curves)): (usize, (Option<Usual>, &JointCurves))| UsualCurve {
             usual,
             scatter: curves.scatter,
             levels: level(j),
         };
-        Self { joints: joints.map(of).collect(), least_advantage }
+        Self { joints: joints.map(of).collect(), of_arm, least_advantage }
     }
 
-    /// The cause of the curve of each joint of a whole run; `None` where the run has no curve or nothing to compare it with.
-    pub(in crate::numerics::detect::runs) fn causes(&self, run: &RunSummary) -> Vec<Option<RunCause>> {
+    /// The cause of the curve of each joint of a whole run, and of what all joints share; `None` where the run has no curve or
+    /// nothing to compare it with.
+    pub(in crate::numerics::detect::runs) fn causes(&self, run: &RunSummary) -> RunCauses {
         let curves = self.curves(run);
         let differences = self.differences(&curves);
         let differences: Vec<&[(u32, f64)]> = differences.iter().map(Vec::as_slice).collect();
+        let of_arm = self.of_arm.as_ref().and_then(|usual| {
+            let shared = shared(&curves.iter().collect::<Vec<&Curve>>(), &differences);
+            (shared.len() >= template::FEWEST_CYCLES).then(|| self.of_arm_against(usual, &shared))
+        });
         let of = |(j, curve): (usize, &Curve)| {
             let of_joint = &self.joints[j];
             match of_joint.usual.as_ref().filter(|_| curve.len() >= template::FEWEST_CYCLES) {
                 Some(usual) => {
                     let common = common_of(&differences, j, curve);
-                    Some(against(usual, curve, differences[j], &common, self.least_advantage))
+                    Some(against(
+                        usual,
+                        curve,
+                        differences[j],
+                        (&common, COMMON_SPREAD),
+                        self.least_advantage,
+                    ))
                 }
                 None => self.by_itself(of_joint, curve),
             }
         };
-        curves.iter().enumerate().map(of).collect()
+        RunCauses { of_joints: curves.iter().enumerate().map(of).collect(), of_arm }
+    }
+
+    /// Of what all joints share, held against what is usual of it.
+    fn of_arm_against(&self, usual: &Usual, shared: &Curve) -> RunCause {
+        let differences: Vec<(u32, f64)> =
+            shared.iter().map(|point| (point.cycle, point.ln_torque)).collect();
+        let of_hall = of_hall(shared, &usual.template);
+        let cause = against(usual, shared, &differences, (&of_hall, HALL_SPREAD), self.least_advantage);
+        // the first cycle tells of the hall, and of the warmth at the start
+        let common = shared.first().map_or(0.0, |first| first.ln_torque);
+        RunCause { warm_up: cause.warm_up.map(|of| WarmUpOfRun { common, ..of }), ..cause }
+    }
+
+    /// Writes all that judgements follow from, numbers to their last bit; without [`Self::least_advantage`], which is asked of what
+    /// is found.
+    pub(in crate::numerics::detect::runs) fn write(&self, to: &mut impl Write) -> fmt::Result {
+        write!(to, "{:?}{:?}", self.joints, self.of_arm)
+    }
+
+    /// Usual scatter of a cycle of what all joints share.
+    pub(in crate::numerics::detect::runs) fn scatter_of_arm(&self) -> f64 {
+        self.of_arm.as_ref().map_or(f64::NAN, |usual| usual.scatter)
     }
 
     /// Usual scatter of a cycle of a joint, by which a run of so many cycles is judged.
@@ -106,12 +153,12 @@ impl UsualCurves {
 }
 
 /// Of a run with this curve, held against what is usual. `differences` are those from the usual curve, `common` the
-/// part of them that all joints share.
+/// part of them that all joints share, with the standard deviation of the joint's share.
 fn against(
     usual: &Usual,
     curve: &Curve,
     differences: &[(u32, f64)],
-    common: &[f64],
+    (common, common_spread): (&[f64], f64),
     least_advantage: f64,
 ) -> RunCause {
     let Usual { template, random, scatter } = usual;
@@ -123,6 +170,7 @@ fn against(
         minutes: &minutes,
         differences: &values,
         common,
+        common_spread,
         scatter: *scatter,
         random: *random,
     };

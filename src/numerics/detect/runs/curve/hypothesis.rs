@@ -11,7 +11,6 @@ use nalgebra::{DMatrix, DVector};
 
 use super::template::{self, Template};
 use crate::analysis::Estimate;
-use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
 
 /// Logarithm of the prior odds of one named cause against none, of one joint in one run: one in a thousand.
 pub(super) const PRIOR: f64 = -7.0;
@@ -82,8 +81,10 @@ pub(super) struct Evidence<'a> {
     pub(super) minutes: &'a [f64],
     /// Differences from the usual curve.
     pub(super) differences: &'a [f64],
-    /// What the other joints have in common.
+    /// What the other joints have in common, and the standard deviation of the joint's share in it, about one. Of what all joints
+    /// share: what the hall does to it.
     pub(super) common: &'a [f64],
+    pub(super) common_spread: f64,
     /// Standard deviation of one cycle.
     pub(super) scatter: f64,
     /// What runs of the joint differ in without a cause.
@@ -99,14 +100,20 @@ pub(super) struct RandomEffects {
     pub(super) start: f64,
 }
 
-/// What is believed of a joint before its runs say otherwise, and how many runs this belief is worth.
-const USUAL_EFFECTS: RandomEffects = RandomEffects { level: 0.01, start: 0.05 };
+/// What is believed of a joint, and of what all joints share, before runs say otherwise, and how many runs this belief is worth.
+/// A hall moves all joints by more than runs of one of them differ in otherwise.
+pub(super) const USUAL_OF_JOINT: RandomEffects = RandomEffects { level: 0.01, start: 0.05 };
+pub(super) const USUAL_OF_ARM: RandomEffects = RandomEffects { level: 0.03, start: 0.05 };
 const BELIEF_RUNS: f64 = 3.0;
 
 impl RandomEffects {
-    /// From the runs of the baseline, `(minutes, differences without the common part)` of each; and the standard
-    /// deviation of a cycle about them, `None` where no cycle is left to tell it.
-    pub(super) fn of(runs: &[(Vec<f64>, Vec<f64>)], template: &Template) -> (Self, Option<f64>) {
+    /// From the runs of the baseline, `(minutes, differences without the common part)` of each, shrunk towards what is
+    /// `believed`; and the standard deviation of a cycle about them, `None` where no cycle is left to tell it.
+    pub(super) fn of(
+        runs: &[(Vec<f64>, Vec<f64>)],
+        template: &Template,
+        believed: Self,
+    ) -> (Self, Option<f64>) {
         let columns = 1 + usize::from(template.excess(0.0) > 0.0);
         let mut effects: [Vec<f64>; 2] = Default::default();
         let (mut squares, mut freedom) = (0.0, 0.0);
@@ -126,10 +133,8 @@ impl RandomEffects {
             ((BELIEF_RUNS * least * least + sum) / (BELIEF_RUNS + found.len() as f64)).sqrt()
         };
         let [level, start] = effects;
-        let random = Self {
-            level: deviation(USUAL_EFFECTS.level, &level),
-            start: deviation(USUAL_EFFECTS.start, &start),
-        };
+        let random =
+            Self { level: deviation(believed.level, &level), start: deviation(believed.start, &start) };
         // the usual curve is the mean of these runs: it has taken a part of their scatter, and errs by as much
         let runs = runs.len() as f64;
         let inflation = (runs + 1.0) / (runs - 1.0);
@@ -271,7 +276,7 @@ impl Evidence<'_> {
         let common = DVector::from_row_slice(self.common);
         let decay = |of: [f64; 2]| DVector::from_fn(n, |i, _| template::decay(of, self.minutes[i]));
         let effects = [
-            (&common, COMMON_SPREAD),
+            (&common, self.common_spread),
             (&DVector::from_element(n, 1.0), self.random.level),
             (&decay(template.fast), self.random.start),
             (&decay(template.slow), self.random.start),
@@ -381,6 +386,7 @@ mod tests {
                 minutes: &curve.iter().map(|of| of.minute).collect::<Vec<f64>>(),
                 differences: &differences,
                 common: &vec![0.0; curve.len()],
+                common_spread: 0.0,
                 scatter: SCATTER,
                 random: RandomEffects { level: 0.01, start: 0.001 },
             };

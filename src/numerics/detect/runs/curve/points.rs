@@ -2,7 +2,7 @@
 
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
-use crate::numerics::statistics::descriptive::median;
+use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::JointIndex;
 
 /// Fewest joints whose median is what a hall or a lubricant does to all of them.
@@ -65,4 +65,23 @@ pub(in crate::numerics::detect::runs) fn common_part(others: &[&[(u32, f64)]], c
         if found.len() < FEWEST_IN_COMMON { 0.0 } else { median(&found).unwrap_or(0.0) }
     };
     cycles.iter().map(at).collect()
+}
+
+/// What all joints share in the cycles of a run: mean minute and the median of the joints' differences, of each cycle that enough
+/// joints have. `curves` and `differences` have an entry a joint, the latter empty where it has no usual curve.
+pub(super) fn shared(curves: &[&Curve], differences: &[&[(u32, f64)]]) -> Curve {
+    let mut cycles: Vec<u32> = differences.iter().flat_map(|of| of.iter().map(|(cycle, _)| *cycle)).collect();
+    cycles.sort_unstable();
+    cycles.dedup();
+    let of_cycle = |cycle: u32| {
+        let of_joint = |(curve, of): (&&Curve, &&[(u32, f64)])| {
+            let minute = curve.iter().find(|point| point.cycle == cycle)?.minute;
+            Some((minute, of.iter().find(|(own, _)| *own == cycle)?.1))
+        };
+        let (minutes, found): (Vec<f64>, Vec<f64>) =
+            curves.iter().zip(differences).filter_map(of_joint).unzip();
+        (found.len() >= FEWEST_IN_COMMON).then_some(())?;
+        Some(CurvePoint { cycle, minute: mean(&minutes)?, ln_torque: median(&found)? })
+    };
+    cycles.into_iter().filter_map(of_cycle).collect()
 }

@@ -125,6 +125,11 @@ impl RunCause {
         (size >= 1.0 && clear).then_some(cause)
     }
 
+    /// Whether the likeliest cause is likelier than no change by what curves of other forms may make.
+    pub(in crate::numerics::detect::runs) fn is_beyond_margin(&self) -> bool {
+        self.advantage >= CURVE_MARGIN
+    }
+
     /// Whether the clear cause is so also for a joint that is known to scatter: scatter has no price there for being rare.
     pub(in crate::numerics::detect::runs) fn is_clear_where_it_scatters(&self) -> bool {
         self.lead >= LEAST_LEAD_OF_STEP - PRIOR

@@ -1,8 +1,8 @@
 //! What is usual of each joint of a robot: the curve of its first runs, what runs differ in, and how much one cycle
 //! scatters.
 
-use super::hypothesis::{Cause, Judged, PRIOR, RandomEffects};
-use super::points::{Curve, common_part};
+use super::hypothesis::{Cause, Judged, PRIOR, RandomEffects, USUAL_OF_ARM, USUAL_OF_JOINT};
+use super::points::{Curve, CurvePoint, common_part, shared};
 use super::run_cause::RunCause;
 use super::template::{self, Template};
 use super::within_run;
@@ -61,12 +61,12 @@ pub(super) fn joint_curves(all: Vec<Vec<Curve>>, baseline_runs: usize) -> Vec<Jo
         .collect()
 }
 
-/// What is usual of each joint; `None` before there are two runs.
+/// What is usual of each joint, and of what all joints share; `None` before there are two runs.
 pub(super) fn usuals(
     joints: &[JointCurves],
     baseline_runs: usize,
     least_advantage: f64,
-) -> Vec<Option<Usual>> {
+) -> (Vec<Option<Usual>>, Option<Usual>) {
     let learnt = templates(joints, baseline_runs, least_advantage);
     let differences: Vec<Vec<Vec<(u32, f64)>>> = joints
         .iter()
@@ -76,7 +76,8 @@ pub(super) fn usuals(
             joint.curves.iter().map(of).collect()
         })
         .collect();
-    learnt
+    let of_arm = usual_of_arm(joints, &learnt, &differences);
+    let of_joints = learnt
         .into_iter()
         .enumerate()
         .map(|(j, (runs, template))| {
@@ -89,11 +90,72 @@ pub(super) fn usuals(
                 (minutes, alone.collect())
             };
             let runs: Vec<(Vec<f64>, Vec<f64>)> = runs.iter().map(own).collect();
-            let (random, scatter) = RandomEffects::of(&runs, &template);
+            let (random, scatter) = RandomEffects::of(&runs, &template, USUAL_OF_JOINT);
             let scatter = scatter.unwrap_or(joint.scatter).clamp(LEAST_SCATTER_OF_CYCLE, joint.most_scatter);
             Some(Usual { template, random, scatter })
         })
-        .collect()
+        .collect();
+    (of_joints, of_arm)
+}
+
+/// What is usual of the part of the curves that all joints share: the usual curve is that of their mean, of the runs that count for
+/// every joint. `differences` are those of each joint and run from the joint's usual curve.
+fn usual_of_arm(
+    joints: &[JointCurves],
+    learnt: &[(Vec<usize>, Option<Template>)],
+    differences: &[Vec<Vec<(u32, f64)>>],
+) -> Option<Usual> {
+    let known: Vec<usize> = (0..joints.len()).filter(|&j| learnt[j].1.is_some()).collect();
+    let first = *known.first()?;
+    let counts = |run: &usize| known.iter().all(|&j| learnt[j].0.contains(run));
+    let runs: Vec<usize> = learnt[first].0.iter().copied().filter(counts).collect();
+    let curves = |run: usize| -> Vec<&Curve> { known.iter().map(|&j| &joints[j].curves[run]).collect() };
+    let means: Vec<Curve> = runs.iter().map(|&run| mean_curve(&curves(run))).collect();
+    let template = Template::of(&means.iter().collect::<Vec<&Curve>>())?;
+    let of_run = |&run: &usize| {
+        let differences: Vec<&[(u32, f64)]> = known.iter().map(|&j| differences[j][run].as_slice()).collect();
+        let shared = shared(&curves(run), &differences);
+        let of_hall = of_hall(&shared, &template);
+        let minutes = shared.iter().map(|point| point.minute).collect();
+        let alone = shared.iter().zip(of_hall).map(|(point, of_hall)| point.ln_torque - of_hall);
+        (minutes, alone.collect())
+    };
+    let of_runs: Vec<(Vec<f64>, Vec<f64>)> =
+        runs.iter().map(of_run).filter(|(minutes, _): &(Vec<f64>, Vec<f64>)| !minutes.is_empty()).collect();
+    let (random, scatter) = RandomEffects::of(&of_runs, &template, USUAL_OF_ARM);
+    let scatter = scatter.unwrap_or(QUIET_SCATTER[1]).clamp(LEAST_SCATTER_OF_CYCLE, QUIET_SCATTER[1]);
+    Some(Usual { template, random, scatter })
+}
+
+/// Mean over the joints, of the cycles that all of them have.
+fn mean_curve(curves: &[&Curve]) -> Curve {
+    let Some((first, others)) = curves.split_first() else { return Curve::new() };
+    let of_cycle = |point: &CurvePoint| {
+        let same = |curve: &&Curve| curve.iter().find(|of| of.cycle == point.cycle).copied();
+        let mut all: Vec<CurvePoint> = others.iter().map(same).collect::<Option<_>>()?;
+        all.push(*point);
+        let mean = |figure: fn(&CurvePoint) -> f64| mean(&all.iter().map(figure).collect::<Vec<f64>>());
+        Some(CurvePoint {
+            cycle: point.cycle,
+            minute: mean(|of| of.minute)?,
+            ln_torque: mean(|of| of.ln_torque)?,
+        })
+    };
+    first.iter().filter_map(of_cycle).collect()
+}
+
+/// Part of the friction that a colder hall adds to a cold joint which the warm joint has no more: it warms itself by more, and
+/// what depends on warmth is a smaller share of its friction. And the standard deviation of that part between arms, as a multiple:
+/// simulated ones have 0.1 to 0.6.
+const LOST_BY_WARMING: f64 = 0.35;
+pub(super) const HALL_SPREAD: f64 = 0.7;
+
+/// What a hall that makes the first cycle differ by as much as it does takes from, or adds to, the difference of each later cycle.
+pub(super) fn of_hall(shared: &[CurvePoint], template: &Template) -> Vec<f64> {
+    let Some(first) = shared.first() else { return Vec::new() };
+    let at_first = template.excess(first.minute);
+    let left = |minute: f64| if at_first > 0.0 { template.excess(minute) / at_first } else { 1.0 };
+    shared.iter().map(|point| LOST_BY_WARMING * first.ln_torque * (left(point.minute) - 1.0)).collect()
 }
 
 /// What the other joints have in common in the cycles of a joint's curve. `differences` has an entry a joint, empty

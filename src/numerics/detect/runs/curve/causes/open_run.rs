@@ -3,7 +3,7 @@
 //! The causes, their prices and their limits are those of complete runs. Only the least number of cycles is another
 //! one: a step needs a cycle before it and two of the new level.
 
-use super::{Cause, Curve, LEAST_SCATTER, RunCause, UsualCurves, against, common_of};
+use super::{COMMON_SPREAD, Cause, Curve, LEAST_SCATTER, RunCause, UsualCurves, against, common_of};
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::runs::curve::within_run;
 
@@ -50,7 +50,8 @@ impl UsualCurves {
             Some(usual) => {
                 let common = common_of(&differences, j, curve);
                 // another time constant is judged over whole runs
-                let cause = against(usual, curve, differences[j], &common, self.least_advantage);
+                let cause =
+                    against(usual, curve, differences[j], (&common, COMMON_SPREAD), self.least_advantage);
                 Some(RunCause { effect: 0.0, ..cause })
             }
         };
