@@ -9,8 +9,7 @@
 --   :joint   only this joint; all if left out
 WITH chosen AS (
     SELECT coalesce(nullif(:robot, ''),
-                    (SELECT robot FROM runs WHERE status = 'complete' AND kind = 'test'
-                     ORDER BY started_at DESC LIMIT 1)) AS robot,
+                    (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot,
            CAST(nullif(:joint, '') AS INTEGER) AS joint
 )
 SELECT friction_index.robot,
