@@ -29,28 +29,22 @@ health AS (
 trouble AS (
     SELECT robot, sum(state = 'open') AS open_anomalies FROM anomalies GROUP BY robot
 ),
-dismissed AS (
-    SELECT runs.robot, count(*) AS runs, sum(runs.status = 'quarantined') AS quarantined_runs
+refused AS (
+    SELECT robot, sum(state = 'open') AS open_runs, sum(state = 'dismissed') AS dismissed_runs
     FROM quarantine
-    JOIN runs USING (run_id)
-    WHERE quarantine.state = 'dismissed'
-    GROUP BY runs.robot
+    WHERE state IN ('open', 'dismissed')
+    GROUP BY robot
 ),
 of_robot AS (
-    SELECT robot,
-           count(*) AS runs,
-           sum(status = 'complete' AND kind = 'test') AS complete_runs,
-           sum(status = 'quarantined') AS quarantined_runs
+    SELECT robot, count(*) AS runs, sum(status = 'complete' AND kind = 'test') AS complete_runs
     FROM runs
     GROUP BY robot
 ),
 tested AS (
-    SELECT of_robot.robot,
-           of_robot.complete_runs,
-           of_robot.quarantined_runs - coalesce(dismissed.quarantined_runs, 0) AS quarantined_runs
+    SELECT of_robot.robot, of_robot.complete_runs, coalesce(refused.open_runs, 0) AS quarantined_runs
     FROM of_robot
-    LEFT JOIN dismissed ON dismissed.robot = of_robot.robot
-    WHERE of_robot.runs > coalesce(dismissed.runs, 0)
+    LEFT JOIN refused ON refused.robot = of_robot.robot
+    WHERE of_robot.runs > coalesce(refused.dismissed_runs, 0)
 )
 SELECT tested.robot,
        coalesce(worst.status, 'untested') AS status,
