@@ -148,13 +148,13 @@ fn parameters(noise: &Noise, mass: f64) -> Vec<RunParameter> {
     found
 }
 
-fn alarms(history: &[RunSummary]) -> Vec<Anomaly> {
+pub(super) fn alarms(history: &[RunSummary]) -> Vec<Anomaly> {
     let found = detect(history, &DetectSettings::default()).anomalies;
     found.into_iter().filter(|of| of.severity > Severity::Info).collect()
 }
 
 /// The only alarm, by kind and joint number.
-fn only(history: &[RunSummary], kind: AnomalyKind, joint: Option<usize>) -> Anomaly {
+pub(super) fn only(history: &[RunSummary], kind: AnomalyKind, joint: Option<usize>) -> Anomaly {
     let found = alarms(history);
     let [alarm] = &found[..] else { panic!("one alarm: {found:#?}") };
     assert_eq!((alarm.kind, alarm.joint.map(JointIndex::number)), (kind, joint), "{alarm:#?}");
@@ -296,43 +296,6 @@ fn a_warm_up_twice_as_slow_is_thermal_and_wear_is_drift() {
 }
 
 /// Whether an alarm has odds, and these words among the causes that are much less likely.
-#[test]
-fn another_warm_up_of_all_joints_is_one_alarm_of_the_arm() {
-    for (seed, factor) in [(1, 2.0), (2, 2.0), (3, 2.0), (4, 0.5), (5, 0.5)] {
-        let history =
-            fleet(24, seed, |run| State { lubricant: (run >= 12).then_some(factor), ..State::default() });
-        let alarm = only(&history, AnomalyKind::Thermal, None);
-        assert_eq!(alarm.quantity, "common_warm_up_time_ratio", "{alarm:?}");
-        assert!((12..=18).contains(&alarm.first_run_id), "{alarm:?}");
-        assert!(!alarm.ended, "{alarm:?}");
-        assert!((alarm.value / factor).ln().abs() < 0.5, "{alarm:?}");
-    }
-}
-
-#[test]
-fn starts_that_are_half_warm_and_a_warmer_hall_are_no_other_warm_up() {
-    fn excess(cycle: u32) -> f64 {
-        let minute = 3.1 * f64::from(cycle) - 1.2;
-        0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / 25.0).exp()
-    }
-    /// Work before each test: a fifth of the warm-up is over when it begins.
-    fn half_warm(_: usize, cycle: u32) -> f64 {
-        -0.2 * excess(cycle)
-    }
-    /// A warmer hall, of which a joint that heats itself less keeps a half.
-    fn warmer(_: usize, cycle: u32) -> f64 {
-        -0.07 * (0.5 + 0.5 * excess(cycle) / excess(1))
-    }
-    for (seed, friction) in
-        [half_warm as fn(usize, u32) -> f64, warmer].into_iter().flat_map(|of| (1..=4).map(move |s| (s, of)))
-    {
-        let history =
-            fleet(30, seed, |run| State { friction: (run >= 12).then_some(friction), ..State::default() });
-        let alarms = alarms(&history);
-        assert!(alarms.iter().all(|of| of.kind != AnomalyKind::Thermal), "{seed}: {alarms:?}");
-    }
-}
-
 fn rejects(alarm: &Anomaly, words: &str) -> bool {
     let rejected = |of: &Alternative| of.cause == words && of.odds < 0.01;
     alarm.odds.is_some_and(|odds| odds > 100.0) && alarm.alternatives.iter().any(rejected)

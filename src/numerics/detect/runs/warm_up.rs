@@ -157,3 +157,49 @@ const LEAST_LEAD_OF_ARM: f64 = 8.0;
 const AGAINST: f64 = -3.0;
 /// Most evidence that is kept, as a multiple of what an alarm needs, so that an alarm ends when its cause does.
 const MOST_EVIDENCE: f64 = 1.5;
+
+#[cfg(test)]
+mod tests {
+    use crate::anomaly::AnomalyKind;
+    use crate::numerics::detect::runs::cause_tests::{State, alarms, fleet, only};
+
+    #[test]
+    fn another_warm_up_of_all_joints_is_one_alarm_of_the_arm() {
+        for (seed, factor) in [(1, 2.0), (2, 2.0), (3, 2.0), (4, 0.5), (5, 0.5)] {
+            let history =
+                fleet(24, seed, |run| State { lubricant: (run >= 12).then_some(factor), ..State::default() });
+            let alarm = only(&history, AnomalyKind::Thermal, None);
+            assert_eq!(alarm.quantity, "common_warm_up_time_ratio", "{alarm:?}");
+            assert!((12..=18).contains(&alarm.first_run_id), "{alarm:?}");
+            assert!(!alarm.ended, "{alarm:?}");
+            assert!((alarm.value / factor).ln().abs() < 0.5, "{alarm:?}");
+        }
+    }
+
+    #[test]
+    fn starts_that_are_half_warm_and_a_warmer_hall_are_no_other_warm_up() {
+        fn excess(cycle: u32) -> f64 {
+            let minute = 3.1 * f64::from(cycle) - 1.2;
+            0.15 * (-minute / 5.0).exp() + 0.25 * (-minute / 25.0).exp()
+        }
+        /// Work before each test: a fifth of the warm-up is over when it begins.
+        fn half_warm(_: usize, cycle: u32) -> f64 {
+            -0.2 * excess(cycle)
+        }
+        /// A warmer hall, of which a joint that heats itself less keeps a half.
+        fn warmer(_: usize, cycle: u32) -> f64 {
+            -0.07 * (0.5 + 0.5 * excess(cycle) / excess(1))
+        }
+        for (seed, friction) in [half_warm as fn(usize, u32) -> f64, warmer]
+            .into_iter()
+            .flat_map(|of| (1..=4).map(move |s| (s, of)))
+        {
+            let history = fleet(30, seed, |run| State {
+                friction: (run >= 12).then_some(friction),
+                ..State::default()
+            });
+            let alarms = alarms(&history);
+            assert!(alarms.iter().all(|of| of.kind != AnomalyKind::Thermal), "{seed}: {alarms:?}");
+        }
+    }
+}
