@@ -38,7 +38,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
         let is_known = |run: usize| {
             series.runs[run].is_some() && !series.has_wrong_signal(run) && !series.is_warm_up_of_arm(run)
         };
-        let judged = Judged {
+        let warm_ups = WarmUps {
             causes: series.causes,
             of_arm: &|run: usize| series.warm_up_of_arm(run),
             is_known: &is_known,
@@ -48,7 +48,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
             whose: "the joint's",
             remedy: "cold and warm friction fit; check the lubricant and what cools the joint",
         };
-        judged.verdicts()
+        warm_ups.verdicts()
     }
 }
 
@@ -62,7 +62,7 @@ pub(super) fn common_warm_up(
     settings: &DetectSettings,
 ) -> Vec<Verdict> {
     let starts: Vec<Timestamp> = runs.iter().map(|(_, start)| *start).collect();
-    let judged = Judged {
+    let warm_ups = WarmUps {
         causes,
         of_arm: &|_| 0.0,
         is_known: &|run: usize| !matches!(faults.get(run), Some(Some(ArmCause::Load(_)))),
@@ -72,7 +72,7 @@ pub(super) fn common_warm_up(
         whose: "the arm's",
         remedy: "friction of the first cycle fits; all joints do so, as with another or an aged lubricant",
     };
-    judged.verdicts()
+    warm_ups.verdicts()
 }
 
 /// Anomalies of the warm-up that all joints share, of what [`common_warm_up`] says of each run.
@@ -85,8 +85,9 @@ fn alpha(settings: &DetectSettings, joints: usize, starts: &[Timestamp]) -> f64 
 }
 
 /// Warm-ups of successive runs, and what to say of one that differs.
-struct Judged<'a> {
+struct WarmUps<'a> {
     causes: &'a [Option<RunCause>],
+    /// Whether a run says anything of them.
     is_known: &'a dyn Fn(usize) -> bool,
     /// Logarithm of the factor that all joints share in a run; 0 where it is their own that is judged.
     of_arm: &'a dyn Fn(usize) -> f64,
@@ -95,11 +96,12 @@ struct Judged<'a> {
     limits: Limits,
     /// Least lead, in logarithms, of this cause over the next one in a run that shows it by itself.
     least_lead: f64,
+    /// Whose first tests are meant, and what else fits and is to be done, for the message.
     whose: &'static str,
     remedy: &'static str,
 }
 
-impl Judged<'_> {
+impl WarmUps<'_> {
     fn verdicts(&self) -> Vec<Verdict> {
         // evidence for a longer and for a shorter time constant, over the runs
         let mut evidence = [0.0_f64; 2];

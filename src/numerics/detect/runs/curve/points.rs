@@ -80,7 +80,9 @@ pub(super) fn shared(curves: &[&Curve], differences: &[&[(u32, f64)]]) -> Curve 
         };
         let (minutes, found): (Vec<f64>, Vec<f64>) =
             curves.iter().zip(differences).filter_map(of_joint).unzip();
-        (found.len() >= FEWEST_IN_COMMON).then_some(())?;
+        if found.len() < FEWEST_IN_COMMON {
+            return None;
+        }
         Some(CurvePoint { cycle, minute: mean(&minutes)?, ln_torque: median(&found)? })
     };
     cycles.into_iter().filter_map(of_cycle).collect()
