@@ -39,10 +39,10 @@ In turns, the same number of exports is taken by one daemon into a file of SQLit
 server, and by several there that all see the folder. Each daemon has a processor of its own, by `taskset`. A turn lasts
 until every export is stored and every robot concluded. Printed are the medians of all turns: exports a minute, processor time of
 the daemons for each export, that of everything else on this machine, which is the server's where it runs here, the ratio of
-several daemons to one, and by how much the processor time of an export grows, that of the server included.
-With one daemon the server has another processor to itself. With as many daemons as processors it shares theirs, and the ratio
-stays below their number even where daemons cost each other nothing. The growth says what they do cost each other. Then, while nothing else works on the database, the time of a claim and of giving it back, which is
-each a statement with its commit.
+several daemons to one, and by how much the processor time of an export grows, that of the server included. With one
+daemon the server has another processor to itself. With as many daemons as processors it shares theirs, and the ratio
+stays below their number even where daemons cost each other nothing. The growth says what they do cost each other. Then, while
+nothing else works on the database, the time of a claim and of giving it back, which is each a statement with its commit.
 
 The database on the server must be empty, as `createdb trial` makes it; the robots of the benchmark stay in it.
 
