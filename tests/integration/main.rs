@@ -67,5 +67,6 @@ mod reading;
 mod retention;
 mod report;
 mod api;
+mod api_description;
 mod sound_recordings;
 mod wrong_recordings;

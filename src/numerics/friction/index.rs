@@ -102,6 +102,9 @@ fn raw_index(record: &JointRecord, usual: &[Option<f64>]) -> f64 {
 }
 
 #[cfg(test)]
+mod simulated_arm;
+
+#[cfg(test)]
 mod tests;
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::tests::{Arm, BASELINE, JOINTS};
+use super::simulated_arm::{Arm, BASELINE, JOINTS};
 use crate::analysis::{JointSummary, WarmFriction};
 use crate::anomaly::{Knowledge, RunSummary};
 use crate::numerics::detect::runs::detect;

@@ -1,6 +1,6 @@
 //! How often the intervals of the index hold the truth, over histories of arms unlike each other.
 
-use super::tests::{Arm, BASELINE, JOINTS};
+use super::simulated_arm::{Arm, BASELINE, JOINTS};
 use crate::numerics::statistics::distributions::normal_quantile;
 
 /// What a series of histories came to.
@@ -63,7 +63,7 @@ fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (Tally, f64) {
         arm.go_on(12, 1.5, [0.0; JOINTS]);
         for k in 0..3 {
             let hall = 1.5 * arm.normal();
-            arm.rest([0.5, 3.0, 20.0][k] * super::tests::HOUR, hall);
+            arm.rest([0.5, 3.0, 20.0][k] * super::simulated_arm::HOUR, hall);
             arm.run_of(cycles, hall, [0.0, 0.05, 0.0, 0.0, 0.0, 0.0]);
         }
         let found = arm.friction();

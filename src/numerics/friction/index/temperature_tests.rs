@@ -1,7 +1,7 @@
 //! The index where temperatures are recorded: of a motor that is neither as warm as the oil nor as the housing, or
 //! of the hall.
 
-use super::tests::{
+use super::simulated_arm::{
     ADMITTED, ADMITTED_OF_THE_UNKNOWN, Arm, BASELINE, HOUR, JOINTS, RobotFriction, Sensors, USUAL_HALL,
     WEAR_TOLERANCE, half_colder, largest, last_changes, robot_friction,
 };

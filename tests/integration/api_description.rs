@@ -1,0 +1,136 @@
+//! Whether answers of the API are as its description says.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use crate::api::{Served, TOKEN, small_alarm};
+use crate::http::Answer;
+use crate::small::export;
+
+/// The description of the API, and what it says of one answer.
+struct Description(Value);
+
+impl Description {
+    /// Panics unless an answer is as described.
+    fn check(&self, line: &str, template: &str, answer: &Answer) {
+        let method = line.split(' ').next().expect("a method").to_lowercase();
+        let operation = &self.0["paths"][template][&method];
+        assert!(operation.is_object(), "{method} {template} is not described");
+        let told = &operation["responses"][answer.status.to_string()];
+        assert!(told.is_object(), "{line}: {} is not described; it was {}", answer.status, answer.body);
+        let media =
+            answer.header("content-type").map(|media| media.split(';').next().unwrap_or_default().to_owned());
+        let Some(schema) = told["content"].as_object() else { return };
+        let media = media.unwrap_or_default();
+        let schema = schema.get(&media).unwrap_or_else(|| panic!("{line}: {media} is not described"));
+        if media != "application/json" {
+            return;
+        }
+        let mut whole = schema["schema"].clone();
+        whole["components"] = self.0["components"].clone();
+        closed(&mut whole);
+        let validator = jsonschema::draft202012::new(&whole).expect("a schema");
+        let wrong: Vec<String> = validator
+            .iter_errors(&answer.json())
+            .map(|error| format!("{}: {error}", error.instance_path()))
+            .collect();
+        assert!(wrong.is_empty(), "{line}: {wrong:?} in {}", answer.body);
+    }
+}
+
+/// Lets no object have a property that is not described.
+fn closed(schema: &mut Value) {
+    if let Some(object) = schema.as_object_mut() {
+        if object.get("properties").is_some_and(Value::is_object)
+            && object.get("type") == Some(&json!("object"))
+        {
+            object.entry("additionalProperties").or_insert(json!(false));
+        }
+        object.values_mut().for_each(closed);
+    } else if let Some(items) = schema.as_array_mut() {
+        items.iter_mut().for_each(closed);
+    }
+}
+
+#[test]
+fn answers_are_as_the_description_of_the_api_says() {
+    let served = Served::with(true, "[serve.upload]\nspool = \"spool\"\n");
+    small_alarm(&served.workshop);
+    let description = Description(served.get("/v1/openapi.json").json());
+    assert!(description.0["openapi"].as_str().is_some_and(|version| version.starts_with("3.1")));
+    assert_eq!(description.0["info"]["version"], env!("CARGO_PKG_VERSION"));
+    let token = format!("Authorization: Bearer {TOKEN}\r\n");
+    let json_body = format!("{token}Content-Type: application/json\r\n");
+    let export = export("A", 2, 6);
+    let put = format!("PUT /v1/exports/{}", export.name);
+    let hash = "0".repeat(64);
+    let deed: &[u8] = br#"{"who": "Lena"}"#;
+    let work: &[u8] = br#"{"who": "Lena", "what": "gearbox changed", "joint": 2}"#;
+    let (view, name) = ("/v1/views/{view}", "/v1/exports/{name}");
+    let answer = "/v1/anomalies/{id}/{action}";
+    let torque = "/v1/runs/{run_id}/cycles/{cycle}/torque";
+    let requests: &[(&str, &str, &str, &[u8], u16)] = &[
+        ("GET /v1/session", "/v1/session", "", b"", 200),
+        ("GET /v1/session", "/v1/session", &token, b"", 200),
+        ("GET /v1/openapi.json", "/v1/openapi.json", &token, b"", 200),
+        ("GET /v1/fleet", "/v1/fleet", &token, b"", 200),
+        ("GET /v1/fleet", "/v1/fleet", "", b"", 401),
+        ("GET /v1/fleet", "/v1/fleet", "Authorization: Bearer another-token-012345\r\n", b"", 401),
+        ("GET /v1/views", "/v1/views", &token, b"", 200),
+        ("GET /v1/views/runs", view, &token, b"", 200),
+        ("GET /v1/views/fleet_health?joint=1", view, &token, b"", 200),
+        ("GET /v1/views/anomalies", view, &token, b"", 200),
+        ("GET /v1/views/nothing", view, &token, b"", 404),
+        ("GET /v1/views/runs?x=1", view, &token, b"", 400),
+        ("POST /v1/sql", "/v1/sql", &json_body, br#"{"sql": "SELECT * FROM fleet_health"}"#, 200),
+        ("POST /v1/sql", "/v1/sql", &json_body, br#"{"sql": "SELECT * FROM run"}"#, 403),
+        ("GET /v1/runs/1/cycles/1/torque?points=100", torque, &token, b"", 200),
+        ("GET /v1/runs/1/cycles/99/torque", torque, &token, b"", 404),
+        ("GET /v1/runs/1/cycles/1/torque?points=1", torque, &token, b"", 400),
+        ("GET /v1/runs/1/cycles/one/torque", torque, &token, b"", 400),
+        ("GET /v1/runs/1/cycles/1/torque?points=few", torque, &token, b"", 400),
+        ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 200),
+        ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 409),
+        ("POST /v1/anomalies/9/acknowledge", answer, &json_body, deed, 404),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 201),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 409),
+        ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 400),
+        ("POST /v1/quarantine/1/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 409),
+        ("POST /v1/quarantine/one/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 400),
+        (&put, name, &token, &export.bytes, 201),
+        (&put, name, &token, &export.bytes, 200),
+        (&put, name, &token, b"", 400),
+        ("PUT /v1/exports/x.txt", name, &token, b"1", 415),
+        ("HEAD /v1/exports/none.csv", name, &token, b"", 404),
+        (&format!("GET /v1/exports/{hash}"), name, &token, b"", 404),
+        ("GET /health", "/health", "", b"", 200),
+        ("GET /ready", "/ready", "", b"", 200),
+        ("GET /metrics", "/metrics", &token, b"", 200),
+    ];
+    let mut asked = std::collections::BTreeSet::new();
+    for (line, template, headers, body, status) in requests {
+        let answer = served.ask(line, headers, body);
+        assert_eq!(answer.status, *status, "{line}: {}", answer.body);
+        description.check(line, template, &answer);
+        asked.insert((line.split(' ').next().expect("a method").to_lowercase(), (*template).to_owned()));
+    }
+    let first = served.workshop.query("SELECT source_name FROM runs WHERE run_id = 1");
+    let by_name = served.get(&format!("/v1/exports/{}", first[0]));
+    description.check("GET /v1/exports/NAME", name, &by_name);
+    assert_eq!(by_name.json()["run_id"], 1, "{}", by_name.body);
+
+    // nothing is described that is not asked above, but the stream without an end
+    for (template, operations) in description.0["paths"].as_object().expect("paths") {
+        for method in operations.as_object().expect("operations").keys() {
+            let is_asked = asked.contains(&(method.clone(), template.clone())) || template == "/v1/events";
+            assert!(is_asked, "{method} {template} is described and not asked here");
+        }
+    }
+    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/api.md")).expect("docs/api.md");
+    for template in description.0["paths"].as_object().expect("paths").keys() {
+        let place = template.split('{').next().expect("a beginning");
+        assert!(page.contains(place), "docs/api.md says nothing of {template}");
+    }
+    served.end();
+}
