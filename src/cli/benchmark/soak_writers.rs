@@ -50,6 +50,8 @@ pub(super) struct Writers {
 struct Robot {
     name: String,
     tests: u32,
+    /// When the next test begins: with the end of the one before at the robot's speed, not when that was noticed.
+    next: Option<Instant>,
     open: Option<OpenExport>,
     /// Exports in the folder, oldest first.
     lying: VecDeque<PathBuf>,
@@ -97,8 +99,13 @@ impl Writers {
             origins.push(origin(&made.export, pace.rate_hz)?);
         }
         std::fs::create_dir_all(&inbox).map_err(|error| named(&inbox, &error))?;
-        let robot =
-            |number| Robot { name: format!("R{number:02}"), tests: 0, open: None, lying: VecDeque::new() };
+        let robot = |number| Robot {
+            name: format!("R{number:02}"),
+            tests: 0,
+            next: None,
+            open: None,
+            lying: VecDeque::new(),
+        };
         let robots = (1..=pace.robots).map(robot).collect();
         Ok(Self { inbox, origins, robots, speed: pace.speed, began: None, recorded_s: 0.0 })
     }
@@ -137,6 +144,7 @@ impl Writers {
                 continue;
             }
             let Some(open) = robot.open.take() else { continue };
+            robot.next = Some(open.began + open.recorded.div_f64(self.speed));
             let mut mark = open.path.clone().into_os_string();
             mark.push(".done");
             std::fs::write(&mark, "").map_err(|error| named(Path::new(&mark), &error))?;
@@ -174,14 +182,8 @@ impl Writers {
         let file = OpenOptions::new().create_new(true).append(true).open(&path);
         let file = file.map_err(|error| named(&path, &error))?;
         robot.tests += 1;
-        robot.open = Some(OpenExport {
-            path,
-            file,
-            text,
-            written: 0,
-            began: Instant::now(),
-            recorded: origin.recorded,
-        });
+        let began = robot.next.unwrap_or_else(Instant::now);
+        robot.open = Some(OpenExport { path, file, text, written: 0, began, recorded: origin.recorded });
         Ok(())
     }
 }
@@ -234,5 +236,25 @@ mod tests {
         texts.sort();
         texts.dedup();
         assert_eq!(texts.len(), lying.len());
+    }
+    #[test]
+    fn a_robot_keeps_its_pace_whenever_the_end_of_a_test_is_noticed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let pace = Pace { robots: 1, cycles: 1, rate_hz: 20.0, speed: 1e4 };
+        let mut writers = Writers::new(folder.path(), folder.path().join("inbox"), pace).expect("robots");
+        // number of each test and when it began
+        let mut begins: Vec<(usize, Instant)> = Vec::new();
+        let mut ended = 0;
+        while ended < 4 {
+            ended += writers.write().expect("written").len();
+            let robot = &writers.robots[0];
+            begins.extend(robot.open.as_ref().map(|open| (robot.tests as usize, open.began)));
+            std::thread::sleep(Duration::from_millis(3));
+        }
+        begins.dedup();
+        let (first, last) = (begins[0], begins[begins.len() - 1]);
+        let recorded: Duration = (first.0..last.0).map(|test| writers.origins[test - 1].recorded).sum();
+        let error = (last.1 - first.1).abs_diff(recorded.div_f64(1e4));
+        assert!(last.0 >= first.0 + 2 && error < Duration::from_micros(1), "{begins:?}: {error:?}");
     }
 }
