@@ -29,6 +29,7 @@ mod friction_step;
 mod friction_swing;
 mod warm_up_jump;
 mod warm_up;
+mod warm_up_of_arm;
 mod arm_change;
 mod contact;
 mod coupled_swing;
@@ -46,7 +47,6 @@ use self::accuracy::Accuracy;
 use self::arm_change::arm_changes;
 use self::common_change::common_changes;
 use self::contact::contacts;
-use self::coupled_swing::joined;
 use self::detection::Detection;
 use self::friction_drift::FrictionDrift;
 use self::friction_step::FrictionStep;
@@ -145,8 +145,10 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);
         }
         findings.anomalies.extend(found);
+        findings.anomalies = warm_up_of_arm::joined(findings.anomalies, part);
     }
-    findings.anomalies = joined(findings.anomalies, history, joints, &mut |place| needs.push(place));
+    findings.anomalies =
+        coupled_swing::joined(findings.anomalies, history, joints, &mut |place| needs.push(place));
     findings.anomalies.extend(without_result(history));
     findings.expected_by = expected_by(history, settings.overdue_factor);
     parts.needs.extend(needs);

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
-use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, same};
+use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_arm, same};
 use super::settled_rows;
 use crate::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
 use crate::run::RunKind;
@@ -71,12 +71,15 @@ impl Stored {
         self.open_test.as_ref().is_some_and(|test| test.is_streaming)
     }
 
-    /// Why the history has it no longer, where there is more to say than that.
-    fn why_withdrawn(&self) -> Option<&'static str> {
-        self.open_test.as_ref().map(|test| match test.is_complete {
-            true => "not borne out by the whole test",
-            false => "the test was not read to its end",
-        })
+    /// Why the history, which has these now, has it no longer, where there is more to say than that.
+    fn why_withdrawn(&self, found: &[Episode], starts: &Starts) -> Option<&'static str> {
+        match &self.open_test {
+            Some(test) if test.is_complete => Some("not borne out by the whole test"),
+            Some(_) => Some("the test was not read to its end"),
+            None => {
+                is_told_of_arm(&self.episode, found, starts).then_some("part of one alarm of the arm now")
+            }
+        }
     }
 }
 
@@ -112,7 +115,7 @@ pub(in crate::store) async fn reconcile(
             withdraw_anomaly(&mut *connection, known.anomaly_id).await?;
         }
         if is_news && (known.before.told.is_some() || !known.before.life.state.is_closed()) {
-            let (what, why) = (EventKind::Withdrawn, known.why_withdrawn());
+            let (what, why) = (EventKind::Withdrawn, known.why_withdrawn(&found, &starts));
             events.push(record_because(&mut *connection, known.anomaly_id, what, why).await?);
         }
     }

@@ -79,6 +79,13 @@ pub(super) fn goes_on(old: &Episode, new: &Episode) -> bool {
     !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
 }
 
+/// Whether a stored episode of a joint is told as one of the whole arm now: of the same kind, at the same time.
+pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) -> bool {
+    let is_instead =
+        |new: &Episode| new.joint.is_none() && new.kind == old.kind && overlap(old, new, starts).is_some();
+    old.joint.is_some() && found.iter().any(is_instead)
+}
+
 /// Whether a kind is so much another than before that what people said of the fault does not hold for it.
 pub(super) fn is_another_fault(old: &str, new: &str) -> bool {
     old != new && !(FRICTION_KINDS.contains(&old) && FRICTION_KINDS.contains(&new))
@@ -143,7 +150,14 @@ mod tests {
             "they stand beside each other"
         );
         let of_arm = Episode { joint: None, ..drift(5, 9) };
-        assert_eq!(pairs(&[drift(5, 9)], &[of_arm]), [None]);
+        assert_eq!(pairs(&[drift(5, 9)], std::slice::from_ref(&of_arm)), [None]);
+        assert!(is_told_of_arm(&drift(5, 9), std::slice::from_ref(&of_arm), &starts()));
+        assert!(
+            !is_told_of_arm(&ended(drift(1, 3)), std::slice::from_ref(&of_arm), &starts()),
+            "it was before"
+        );
+        assert!(!is_told_of_arm(&episode("step", "friction_index", 5, 9), &[of_arm], &starts()));
+        assert!(!is_told_of_arm(&drift(5, 9), &[drift(5, 9)], &starts()));
     }
 
     #[test]

@@ -328,6 +328,23 @@ async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
 }
 
 #[tokio::test]
+async fn an_alarm_of_a_joint_that_is_told_of_the_arm_says_so_when_it_is_withdrawn() {
+    let (_folder, store) = fresh().await;
+    let robot = Robot::with_runs(&store, "R00", 6).await;
+    robot.reconcile(vec![robot.drift(1, 4)]).await;
+    let of_arm = Anomaly { joint: None, ..robot.drift(2, 5) };
+    robot.reconcile(vec![of_arm]).await;
+    let events: Vec<(String, Option<String>)> =
+        sqlx::query_as("SELECT what, why FROM anomaly_history ORDER BY anomaly_event_id")
+            .fetch_all(&store.readers)
+            .await
+            .expect("events");
+    let expected =
+        [("opened", None), ("withdrawn", Some("part of one alarm of the arm now")), ("opened", None)];
+    assert_eq!(events, expected.map(|(what, why)| (what.to_owned(), why.map(str::to_owned))));
+}
+
+#[tokio::test]
 async fn what_monitoring_and_the_dashboard_hear_is_what_is_not_settled() {
     let (_folder, store) = fresh().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;

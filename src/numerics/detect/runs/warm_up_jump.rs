@@ -155,6 +155,23 @@ impl WarmUpJump {
     }
 }
 
+/// How tests jumped with the one at `begin`: logarithm of the factor, and its standard error by the scatter of the tests about the
+/// two levels. The place is given, not sought. `None` where there are fewer than [`FEWEST`] tests before it or none from it on.
+pub(super) fn jump_at(tests: &[Estimate], begin: usize) -> Option<Estimate> {
+    let first = begin.saturating_sub(WINDOW);
+    let (tests, begin) = (&tests[first..], begin - first);
+    if begin < FEWEST || tests.len() <= begin {
+        return None;
+    }
+    let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>())?;
+    let prior = (PART_OF_ERROR * usual).max(LEAST_DEVIATION);
+    let pattern = |place: usize| if place < begin { 0.0 } else { 1.0 };
+    let fit_with = |correlation: f64| Whitened::new(tests, prior, correlation).fit(pattern);
+    let fit = fit_with(correlation(tests, begin, &fit_with(CORRELATION), prior));
+    let freedom = WORTH + tests.len() as f64 - 2.0;
+    Some(Estimate { value: fit.size, std_error: fit.size_error * ((WORTH + fit.rest) / freedom).sqrt() })
+}
+
 /// The place with which a jump explains tests best that scatter by `deviation`, and the fit.
 fn likeliest(tests: &[Estimate], deviation: f64, correlation: f64) -> Option<(usize, Fit)> {
     let fits = Whitened::new(tests, deviation, correlation).jumps();

@@ -11,7 +11,7 @@ use crate::numerics::detect::window::{Lengths, Moment, Windowed, hash_of};
 use crate::robot::JointIndex;
 
 /// Changes whenever the program settles something else in the same tests.
-const METHOD: u64 = 9;
+const METHOD: u64 = 10;
 
 /// Hash of what is settled in a history of tests, beside these: settings, lengths and the other robots of the model.
 #[must_use]

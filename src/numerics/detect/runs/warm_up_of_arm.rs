@@ -1,0 +1,165 @@
+//! Thermal: alarms of joints' warm-ups that are the arm's.
+//!
+//! Another lubricant changes the warm-up of all joints, of some more than of others, and shows in one joint before what all joints
+//! share is beyond chance ([`super::warm_up`]). Alarms of two joints to the same side, at the same time or soon after one another, are the
+//! arm's: one cause is likelier than two. So is an alarm of one joint if what all joints share, their median, jumped with
+//! it to the same side, by [`LEAST_FACTOR`] or more, [`LEAST_PART`] of the joint's own factor and [`CLEAR_ERRORS`] standard
+//! errors. The place of that jump is given, so that chance has one try.
+
+use super::curve::run_cause::RunCause;
+use super::parts::Part;
+use super::warm_up_jump::{LEAST_FACTOR, jump_at};
+use crate::analysis::Estimate;
+use crate::anomaly::{Anomaly, AnomalyKind};
+use crate::numerics::statistics::descriptive::mean;
+
+/// The quantities of warm-ups, of a joint and of the arm.
+const OF_JOINT: &str = "warm_up_time_ratio";
+const OF_ARM: &str = "common_warm_up_time_ratio";
+/// Least jump of what all joints share, as a part of the joint's, in logarithms.
+const LEAST_PART: f64 = 0.6;
+/// Standard errors that it is away from none.
+const CLEAR_ERRORS: f64 = 3.0;
+/// Most tests from the last one of an alarm to the first one of the next, where they are one after the other.
+const APART: usize = 2;
+
+/// Most tests between the onsets of two alarms of one cause.
+const TOGETHER: usize = 10;
+
+/// An alarm of a warm-up with the places of its tests.
+struct Seen {
+    alarm: Anomaly,
+    /// Of its onset and of its last test.
+    span: (usize, usize),
+    is_longer: bool,
+    /// Whether what all joints share shows it, too.
+    is_shared: bool,
+}
+
+/// Joins the alarms of the arm's warm-up and those of joints in the same tests that belong to it. All else stays as it is.
+pub(super) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> Vec<Anomaly> {
+    let place = |run_id: i64| part.moments.iter().position(|(id, _)| *id == run_id);
+    let seen = |of: &Anomaly| {
+        let is_warm_up = of.kind == AnomalyKind::Thermal && [OF_JOINT, OF_ARM].contains(&of.quantity);
+        let span = is_warm_up.then(|| Some((place(of.onset.run_id)?, place(of.last_run_id)?)))??;
+        let is_shared = of.joint.is_none() || is_shared(of, span, &part.common_causes);
+        Some(Seen { alarm: of.clone(), span, is_longer: of.value > 1.0, is_shared })
+    };
+    let (mut warm_ups, mut rest) = (Vec::new(), Vec::new());
+    for of in found {
+        match seen(&of) {
+            Some(seen) => warm_ups.push(seen),
+            None => rest.push(of),
+        }
+    }
+    warm_ups.sort_by_key(|of| (of.span.0, of.alarm.joint));
+    let mut groups: Vec<Vec<Seen>> = Vec::new();
+    for of in warm_ups {
+        let meets = |other: &Seen| {
+            let is_soon = of.span.0 <= (other.span.1 + APART).min(other.span.0 + TOGETHER);
+            is_soon && of.is_longer == other.is_longer
+        };
+        match groups.iter_mut().find(|group| group.iter().any(meets)) {
+            Some(group) => group.push(of),
+            None => groups.push(vec![of]),
+        }
+    }
+    for group in groups {
+        let is_of_one = group.iter().all(|of| of.alarm.joint == group[0].alarm.joint);
+        let is_own = is_of_one && (group[0].alarm.joint.is_none() || !group.iter().any(|of| of.is_shared));
+        let alarms: Vec<Anomaly> = group.into_iter().map(|of| of.alarm).collect();
+        match one_alarm(&alarms).filter(|_| !is_own) {
+            Some(of_arm) => rest.push(of_arm),
+            None => rest.extend(alarms),
+        }
+    }
+    rest
+}
+
+/// Whether what all joints share jumped with an alarm of one of them, so that it is the arm's.
+fn is_shared(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCause>]) -> bool {
+    let known = |at: usize| Some((at, causes.get(at)?.as_ref()?.warm_up?.ln_factor));
+    let tests: Vec<(usize, Estimate)> = (0..=last).filter_map(known).collect();
+    let before = tests.iter().filter(|(at, _)| *at < begin).count();
+    let values: Vec<Estimate> = tests.into_iter().map(|(_, value)| value).collect();
+    let own = of.value.ln();
+    jump_at(&values, before).is_some_and(|jump| {
+        let least = LEAST_FACTOR.ln().max(LEAST_PART * own.abs()).max(CLEAR_ERRORS * jump.std_error);
+        jump.value * own.signum() >= least
+    })
+}
+
+/// The alarm of the arm that these are. The factor is the arm's own, where it has an alarm, else the geometric mean of the joints'.
+fn one_alarm(parts: &[Anomaly]) -> Option<Anomaly> {
+    let own = parts.iter().filter(|of| of.joint.is_none()).max_by_key(|of| of.last_seen_at);
+    let first = parts.iter().min_by_key(|of| (of.first_seen_at, of.joint))?;
+    let last = parts.iter().max_by_key(|of| of.last_seen_at)?;
+    let began = parts.iter().min_by_key(|of| of.onset.at)?;
+    let mut joints: Vec<_> = parts.iter().filter_map(|of| of.joint).collect();
+    joints.sort_unstable();
+    joints.dedup();
+    let joints: Vec<String> = joints.iter().map(ToString::to_string).collect();
+    let factors: Vec<f64> = parts.iter().filter(|of| of.joint.is_some()).map(|of| of.value.ln()).collect();
+    let value = own.map_or_else(|| mean(&factors).unwrap_or(0.0).exp(), |of| of.value);
+    let side = if value > 1.0 { "longer" } else { "less" };
+    let named = if joints.len() == 1 { "joint" } else { "joints" };
+    let shows = if joints.len() == 1 { "shows" } else { "show" };
+    Some(Anomaly {
+        joint: None,
+        quantity: OF_ARM,
+        severity: parts.iter().map(|of| of.severity).max()?,
+        peak_severity: parts.iter().map(|of| of.peak_severity).max()?,
+        value,
+        score: value.ln().abs(),
+        peak_value: own.map_or(value, |of| of.peak_value),
+        peak_score: own.map_or(value.ln().abs(), |of| of.peak_score),
+        first_run_id: first.first_run_id,
+        first_seen_at: first.first_seen_at,
+        first_cycle: first.first_cycle,
+        last_run_id: last.last_run_id,
+        last_seen_at: last.last_seen_at,
+        onset: began.onset,
+        ended: parts.iter().all(|of| of.ended),
+        // what causes of one joint were weighed says nothing of the arm's
+        odds: own.and_then(|of| of.odds),
+        alternatives: own.map_or_else(Vec::new, |of| of.alternatives.clone()),
+        message: format!(
+            "warming up of all joints takes {side} than before, about {value:.1} times as long ({named} {} {shows} it by \
+             {}); all joints do so, as with another or an aged lubricant",
+            joints.join(", "),
+            if joints.len() == 1 { "itself" } else { "themselves" },
+        ),
+        ..own.unwrap_or(first).clone()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::detect::runs::cause_tests::{State, fleet, only};
+
+    #[test]
+    fn a_joint_that_shows_another_lubricant_first_is_not_blamed() {
+        for seed in 1..=6 {
+            let history = fleet(30, seed, |run| State {
+                slower: (run >= 12).then_some((2, 2.6)),
+                lubricant: (run >= 12).then_some(1.6),
+                ..State::default()
+            });
+            let alarm = only(&history, AnomalyKind::Thermal, None);
+            assert_eq!(alarm.quantity, OF_ARM, "{alarm:?}");
+            assert!((1.2..3.0).contains(&alarm.value), "{alarm:?}");
+            assert!(!alarm.ended, "{alarm:?}");
+        }
+    }
+
+    #[test]
+    fn a_joint_alone_stays_the_joint_that_is_blamed() {
+        for seed in 1..=6 {
+            let history =
+                fleet(30, seed, |run| State { slower: (run >= 12).then_some((2, 2.2)), ..State::default() });
+            let alarm = only(&history, AnomalyKind::Thermal, Some(3));
+            assert_eq!(alarm.quantity, OF_JOINT, "{alarm:?}");
+        }
+    }
+}
