@@ -1,8 +1,6 @@
 //! `armwatch benchmark soak`: memory, open files and latency of a daemon before robots that write without pause.
 
-use std::fs::File;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -12,7 +10,7 @@ use super::child_daemon::ChildDaemon;
 use super::soak_writers::{Pace, Writers, Written};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::statistics::descriptive::{mean, median};
+use crate::numerics::statistics::descriptive::median;
 use crate::numerics::statistics::slope::{MedianSlope, median_slope};
 use crate::store::{Store, StoreError};
 
@@ -42,11 +40,9 @@ unit of the service has (MALLOC_ARENA_MAX and two thresholds), where they are no
 after the other, each as it grows, so many times as fast as it was recorded; each test is a day later than the one
 before. Printed are, over time, the daemon's memory and open files, and the time from the last row of a test until it
 is stored, and until the robot is concluded from it. Robots begin one after the other, spread over the time of a test.
-The first quarter of the time does not count. The verdict stands on the median of the slopes between all pairs of means
-of 24 parts of the rest, with its 95 % interval: `flat` where the interval says that the figure changes by less than 5 %
-over the time, `grows` or `falls` where it excludes zero, else `undecided`. Delays are divided by how much longer than
-usual a fixed piece of work took in the same part, done once a second (reference_s: to read the numbers of a test and to
-write its text to the disk), since a machine is not equally fast at any time. Exit status 1 unless all are flat or fall.
+The first quarter of the time does not count. The verdict stands on the median of the slopes between all pairs of 24
+parts of the rest, with its 95 % interval: `flat` where the interval says that the figure changes by less than 5 % over
+the time, `grows` or `falls` where it excludes zero, else `undecided`. Exit status 1 unless all are flat or fall.
 
 Examples:
   armwatch benchmark soak --minutes 15
@@ -95,7 +91,6 @@ struct Seen {
     handles: Series,
     stored_s: Series,
     concluded_s: Series,
-    reference_s: Series,
 }
 
 pub(in crate::cli) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliError> {
@@ -105,14 +100,13 @@ pub(in crate::cli) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliEr
     output::print_hint("simulating tests");
     let mut writers = Writers::new(folder.path(), folder.path().join("inbox"), pace)?;
     let seen = runtime()?.block_on(watched(folder.path(), &mut writers, args.minutes))?;
-    let (minutes, reference) = (args.minutes, &seen.reference_s);
     let figures = [
-        Figure::new("memory, MB", "memory_mb", seen.memory_mb, None, minutes),
-        Figure::new("open files", "handles", seen.handles, None, minutes),
-        Figure::new("until stored, s", "stored_s", seen.stored_s, Some(reference), minutes),
-        Figure::new("until concluded, s", "concluded_s", seen.concluded_s, Some(reference), minutes),
+        Figure::new("memory, MB", "memory_mb", seen.memory_mb, args.minutes),
+        Figure::new("open files", "handles", seen.handles, args.minutes),
+        Figure::new("until stored, s", "stored_s", seen.stored_s, args.minutes),
+        Figure::new("until concluded, s", "concluded_s", seen.concluded_s, args.minutes),
     ];
-    report(global, args, &writers, &figures, reference);
+    report(global, args, &writers, &figures);
     let is_well = figures.iter().all(|figure| matches!(figure.verdict, Verdict::Flat | Verdict::Falls));
     Ok(if is_well { EXIT_DONE } else { EXIT_FOUND })
 }
@@ -128,7 +122,6 @@ async fn watched(folder: &Path, writers: &mut Writers, minutes: f64) -> Result<S
     let store = store.ok_or_else(|| CliError::Internal("the database is gone".into()))?;
     let (began, mut seen, mut waiting) = (Instant::now(), Seen::default(), Waiting::default());
     let (mut next_look, mut next_asked) = (began, began);
-    let reference = Reference { text: writers.text_of_a_test(), file: folder.join("reference") };
     let length = Duration::from_secs_f64(60.0 * minutes);
     while began.elapsed() < length || (!waiting.is_empty() && began.elapsed() < length + LAST_TESTS) {
         daemon.check()?;
@@ -142,7 +135,6 @@ async fn watched(folder: &Path, writers: &mut Writers, minutes: f64) -> Result<S
             daemon.said();
             seen.memory_mb.extend(daemon.memory_mb().map(|memory| (now, memory)));
             seen.handles.extend(daemon.handles().map(|handles| (now, handles)));
-            seen.reference_s.push((now, reference.run()?.as_secs_f64()));
         }
         if next_asked.elapsed() > ASKED && !waiting.is_empty() {
             next_asked = Instant::now();
@@ -197,26 +189,6 @@ impl Waiting {
     }
 }
 
-/// Work that is alike at any time, so that what the machine does faster or slower is not taken for the daemon's: numbers of the
-/// text of a test are read, and the text is written to a file as far as the disk.
-struct Reference {
-    text: String,
-    file: PathBuf,
-}
-
-impl Reference {
-    /// How long it takes now.
-    fn run(&self) -> Result<Duration, CliError> {
-        let began = Instant::now();
-        let sum: f64 = self.text.split([',', '\n']).filter_map(|cell| cell.parse::<f64>().ok()).sum();
-        std::hint::black_box(sum);
-        let written = File::create(&self.file)
-            .and_then(|mut file| file.write_all(self.text.as_bytes()).and_then(|()| file.sync_all()));
-        written.map_err(|error| CliError::Io(format!("{}: {error}", self.file.display())))?;
-        Ok(began.elapsed())
-    }
-}
-
 /// Whether a figure stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
@@ -237,7 +209,7 @@ impl Verdict {
     }
 }
 
-/// A figure over time with its slope an hour, of delays as a multiple of what the reference took, in its usual time.
+/// A figure over time with its slope an hour.
 struct Figure {
     title: &'static str,
     key: &'static str,
@@ -247,16 +219,9 @@ struct Figure {
 }
 
 impl Figure {
-    fn new(
-        title: &'static str,
-        key: &'static str,
-        series: Series,
-        reference: Option<&Series>,
-        minutes: f64,
-    ) -> Self {
-        let from = FIRST_SHARE * minutes;
-        let counted: Series = series.iter().copied().filter(|(at, _)| *at >= from).collect();
-        let slope = median_slope(&parts(&counted, reference, from, minutes), LEVEL);
+    fn new(title: &'static str, key: &'static str, series: Series, minutes: f64) -> Self {
+        let counted: Series = series.iter().copied().filter(|(at, _)| *at >= FIRST_SHARE * minutes).collect();
+        let slope = median_slope(&parts(&counted, FIRST_SHARE * minutes, minutes), LEVEL);
         let typical = median(&values(&counted)).unwrap_or(0.0);
         let verdict = slope.map_or(Verdict::Undecided, |slope| {
             let span = minutes * (1.0 - FIRST_SHARE);
@@ -269,12 +234,12 @@ impl Figure {
         });
         Self { title, key, series, slope, verdict }
     }
-}
 
-/// Median of the values between two moments.
-fn between(series: &Series, from: f64, to: f64) -> Option<f64> {
-    let inside = series.iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, value)| *value);
-    median(&inside.collect::<Vec<f64>>())
+    /// Median of the values between two moments.
+    fn between(&self, from: f64, to: f64) -> Option<f64> {
+        let inside = self.series.iter().filter(|(at, _)| (from..to).contains(at)).map(|(_, value)| *value);
+        median(&inside.collect::<Vec<f64>>())
+    }
 }
 
 /// What the interval of a change says, where one of less than `flat` is none.
@@ -294,27 +259,18 @@ fn values(series: &Series) -> Vec<f64> {
     series.iter().map(|(_, value)| *value).collect()
 }
 
-/// Middle and mean of each part of the time that has values: delays are known to [`ASKED`], and a mean to less. Where there is a
-/// reference, the mean is that at its usual speed.
-fn parts(series: &Series, reference: Option<&Series>, from: f64, to: f64) -> Series {
+/// Middle and median of each part of the time that has values.
+fn parts(series: &Series, from: f64, to: f64) -> Series {
     let width = (to - from) / PARTS as f64;
-    let mean_between = |series: &Series, begins: f64| {
-        let inside = series.iter().filter(|(at, _)| (begins..begins + width).contains(at));
-        mean(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
-    };
-    let usual = reference.and_then(|of| median(&values(of)));
     let part = |place: usize| {
         let begins = from + place as f64 * width;
-        let slowness = match (reference, usual) {
-            (Some(of), Some(usual)) => mean_between(of, begins)? / usual,
-            _ => 1.0,
-        };
-        Some((begins + 0.5 * width, mean_between(series, begins)? / slowness))
+        let inside = series.iter().filter(|(at, _)| (begins..begins + width).contains(at));
+        Some((begins + 0.5 * width, median(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())?))
     };
     (0..PARTS).filter_map(part).collect()
 }
 
-fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure], reference: &Series) {
+fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure]) {
     let speed = writers.recorded_s / (60.0 * args.minutes) / f64::from(args.robots);
     let tests = writers.tests();
     if global.json {
@@ -332,7 +288,7 @@ fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure
             .collect();
         return output::json(&json!({
             "minutes": args.minutes, "robots": args.robots, "cycles": args.cycles, "rate_hz": args.rate_hz,
-            "speed": speed, "tests": tests, "figures": figures, "reference_s": reference,
+            "speed": speed, "tests": tests, "figures": figures,
         }));
     }
     output::line(&format!(
@@ -344,15 +300,12 @@ fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure
     let rows: Vec<Vec<String>> = (0..TABLE_ROWS)
         .map(|row| {
             let (from, to) = (row as f64 * width, (row + 1) as f64 * width);
-            let cells = figures.iter().map(|figure| number(between(&figure.series, from, to)));
-            let slowness = between(reference, from, to).map_or_else(|| "-".to_owned(), |s| format!("{s:.4}"));
-            std::iter::once(format!("{to:.1}")).chain(cells).chain([slowness]).collect()
+            let cells = figures.iter().map(|figure| number(figure.between(from, to)));
+            std::iter::once(format!("{to:.1}")).chain(cells).collect()
         })
         .collect();
-    let header: Vec<&str> = std::iter::once("minute")
-        .chain(figures.iter().map(|figure| figure.key))
-        .chain(["reference_s"])
-        .collect();
+    let header: Vec<&str> =
+        std::iter::once("minute").chain(figures.iter().map(|figure| figure.key)).collect();
     output::line(&output::table(&header, &rows));
     let rows: Vec<Vec<String>> = figures
         .iter()
@@ -405,33 +358,13 @@ mod tests {
             };
             (0..600).map(value).collect()
         };
-        let still = Figure::new("memory", "memory_mb", series(0.0), None, 10.0);
+        let still = Figure::new("memory", "memory_mb", series(0.0), 10.0);
         assert_eq!(still.verdict, Verdict::Flat, "{:?}", still.slope);
-        let leak = Figure::new("memory", "memory_mb", series(1.0), None, 10.0);
+        let leak = Figure::new("memory", "memory_mb", series(1.0), 10.0);
         assert_eq!(leak.verdict, Verdict::Grows);
         let slope = leak.slope.expect("a slope");
         assert!((slope.value - 60.0).abs() < 6.0, "{slope:?}");
-        assert_eq!(Figure::new("memory", "memory_mb", Vec::new(), None, 10.0).verdict, Verdict::Undecided);
-    }
-
-    #[test]
-    fn what_a_slower_machine_does_is_not_the_daemons_and_what_the_daemon_does_is() {
-        // a machine that is a fifth slower for half of the time, and a daemon whose delay grows by a tenth or not
-        let slow = |at: f64| if at < 6.0 { 1.0 } else { 1.2 };
-        let series = |growth: f64| -> Series {
-            let value = |place: i32| {
-                let at = f64::from(place) / 60.0;
-                (at, 0.2 * slow(at) * (1.0 + growth * at / 10.0) + 0.001 * f64::from(place % 3))
-            };
-            (0..600).map(value).collect()
-        };
-        let reference: Series =
-            (0..600).map(|place| f64::from(place) / 60.0).map(|at| (at, 0.01 * slow(at))).collect();
-        let figure =
-            |growth| Figure::new("delay", "stored_s", series(growth), Some(&reference), 10.0).verdict;
-        assert_eq!(figure(0.0), Verdict::Flat);
-        assert_eq!(figure(0.1), Verdict::Grows);
-        assert_eq!(Figure::new("delay", "stored_s", series(0.0), None, 10.0).verdict, Verdict::Grows);
+        assert_eq!(Figure::new("memory", "memory_mb", Vec::new(), 10.0).verdict, Verdict::Undecided);
     }
 
     #[test]

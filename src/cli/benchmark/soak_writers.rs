@@ -110,11 +110,6 @@ impl Writers {
         Ok(Self { inbox, origins, robots, speed: pace.speed, began: None, recorded_s: 0.0 })
     }
 
-    /// Rows of the first test.
-    pub(super) fn text_of_a_test(&self) -> String {
-        String::from_utf8_lossy(&self.origins[0].others).into_owned()
-    }
-
     /// Tests that were begun.
     pub(super) fn tests(&self) -> u32 {
         self.robots.iter().map(|robot| robot.tests).sum()
