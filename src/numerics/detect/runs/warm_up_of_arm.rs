@@ -66,9 +66,10 @@ pub(super) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> Vec<Anomaly> {
     }
     for group in groups {
         let is_of_one = group.iter().all(|of| of.alarm.joint == group[0].alarm.joint);
-        let is_own = is_of_one && (group[0].alarm.joint.is_none() || !group.iter().any(|of| of.is_shared));
+        let is_shared = group.iter().any(|of| of.is_shared);
+        let is_own = is_of_one && (group[0].alarm.joint.is_none() || !is_shared);
         let alarms: Vec<Anomaly> = group.into_iter().map(|of| of.alarm).collect();
-        match one_alarm(&alarms).filter(|_| !is_own) {
+        match one_alarm(&alarms, is_shared).filter(|_| !is_own) {
             Some(of_arm) => rest.push(of_arm),
             None => rest.extend(alarms),
         }
@@ -90,7 +91,7 @@ fn is_shared(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCa
 }
 
 /// The alarm of the arm that these are. The factor is the arm's own, where it has an alarm, else the geometric mean of the joints'.
-fn one_alarm(parts: &[Anomaly]) -> Option<Anomaly> {
+fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
     let own = parts.iter().filter(|of| of.joint.is_none()).max_by_key(|of| of.last_seen_at);
     let first = parts.iter().min_by_key(|of| (of.first_seen_at, of.joint))?;
     let last = parts.iter().max_by_key(|of| of.last_seen_at)?;
@@ -102,8 +103,16 @@ fn one_alarm(parts: &[Anomaly]) -> Option<Anomaly> {
     let factors: Vec<f64> = parts.iter().filter(|of| of.joint.is_some()).map(|of| of.value.ln()).collect();
     let value = own.map_or_else(|| mean(&factors).unwrap_or(0.0).exp(), |of| of.value);
     let side = if value > 1.0 { "longer" } else { "less" };
-    let named = if joints.len() == 1 { "joint" } else { "joints" };
-    let shows = if joints.len() == 1 { "shows" } else { "show" };
+    let shown = match &joints[..] {
+        [one] => format!("joint {one} shows it by itself"),
+        all => format!("joints {} show it by themselves", all.join(", ")),
+    };
+    let cause = match is_shared {
+        true => "and all joints share it, as with another or an aged lubricant",
+        false => {
+            "at about the same time, so that one cause is likelier than two: check the lubricant and what cools the arm"
+        }
+    };
     Some(Anomaly {
         joint: None,
         quantity: OF_ARM,
@@ -124,10 +133,7 @@ fn one_alarm(parts: &[Anomaly]) -> Option<Anomaly> {
         odds: own.and_then(|of| of.odds),
         alternatives: own.map_or_else(Vec::new, |of| of.alternatives.clone()),
         message: format!(
-            "warming up of all joints takes {side} than before, about {value:.1} times as long ({named} {} {shows} it by \
-             {}); all joints do so, as with another or an aged lubricant",
-            joints.join(", "),
-            if joints.len() == 1 { "itself" } else { "themselves" },
+            "warming up takes {side} than before, about {value:.1} times as long; {shown}, {cause}"
         ),
         ..own.unwrap_or(first).clone()
     })
