@@ -237,6 +237,7 @@ mod tests {
         texts.dedup();
         assert_eq!(texts.len(), lying.len());
     }
+
     #[test]
     fn a_robot_keeps_its_pace_whenever_the_end_of_a_test_is_noticed() {
         let folder = tempfile::tempdir().expect("a folder");

@@ -30,6 +30,7 @@ mod friction_swing;
 mod warm_up_jump;
 mod warm_up;
 mod warm_up_of_arm;
+mod one_of_several;
 mod arm_change;
 mod contact;
 mod coupled_swing;

@@ -79,10 +79,21 @@ pub(super) fn goes_on(old: &Episode, new: &Episode) -> bool {
     !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
 }
 
+/// What the alarms of several joints become one of, by kind: an oscillation of any quantity, a warm-up of the arm's. Friction of all
+/// joints that the hall changes is no joint's alarm.
+const OF_ALL_JOINTS: [(&str, Option<&str>); 2] =
+    [("oscillation", None), ("thermal", Some("common_warm_up_time_ratio"))];
+
 /// Whether a stored episode of a joint is told as one of the whole arm now: of the same kind, at the same time.
 pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) -> bool {
-    let is_instead =
-        |new: &Episode| new.joint.is_none() && new.kind == old.kind && overlap(old, new, starts).is_some();
+    let is_joined = |new: &Episode| {
+        OF_ALL_JOINTS
+            .iter()
+            .any(|(kind, quantity)| new.kind == *kind && quantity.is_none_or(|of| new.quantity == of))
+    };
+    let is_instead = |new: &Episode| {
+        new.joint.is_none() && is_joined(new) && new.kind == old.kind && overlap(old, new, starts).is_some()
+    };
     old.joint.is_some() && found.iter().any(is_instead)
 }
 
@@ -150,14 +161,22 @@ mod tests {
             "they stand beside each other"
         );
         let of_arm = Episode { joint: None, ..drift(5, 9) };
-        assert_eq!(pairs(&[drift(5, 9)], std::slice::from_ref(&of_arm)), [None]);
-        assert!(is_told_of_arm(&drift(5, 9), std::slice::from_ref(&of_arm), &starts()));
-        assert!(
-            !is_told_of_arm(&ended(drift(1, 3)), std::slice::from_ref(&of_arm), &starts()),
-            "it was before"
-        );
-        assert!(!is_told_of_arm(&episode("step", "friction_index", 5, 9), &[of_arm], &starts()));
-        assert!(!is_told_of_arm(&drift(5, 9), &[drift(5, 9)], &starts()));
+        assert_eq!(pairs(&[drift(5, 9)], &[of_arm]), [None]);
+    }
+
+    #[test]
+    fn an_alarm_of_a_joint_is_told_of_the_arm_where_joints_are_joined_at_the_time() {
+        let is_told = |old: &Episode, new: Episode| is_told_of_arm(old, &[new], &starts());
+        let of_arm = |of: Episode| Episode { joint: None, ..of };
+        let swing = |from, to| episode("oscillation", "friction_swing", from, to);
+        let warm_up = episode("thermal", "warm_up_time_ratio", 5, 9);
+        assert!(is_told(&swing(5, 9), of_arm(swing(6, 10))));
+        assert!(is_told(&warm_up, of_arm(episode("thermal", "common_warm_up_time_ratio", 6, 10))));
+        assert!(!is_told(&warm_up, of_arm(episode("thermal", "common_friction_ratio", 6, 10))), "the hall");
+        assert!(!is_told(&ended(swing(1, 3)), of_arm(swing(6, 10))), "it was before");
+        assert!(!is_told(&warm_up, of_arm(swing(6, 10))), "another kind");
+        assert!(!is_told(&swing(5, 9), swing(6, 10)), "of a joint");
+        assert!(!is_told(&drift(5, 9), of_arm(drift(6, 10))), "drifts are not joined");
     }
 
     #[test]

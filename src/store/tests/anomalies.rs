@@ -331,8 +331,13 @@ async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
 async fn an_alarm_of_a_joint_that_is_told_of_the_arm_says_so_when_it_is_withdrawn() {
     let (_folder, store) = fresh().await;
     let robot = Robot::with_runs(&store, "R00", 6).await;
-    robot.reconcile(vec![robot.drift(1, 4)]).await;
-    let of_arm = Anomaly { joint: None, ..robot.drift(2, 5) };
+    let swing = |from, to| Anomaly {
+        kind: AnomalyKind::Oscillation,
+        quantity: "friction_swing",
+        ..robot.drift(from, to)
+    };
+    robot.reconcile(vec![swing(1, 4)]).await;
+    let of_arm = Anomaly { joint: None, ..swing(2, 5) };
     robot.reconcile(vec![of_arm]).await;
     let events: Vec<(String, Option<String>)> =
         sqlx::query_as("SELECT what, why FROM anomaly_history ORDER BY anomaly_event_id")

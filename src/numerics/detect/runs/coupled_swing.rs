@@ -8,6 +8,7 @@
 
 use super::curve::points::{Curve, curves};
 use super::curve::within_run;
+use super::one_of_several::{joints_of, one_of_arm};
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use crate::numerics::statistics::distributions::normal_quantile;
 use crate::robot::JointIndex;
@@ -163,39 +164,26 @@ fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: Coupling) -> Anoma
     let mut by_joint: Vec<&Anomaly> = group.to_vec();
     by_joint.sort_by_key(|of| of.joint);
     by_joint.dedup_by_key(|of| of.joint);
-    let joints: Vec<String> = by_joint.iter().filter_map(|of| of.joint).map(|of| of.to_string()).collect();
     let figures: Vec<String> = by_joint
         .iter()
         .filter_map(|of| Some(format!("joint {} by {:.1} %", of.joint?, 100.0 * of.value)))
         .collect();
-    let all = || group.iter().chain(same).copied();
+    let all: Vec<&Anomaly> = group.iter().chain(same).copied().collect();
     let strongest =
         group.iter().copied().max_by(|a, b| a.peak_score.total_cmp(&b.peak_score)).unwrap_or(group[0]);
-    let first = all().min_by_key(|of| of.first_seen_at).unwrap_or(strongest);
-    let last = all().max_by_key(|of| of.last_seen_at).unwrap_or(strongest);
     let sense = if coupling.correlation > 0.0 { "in the same sense" } else { "against each other" };
     let tests = if coupling.tests == 1 { "one test".into() } else { format!("{} tests", coupling.tests) };
     Anomaly {
-        joint: None,
-        severity: all().map(|of| of.severity).max().unwrap_or(strongest.severity),
-        peak_severity: all().map(|of| of.peak_severity).max().unwrap_or(strongest.peak_severity),
-        first_run_id: first.first_run_id,
-        first_seen_at: first.first_seen_at,
-        first_cycle: first.first_cycle,
-        onset: first.onset,
-        last_run_id: last.last_run_id,
-        last_seen_at: last.last_seen_at,
-        ended: all().all(|of| of.ended),
         message: format!(
             "joints {} oscillate together, {sense}: friction from cycle to cycle varies ({}; correlation {:+.2} over {} \
              cycles of {tests}); one cause is likelier than two: look at what couples them, a belt, a wrist gear, brakes \
              of one circuit or the supply",
-            joints.join(" and "),
+            joints_of(group).join(" and "),
             figures.join(", "),
             coupling.correlation,
             coupling.cycles
         ),
-        ..strongest.clone()
+        ..one_of_arm(&all, strongest)
     }
 }
 

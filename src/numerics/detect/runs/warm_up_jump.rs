@@ -129,14 +129,11 @@ impl WarmUpJump {
     fn begins(&self) -> Option<Jump> {
         let tests = &self.tests[self.tests.len().saturating_sub(WINDOW)..];
         let tried = (tests.len() + 1).checked_sub(2 * FEWEST).filter(|tried| *tried > 0)?;
-        let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>())?;
-        let prior = (PART_OF_ERROR * usual).max(LEAST_DEVIATION);
+        let prior = prior(tests)?;
         let (begin, fit) = likeliest(tests, prior, CORRELATION)?;
         let correlation = correlation(tests, begin, &fit, prior);
         let (begin, fit) = likeliest(tests, prior, correlation)?;
-        // level and size are fitted
-        let freedom = WORTH + tests.len() as f64 - 2.0;
-        let size_error = fit.size_error * ((WORTH + fit.rest) / freedom).sqrt();
+        let (size_error, freedom) = size_error(&fit, tests);
         // a log-likelihood is half a square of standard deviations
         let chance = beyond_chance(0.5 * self.alpha / tried as f64, freedom);
         let by_chance = chance.hypot((2.0 * MODEL_MARGIN).sqrt()) * size_error;
@@ -163,13 +160,24 @@ pub(super) fn jump_at(tests: &[Estimate], begin: usize) -> Option<Estimate> {
     if begin < FEWEST || tests.len() <= begin {
         return None;
     }
-    let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>())?;
-    let prior = (PART_OF_ERROR * usual).max(LEAST_DEVIATION);
+    let prior = prior(tests)?;
     let pattern = |place: usize| if place < begin { 0.0 } else { 1.0 };
     let fit_with = |correlation: f64| Whitened::new(tests, prior, correlation).fit(pattern);
     let fit = fit_with(correlation(tests, begin, &fit_with(CORRELATION), prior));
+    Some(Estimate { value: fit.size, std_error: size_error(&fit, tests).0 })
+}
+
+/// Prior of the standard deviation from test to test.
+fn prior(tests: &[Estimate]) -> Option<f64> {
+    let usual = median(&tests.iter().map(|of| of.std_error).collect::<Vec<f64>>())?;
+    Some((PART_OF_ERROR * usual).max(LEAST_DEVIATION))
+}
+
+/// Standard error of a jump by the scatter about the fit, and the degrees of freedom of that scatter with its prior.
+fn size_error(fit: &Fit, tests: &[Estimate]) -> (f64, f64) {
+    // level and size are fitted
     let freedom = WORTH + tests.len() as f64 - 2.0;
-    Some(Estimate { value: fit.size, std_error: fit.size_error * ((WORTH + fit.rest) / freedom).sqrt() })
+    (fit.size_error * ((WORTH + fit.rest) / freedom).sqrt(), freedom)
 }
 
 /// The place with which a jump explains tests best that scatter by `deviation`, and the fit.
@@ -246,6 +254,34 @@ mod tests {
             late += usize::from(test > 40 + 15);
         }
         assert!(late <= 5, "{late} of 100 not within 15 tests");
+    }
+
+    /// 500 series of 30 tests that jump by 0.4, or not, with the twenty-first.
+    #[test]
+    fn a_jump_at_a_given_place_lies_within_its_standard_errors() {
+        for (size, correlation) in [(0.0, 0.0), (0.4, 0.0), (0.4, 0.3)] {
+            let mut rng = ChaCha8Rng::seed_from_u64(3);
+            let mut within = 0;
+            for _ in 0..500 {
+                let mut state = 0.0;
+                let test = |place: usize| {
+                    let fresh = 0.2 * rng.sample::<f64, _>(StandardNormal);
+                    state = correlation * state + fresh * f64::sqrt(1.0 - correlation * correlation);
+                    Estimate { value: state + if place < 20 { 0.0 } else { size }, std_error: 0.25 }
+                };
+                let tests: Vec<Estimate> = (0..30).map(test).collect();
+                let jump = jump_at(&tests, 20).expect("a jump");
+                within += usize::from((jump.value - size).abs() <= 2.0 * jump.std_error);
+            }
+            assert!((450..=490).contains(&within), "{size}, {correlation}: {within} of 500");
+        }
+    }
+
+    #[test]
+    fn a_jump_needs_tests_on_both_sides() {
+        let tests = [Estimate { value: 0.1, std_error: 0.2 }; 8];
+        assert!(jump_at(&tests, FEWEST - 1).is_none() && jump_at(&tests, 8).is_none());
+        assert!(jump_at(&tests, FEWEST).is_some() && jump_at(&tests, 7).is_some());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 //! errors. The place of that jump is given, so that chance has one try.
 
 use super::curve::run_cause::RunCause;
+use super::one_of_several::{joints_of, one_of_arm};
 use super::parts::Part;
 use super::warm_up_jump::{LEAST_FACTOR, jump_at};
 use crate::analysis::Estimate;
@@ -22,7 +23,6 @@ const LEAST_PART: f64 = 0.6;
 const CLEAR_ERRORS: f64 = 3.0;
 /// Most tests from the last one of an alarm to the first one of the next, where they are one after the other.
 const APART: usize = 2;
-
 /// Most tests between the onsets of two alarms of one cause.
 const TOGETHER: usize = 10;
 
@@ -42,7 +42,7 @@ pub(super) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> Vec<Anomaly> {
     let seen = |of: &Anomaly| {
         let is_warm_up = of.kind == AnomalyKind::Thermal && [OF_JOINT, OF_ARM].contains(&of.quantity);
         let span = is_warm_up.then(|| Some((place(of.onset.run_id)?, place(of.last_run_id)?)))??;
-        let is_shared = of.joint.is_none() || is_shared(of, span, &part.common_causes);
+        let is_shared = of.joint.is_none() || all_jumped_with(of, span, &part.common_causes);
         Some(Seen { alarm: of.clone(), span, is_longer: of.value > 1.0, is_shared })
     };
     let (mut warm_ups, mut rest) = (Vec::new(), Vec::new());
@@ -78,7 +78,7 @@ pub(super) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> Vec<Anomaly> {
 }
 
 /// Whether what all joints share jumped with an alarm of one of them, so that it is the arm's.
-fn is_shared(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCause>]) -> bool {
+fn all_jumped_with(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCause>]) -> bool {
     let known = |at: usize| Some((at, causes.get(at)?.as_ref()?.warm_up?.ln_factor));
     let tests: Vec<(usize, Estimate)> = (0..=last).filter_map(known).collect();
     let before = tests.iter().filter(|(at, _)| *at < begin).count();
@@ -92,18 +92,13 @@ fn is_shared(of: &Anomaly, (begin, last): (usize, usize), causes: &[Option<RunCa
 
 /// The alarm of the arm that these are. The factor is the arm's own, where it has an alarm, else the geometric mean of the joints'.
 fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
+    let all: Vec<&Anomaly> = parts.iter().collect();
     let own = parts.iter().filter(|of| of.joint.is_none()).max_by_key(|of| of.last_seen_at);
-    let first = parts.iter().min_by_key(|of| (of.first_seen_at, of.joint))?;
-    let last = parts.iter().max_by_key(|of| of.last_seen_at)?;
-    let began = parts.iter().min_by_key(|of| of.onset.at)?;
-    let mut joints: Vec<_> = parts.iter().filter_map(|of| of.joint).collect();
-    joints.sort_unstable();
-    joints.dedup();
-    let joints: Vec<String> = joints.iter().map(ToString::to_string).collect();
+    let like = own.or(parts.iter().min_by_key(|of| (of.first_seen_at, of.joint)))?;
     let factors: Vec<f64> = parts.iter().filter(|of| of.joint.is_some()).map(|of| of.value.ln()).collect();
     let value = own.map_or_else(|| mean(&factors).unwrap_or(0.0).exp(), |of| of.value);
     let side = if value > 1.0 { "longer" } else { "less" };
-    let shown = match &joints[..] {
+    let shown = match &joints_of(&all)[..] {
         [one] => format!("joint {one} shows it by itself"),
         all => format!("joints {} show it by themselves", all.join(", ")),
     };
@@ -114,28 +109,18 @@ fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
         }
     };
     Some(Anomaly {
-        joint: None,
         quantity: OF_ARM,
-        severity: parts.iter().map(|of| of.severity).max()?,
-        peak_severity: parts.iter().map(|of| of.peak_severity).max()?,
         value,
         score: value.ln().abs(),
         peak_value: own.map_or(value, |of| of.peak_value),
         peak_score: own.map_or(value.ln().abs(), |of| of.peak_score),
-        first_run_id: first.first_run_id,
-        first_seen_at: first.first_seen_at,
-        first_cycle: first.first_cycle,
-        last_run_id: last.last_run_id,
-        last_seen_at: last.last_seen_at,
-        onset: began.onset,
-        ended: parts.iter().all(|of| of.ended),
         // what causes of one joint were weighed says nothing of the arm's
         odds: own.and_then(|of| of.odds),
         alternatives: own.map_or_else(Vec::new, |of| of.alternatives.clone()),
         message: format!(
             "warming up takes {side} than before, about {value:.1} times as long; {shown}, {cause}"
         ),
-        ..own.unwrap_or(first).clone()
+        ..one_of_arm(&all, like)
     })
 }
 
@@ -143,6 +128,7 @@ fn one_alarm(parts: &[Anomaly], is_shared: bool) -> Option<Anomaly> {
 mod tests {
     use super::*;
     use crate::numerics::detect::runs::cause_tests::{State, fleet, only};
+    use crate::numerics::detect::runs::curve::run_cause::WarmUpOfRun;
 
     /// Two of six joints whose slow time constant is 55 instead of 25 minutes.
     fn two_slower(joint: usize, cycle: u32) -> f64 {
@@ -173,5 +159,28 @@ mod tests {
             let alarm = only(&history, AnomalyKind::Thermal, Some(3));
             assert_eq!(alarm.quantity, OF_JOINT, "{alarm:?}");
         }
+    }
+
+    #[test]
+    fn a_joint_is_not_blamed_where_what_all_share_jumped_with_it() {
+        let history =
+            fleet(30, 1, |run| State { slower: (run >= 12).then_some((2, 2.2)), ..State::default() });
+        let alarm = only(&history, AnomalyKind::Thermal, Some(3));
+        // what all joints share: a scatter of 0.05, and a jump with the thirteenth test
+        let is_of_arm = |jump: f64| {
+            let of = |run: usize| {
+                let value = if run % 2 == 0 { 0.05 } else { -0.05 } + if run < 12 { 0.0 } else { jump };
+                let ln_factor = Estimate { value, std_error: 0.1 };
+                Some(RunCause {
+                    warm_up: Some(WarmUpOfRun { ln_factor, common: 0.0 }),
+                    ..RunCause::of_nothing()
+                })
+            };
+            all_jumped_with(&alarm, (12, 29), &(0..30).map(of).collect::<Vec<_>>())
+        };
+        let own = alarm.value.ln();
+        assert!(is_of_arm(own) && is_of_arm(0.7 * own));
+        assert!(!is_of_arm(0.0) && !is_of_arm(-own), "no jump, and one to the other side");
+        assert!(!is_of_arm(0.5 * own), "the joint's own is twice as large");
     }
 }
