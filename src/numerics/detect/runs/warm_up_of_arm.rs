@@ -169,7 +169,8 @@ mod tests {
         // what all joints share: a scatter of 0.05, and a jump with the thirteenth test
         let is_of_arm = |jump: f64| {
             let of = |run: usize| {
-                let value = if run % 2 == 0 { 0.05 } else { -0.05 } + if run < 12 { 0.0 } else { jump };
+                let value =
+                    if run.is_multiple_of(2) { 0.05 } else { -0.05 } + if run < 12 { 0.0 } else { jump };
                 let ln_factor = Estimate { value, std_error: 0.1 };
                 Some(RunCause {
                     warm_up: Some(WarmUpOfRun { ln_factor, common: 0.0 }),
