@@ -34,9 +34,9 @@ use armwatch::numerics::model::regressor_lanes::{LaneStates, RegressorLanes, joi
 use armwatch::numerics::signal::filter::filter_signals;
 use armwatch::robot::{Robot, StandardParameters};
 use armwatch::run::{ContentHash, Cycle, RunHeader, Samples};
-use armwatch::simulate::export::ExportWriter;
-use armwatch::simulate::record::record;
-use armwatch::simulate::recording::Row;
+use armwatch::simulate::files::export::ExportWriter;
+use armwatch::simulate::run::record::record;
+use armwatch::simulate::run::recording::Row;
 use armwatch::simulate::{SimulationSettings, recording_of_run};
 use armwatch::store::Store;
 use criterion::{Criterion, Throughput};

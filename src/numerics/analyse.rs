@@ -14,7 +14,7 @@ use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
-use super::friction::plateaus::{FrictionPoints, friction_points};
+use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::cycle::{identify_rows, noise_errors};
 use super::identify::cycle_rows::CycleRows;
@@ -528,7 +528,7 @@ mod tests {
     use super::*;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::lanes::run_as_on_any_processor;
-    use crate::simulate::matched_model::{ExactSettings, record_excitation};
+    use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
     use crate::testing::er3a;
 
     /// A cycle that is identified, and one whose torques no model explains.

@@ -4,7 +4,7 @@
 use crate::analysis::measurements::RunMeasurements;
 use crate::analysis::{FrictionPoint, JointSummary, StatisticsWindow};
 use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
-use crate::numerics::friction::composite::cycle_friction;
+use crate::numerics::friction::points::composite::cycle_friction;
 use crate::numerics::statistics::descriptive::{median, parameter_statistics};
 use crate::robot::{JointIndex, ParameterKind};
 

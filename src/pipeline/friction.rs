@@ -8,12 +8,12 @@ use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
 use crate::analysis::measurements::CyclePoint;
 use crate::anomaly::epoch::Epoch;
-use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
-use crate::numerics::friction::held_map::HeldMap;
+use crate::numerics::friction::index::baseline::{FormedMaps, fit_maps};
+use crate::numerics::friction::index::held_map::HeldMap;
+use crate::numerics::friction::index::run_record::coverage;
 use crate::numerics::friction::index::{Reference, run_indices};
+use crate::numerics::friction::maps::record::MapRun;
 use crate::numerics::friction::over_speed::friction_over_speed;
-use crate::numerics::friction::record::MapRun;
-use crate::numerics::friction::run_record::coverage;
 use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::JointIndex;
 use crate::store::{

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::figure::{Figure, Key, Look, MEASURED, Mark, Panel, RAMP, Series, extent, ramp};
 use crate::analysis::{FrictionPoint, WarmUpFit};
-use crate::numerics::friction::level_means::friction_means;
+use crate::numerics::friction::points::level_means::friction_means;
 use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::robot::JointIndex;
 

@@ -2,37 +2,16 @@
 //!
 //! Nothing here uses the identifier's formulas, so that one checks the other.
 
-mod blend;
-pub mod dynamics;
-mod elastic;
 pub mod error;
-pub mod excitation;
-pub mod export;
-pub mod fault;
-mod fixed_point;
-pub mod matched_model;
-pub mod format;
-pub mod friction;
-pub mod hall;
-pub mod heat;
-pub mod load;
-pub mod motion;
-pub mod points;
-pub mod recording;
-pub mod record;
-pub mod servo;
+pub mod plan;
+pub mod arm;
+pub mod run;
+pub mod files;
 mod settings;
-pub mod still_posture;
-mod strokes;
-pub mod temperatures;
 #[cfg(test)]
 mod test_arms;
 #[cfg(test)]
 mod tests;
-pub mod trajectory;
-pub mod truth;
-pub mod unit;
-mod warmth;
 
 use std::fs;
 use std::io;
@@ -44,21 +23,21 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use self::arm::dynamics::rigid_chain;
+use self::arm::fault::in_run::RunFaults;
+use self::arm::fault::{Fault, loads, warm_up_factor, wear};
+use self::arm::friction::{JointFriction, RippleOrder, ThermalState, joint_friction};
+use self::arm::load::Load;
+use self::arm::unit::unit;
+use self::files::export::{ExportWriter, column_count};
+use self::plan::trajectory::{PlanSettings, plan_cycle};
+use self::run::record::record;
+use self::run::recording::{Heating, Recording, Row};
+use self::run::servo::Servo;
+use self::run::truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTruth, RunTruth, write_truth};
 pub use self::settings::SimulationSettings;
 use crate::robot::{JointIndex, MAX_JOINTS, Robot, WarmUpShape};
 use crate::simulate::error::SimulateError;
-use dynamics::rigid_chain;
-use export::{ExportWriter, column_count};
-use fault::in_run::RunFaults;
-use fault::{Fault, loads, warm_up_factor, wear};
-use friction::{JointFriction, RippleOrder, ThermalState, joint_friction};
-use load::Load;
-use record::record;
-use recording::{Heating, Recording, Row};
-use servo::Servo;
-use trajectory::{PlanSettings, plan_cycle};
-use truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTruth, RunTruth, write_truth};
-use unit::unit;
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;

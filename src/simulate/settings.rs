@@ -5,17 +5,17 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
+use super::arm::fault::Fault;
+use super::arm::friction::{self, FrictionShape, RippleOrder};
+use super::arm::hall::{HallSettings, WorkingHours};
+use super::arm::load::Load;
+use super::arm::unit::UnitSpread;
 use super::error::SimulateError;
-use super::fault::Fault;
-use super::format::ExportFormat;
-use super::friction::{self, FrictionShape, RippleOrder};
-use super::hall::{HallSettings, WorkingHours};
-use super::load::Load;
-use super::recording::{Clock, Heating, SensorSettings};
-use super::servo::ServoSettings;
-use super::temperatures::TemperatureSettings;
-use super::trajectory::{self, ExcitationParts, FrictionPosture};
-use super::unit::UnitSpread;
+use super::files::format::ExportFormat;
+use super::plan::trajectory::{self, ExcitationParts, FrictionPosture};
+use super::run::recording::{Clock, Heating, SensorSettings};
+use super::run::servo::ServoSettings;
+use super::run::temperatures::TemperatureSettings;
 use crate::robot::{JointIndex, Robot};
 
 /// Sample rates that an export carries: time has four decimals.

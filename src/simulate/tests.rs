@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use super::arm::hall::{HallSettings, WorkingHours};
+use super::arm::unit::UnitSpread;
+use super::run::recording::SensorSettings;
+use super::run::servo::ServoSettings;
 use super::test_arms::{er3a_with_excitation, nine_joints, one_joint};
 use super::*;
-use crate::simulate::hall::{HallSettings, WorkingHours};
-use crate::simulate::recording::SensorSettings;
-use crate::simulate::servo::ServoSettings;
-use crate::simulate::unit::UnitSpread;
 
 fn quick() -> SimulationSettings {
     SimulationSettings { cycles: 2, warming_s: 5.0, ambient_std_k: 0.0, ..SimulationSettings::default() }
@@ -292,7 +292,7 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
 }
 
 /// Rows of one channel, with noise and steps of every sensor taken away.
-fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<recording::Row> {
+fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<Row> {
     let mut robot = robot.clone();
     robot.joints.iter_mut().for_each(|joint| joint.nominal.as_mut().unwrap().torque_noise = 0.0);
     let sensors = SensorSettings {
@@ -344,7 +344,7 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
     assert!(settings::check(&robot, &settings(0.0)).is_err());
     assert!(settings::check(&robot, &settings(0.2)).is_ok());
     let behind = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.05, delay_s: 0.0 });
-    let furthest = |rows: &[recording::Row]| {
+    let furthest = |rows: &[Row]| {
         rows.iter().zip(&plain).map(|(a, b)| (a.position[0] - b.position[0]).abs()).fold(0.0, f64::max)
     };
     let fastest = plain.iter().map(|row| row.velocity[0].abs()).fold(0.0, f64::max);

@@ -72,20 +72,20 @@ pub use results::production::{ProductionWindow, ReferenceTest};
 pub use results::run_analysis::JointDeviation;
 pub use results::verification::{CycleState, FactorsGone, OfCycle};
 pub use retention::{DueRun, FreeSpace, KeptSince, MOST_REFERENCES};
-pub use robot::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
-pub use robot::alarm_state::{AlarmState, EventKind};
-pub use robot::anomalies::{AnomalyEvent, Reconciled};
-pub use robot::baseline_plan::known::{KnownMap, KnownPlan};
-pub use robot::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
-pub use robot::baselines::{
+pub use robot::alarms::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
+pub use robot::alarms::alarm_state::{AlarmState, EventKind};
+pub use robot::alarms::anomalies::{AnomalyEvent, Reconciled};
+pub use robot::alarms::health::{OverdueRobot, RunResult};
+pub use robot::conclude::{ConclusionTransaction, StaleRobot};
+pub use robot::conclusion_faults::ConclusionFault;
+pub use robot::figures::friction_series::{FrictionHistory, TestPoints};
+pub use robot::indices::baseline_plan::known::{KnownMap, KnownPlan};
+pub use robot::indices::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
+pub use robot::indices::baselines::{
     BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
     NewIndices, ReplacedBaseline, StoredBaseline,
 };
-pub use robot::conclude::{ConclusionTransaction, StaleRobot};
-pub use robot::conclusion_faults::ConclusionFault;
-pub use robot::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
-pub use robot::friction_series::{FrictionHistory, TestPoints};
-pub use robot::health::{OverdueRobot, RunResult};
+pub use robot::indices::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance, NotEntered};
 pub use robot::open_test::OpenTest;
 pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};

@@ -8,8 +8,8 @@ use armwatch::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
 use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use armwatch::robot::{MAX_JOINTS, Robot};
 use armwatch::run::{Cycle, Samples, Stage};
-use armwatch::simulate::export::ExportWriter;
-use armwatch::simulate::recording::Row;
+use armwatch::simulate::files::export::ExportWriter;
+use armwatch::simulate::run::recording::Row;
 
 use self::arms::{Arm, arms, excitation, shipped};
 use self::faults::{DEGREES, RATED, WRONG_DESCRIPTIONS, WRONG_RECORDINGS, Wrong, delayed, scale, units};

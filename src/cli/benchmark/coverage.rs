@@ -23,9 +23,9 @@ use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::pipeline::take::cycles::read_cycle;
 use crate::robot::{FourierExcitation, FrictionTerm, ParameterId, ParameterKind, Robot};
 use crate::run::Cycle;
-use crate::simulate::friction::FrictionShape;
-use crate::simulate::matched_model::{ExactSettings, record_excitation};
-use crate::simulate::recording::SensorSettings;
+use crate::simulate::arm::friction::FrictionShape;
+use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
+use crate::simulate::run::recording::SensorSettings;
 use crate::simulate::{SimulationSettings, simulate_run};
 
 /// Coverage that counts as honest for nominal 95 %.

@@ -22,7 +22,7 @@ use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use crate::numerics::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
 use crate::numerics::diagnose::recording::diagnose_samples;
 use crate::numerics::diagnose::recording::view::DiagnoseSettings;
-use crate::numerics::friction::plateaus::friction_points;
+use crate::numerics::friction::points::plateaus::friction_points;
 use crate::numerics::identify::channel_response::{ObservedCycle, channel_response};
 use crate::numerics::identify::cycle::identify_rows;
 use crate::numerics::identify::cycle_rows::CycleRows;

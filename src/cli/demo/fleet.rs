@@ -14,8 +14,8 @@ use tokio::task::JoinHandle;
 use crate::anomaly::AnomalyKind;
 use crate::cli::context::CliError;
 use crate::robot::{JointIndex, Robot};
+use crate::simulate::arm::fault::{Fault, FaultKind};
 use crate::simulate::error::SimulateError;
-use crate::simulate::fault::{Fault, FaultKind};
 use crate::simulate::{SimulationSettings, simulate_run};
 
 /// Cycles of a test: the friction map needs six.

@@ -18,11 +18,11 @@ use crate::evaluate::scenario::Scenario;
 use crate::evaluate::score::{Outcome, Truth, outcome};
 use crate::pipeline::context::{Pipeline, Retry};
 use crate::robot::{JointIndex, Robot, StandardParameters};
-use crate::simulate::fault::{Fault, FaultKind};
-use crate::simulate::friction::FrictionShape;
-use crate::simulate::motion::PerJoint;
-use crate::simulate::record::record;
-use crate::simulate::recording::Clock;
+use crate::simulate::arm::fault::{Fault, FaultKind};
+use crate::simulate::arm::friction::FrictionShape;
+use crate::simulate::plan::motion::PerJoint;
+use crate::simulate::run::record::record;
+use crate::simulate::run::recording::Clock;
 use crate::simulate::{SimulationSettings, recording_of_run, simulate_run};
 use crate::store::{AnomalyRow, Store};
 

@@ -8,8 +8,8 @@ use super::position_columns::{POSITIONS, columns, names, no_positions};
 use super::programme::read;
 use crate::cli::context::CliError;
 use crate::robot::Robot;
-use crate::simulate::points::{PointToPoint, Points};
-use crate::simulate::trajectory::{ExcitationParts, FrictionPosture};
+use crate::simulate::plan::points::{PointToPoint, Points};
+use crate::simulate::plan::trajectory::{ExcitationParts, FrictionPosture};
 
 /// Parts of a cycle beside rest and ways home.
 #[derive(Debug, Args)]

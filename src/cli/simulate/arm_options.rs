@@ -4,11 +4,11 @@ use clap::Args;
 
 use crate::cli::context::CliError;
 use crate::simulate::SimulationSettings;
-use crate::simulate::friction::RippleOrder;
-use crate::simulate::hall::{HallSettings, WorkingHours};
-use crate::simulate::recording::{Heating, SensorSettings};
-use crate::simulate::servo::ServoSettings;
-use crate::simulate::unit::UnitSpread;
+use crate::simulate::arm::friction::RippleOrder;
+use crate::simulate::arm::hall::{HallSettings, WorkingHours};
+use crate::simulate::arm::unit::UnitSpread;
+use crate::simulate::run::recording::{Heating, SensorSettings};
+use crate::simulate::run::servo::ServoSettings;
 
 /// Link parameters of units differ by this part of what their friction differs by.
 const BODIES_OF_FRICTION: f64 = 0.05;

@@ -21,12 +21,12 @@ use crate::cli::shared::paths::not_written;
 use crate::cli::shared::programme::programme;
 use crate::config::{Config, read_layout, read_robot};
 use crate::robot::{JointIndex, Robot};
+use crate::simulate::arm::fault::{Fault, FaultKind};
+use crate::simulate::arm::friction::FrictionShape;
+use crate::simulate::arm::load::Load;
 use crate::simulate::error::SimulateError;
-use crate::simulate::fault::{Fault, FaultKind};
-use crate::simulate::friction::FrictionShape;
-use crate::simulate::load::Load;
-use crate::simulate::recording::Clock;
-use crate::simulate::temperatures::{TemperatureColumns, TemperatureSettings};
+use crate::simulate::run::recording::Clock;
+use crate::simulate::run::temperatures::{TemperatureColumns, TemperatureSettings};
 use crate::simulate::{SimulationSettings, simulate_run};
 
 #[derive(Debug, Args)]

@@ -7,8 +7,8 @@ use crate::config::{
     Channel, Column, DecimalMark, Layout, StageCells, TemperatureUnit, TextEncoding, TimeSource,
 };
 use crate::robot::Robot;
-use crate::simulate::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
-use crate::simulate::temperatures::TemperatureColumns;
+use crate::simulate::files::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
+use crate::simulate::run::temperatures::TemperatureColumns;
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
 /// in the order time, position, velocity, torque, stage, cycle, friction joint and level, and of the temperatures
@@ -183,8 +183,8 @@ mod tests {
     use crate::config::{read_layout, read_robot};
     use crate::pipeline::take::cycles::read_cycle;
     use crate::run::{Samples, Stage};
-    use crate::simulate::recording::Row;
-    use crate::simulate::trajectory::ExcitationParts;
+    use crate::simulate::plan::trajectory::ExcitationParts;
+    use crate::simulate::run::recording::Row;
     use crate::simulate::{SimulationSettings, rows_of_run, simulate_run};
 
     /// Numbers are written with every digit; motor sides and units cost some multiplications, and motor angles of a

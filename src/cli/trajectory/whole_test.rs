@@ -22,9 +22,9 @@ use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
 use crate::robot::{JointIndex, Robot};
 use crate::run::Stage;
-use crate::simulate::motion::MotionPiece;
-use crate::simulate::still_posture::axis_tilt;
-use crate::simulate::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
+use crate::simulate::plan::motion::MotionPiece;
+use crate::simulate::plan::still_posture::axis_tilt;
+use crate::simulate::plan::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
 
 /// Cycles of the source's test.
 const WHOLE_TEST: f64 = 24.0;

@@ -1,8 +1,8 @@
 //! What a detector is.
 //!
-//! A detector is one file in `runs/` or `production/`. The file says what it detects, from which quantity and
-//! by which limits, and implements [`Detector`] for a unit struct. Besides that, `runs.rs` or `production.rs`
-//! has its `mod` line and its entry in `DETECTORS`.
+//! A detector is one file in `runs/joint_detectors/` or `production/`. The file says what it detects, from which
+//! quantity and by which limits, and implements [`Detector`] for a unit struct. Besides that,
+//! `runs/joint_detectors/mod.rs` or `production.rs` has its `mod` line and its entry in the list of detectors.
 
 use super::verdict::Verdict;
 use crate::anomaly::AnomalyKind;

@@ -5,38 +5,17 @@
 //! always gives the same anomalies. Every joint is compared with its own baseline: two arms of one
 //! model differ by half in friction when both are healthy.
 
-pub mod brief;
-pub mod detection;
-mod first_level;
-mod first_tests;
-mod friction_history;
+mod history;
 mod curve;
-mod judgement;
-mod parts;
-mod like_length;
-mod arm_cause;
 mod arm;
 mod series;
-mod common_change;
-mod friction_change;
-mod forecast;
-mod quiet_scatter;
-mod whitened;
-mod level_limit;
-mod steady_rise;
-mod friction_drift;
-mod friction_step;
-mod friction_swing;
-mod warm_up_jump;
-mod warm_up;
-mod warm_up_of_arm;
-mod one_of_several;
-mod arm_change;
-mod contact;
-mod coupled_swing;
-mod oscillation;
-mod accuracy;
-mod unlike_peers;
+mod joint_detectors;
+mod arm_detectors;
+pub mod brief;
+pub mod detection;
+mod judgement;
+mod parts;
+mod joined;
 mod without_result;
 mod health;
 mod next_test;
@@ -44,39 +23,23 @@ pub mod calibration;
 pub mod open_run;
 pub mod window;
 
-use self::accuracy::Accuracy;
-use self::arm_change::arm_changes;
-use self::common_change::common_changes;
-use self::contact::contacts;
+use self::arm_detectors::arm_change::arm_changes;
+use self::arm_detectors::common_change::common_changes;
+use self::arm_detectors::contact::contacts;
 use self::detection::Detection;
-use self::friction_drift::FrictionDrift;
-use self::friction_step::FrictionStep;
-use self::friction_swing::FrictionSwing;
 use self::health::health;
+use self::joined::{coupled_swing, warm_up_of_arm};
+use self::joint_detectors::JOINT_DETECTORS;
+use self::joint_detectors::warm_up::of_common_warm_up;
 use self::next_test::expected_by;
-use self::oscillation::Oscillation;
 use self::parts::{Part, Parts, grouped};
-use self::series::{JointSeries, RunDetector};
-use self::unlike_peers::UnlikePeers;
-use self::warm_up::{WarmUp, of_common_warm_up};
+use self::series::JointSeries;
 use self::without_result::without_result;
 use super::episodes::anomalies;
 use super::verdict::DetectSettings;
 use crate::anomaly::peer::Peer;
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
 use crate::robot::JointIndex;
-
-/// All detectors of a joint. Anomalies of a joint are found in this order.
-const DETECTORS: &[&RunDetector] = &[
-    &FrictionStep,
-    &FrictionDrift,
-    &FrictionSwing,
-    &WarmUp,
-    &Oscillation,
-    &Accuracy,
-    &UnlikePeers::Friction,
-    &UnlikePeers::Accuracy,
-];
 
 /// [`detect_among`] for a robot of whose model there is no other.
 #[must_use]
@@ -125,7 +88,7 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
             let series = JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)
                 .beside(&part.common_causes, &part.common_warm_up)
                 .among(peers);
-            let mut found = anomalies(DETECTORS, &series, joint, &part.moments);
+            let mut found = anomalies(JOINT_DETECTORS, &series, joint, &part.moments);
             found.retain(|of| !is_of_contact(of));
             if is_latest {
                 findings.health.push(health(&part.runs, &series, &found));

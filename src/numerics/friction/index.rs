@@ -8,14 +8,19 @@
 //! surroundings, which distinguishes the two between joints. For each run, all of them are the solution of one
 //! least-squares problem with weak priors, see `run_effects.rs`; its covariance gives the intervals.
 //!
-//! Maps and priors are held ([`super::baseline`]). The index of a run therefore follows from the map, the run and the
+//! Maps and priors are held ([`self::baseline`]). The index of a run therefore follows from the map, the run and the
 //! motion of the [`REMEMBERED_S`] before it, and from no later run.
 
-use super::held_map::{HeldMap, held_record};
-use super::map::{FittedMap, moment_deficits};
-use super::record::{JointRecord, MapRun};
-use super::run_effects::{PriorScales, RunEffect, held_effects};
-use super::run_record::{level_mean, timeline};
+mod jump;
+pub mod run_record;
+pub mod held_map;
+pub mod baseline;
+
+use self::held_map::{HeldMap, held_record};
+use self::run_record::{level_mean, timeline};
+use super::maps::map::{FittedMap, moment_deficits};
+use super::maps::record::{JointRecord, MapRun};
+use super::maps::run_effects::{PriorScales, RunEffect, held_effects};
 use crate::analysis::Estimate;
 use crate::analysis::friction::FrictionIndex;
 use crate::numerics::statistics::descriptive::mean;

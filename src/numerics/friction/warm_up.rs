@@ -4,19 +4,22 @@
 //! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
 //! negative. Of a constant, one and two exponentials the one is kept that the data support.
 
+mod curve;
+mod early;
+
 use nalgebra::{DMatrix, DVector};
 use varpro::prelude::*;
 use varpro::problem::SeparableProblemBuilder;
 use varpro::solvers::levmar::LevMarSolver;
 use varpro::statistics::FitStatistics;
 
-use super::warm_up_early::early_fit;
-use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
-use crate::numerics::NumericsError;
-use crate::numerics::friction::warm_up_curve::{
+use self::curve::{
     CandidateFit, ExponentialFit, Mean, decay, decay_slope, extent, finished_log_times, from_the_best,
     single_starts,
 };
+use self::early::early_fit;
+use crate::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
+use crate::numerics::NumericsError;
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 use crate::numerics::statistics::information::corrected_akaike;
 use crate::robot::JointIndex;

@@ -305,7 +305,7 @@ mod tests {
     use crate::analysis::IdentifiedParameter;
     use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
     use crate::run::Cycle;
-    use crate::simulate::matched_model::{ExactSettings, record_excitation};
+    use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
     use crate::testing::er3a;
 
     /// Parameters and response by the whole analysis.

@@ -16,7 +16,7 @@ use super::windows::{judged, release};
 use super::work::judged_work;
 use crate::numerics::analyse_run::warm_up_fits_on;
 use crate::numerics::detect::window::Lengths;
-use crate::numerics::friction::level_means::nearest_level;
+use crate::numerics::friction::points::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;

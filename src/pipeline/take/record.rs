@@ -14,7 +14,7 @@ use crate::ingest::rejection::Rejection;
 use crate::metrics::Stage;
 use crate::numerics::analyse::Method;
 use crate::numerics::analyse_run::analyse_run_on;
-use crate::numerics::friction::excitation::excitation_friction;
+use crate::numerics::friction::points::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
 use crate::run::{RunHeader, RunKind};

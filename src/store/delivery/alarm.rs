@@ -8,7 +8,7 @@ use crate::anomaly::Severity;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::robot::alarm_state::EventKind;
+use crate::store::robot::alarms::alarm_state::EventKind;
 use crate::store::values::{named, time};
 
 /// Most runs of a series: a trend stands on the latest.

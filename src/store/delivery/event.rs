@@ -1,6 +1,6 @@
 //! Which events of an anomaly are told.
 
-use crate::store::robot::alarm_state::EventKind;
+use crate::store::robot::alarms::alarm_state::EventKind;
 
 /// Kinds of events that say that somebody should look, as a list of SQL.
 pub(super) const SPEAKING: &str = "('opened', 'worse', 'reopened', 'overdue', 'unshelved')";

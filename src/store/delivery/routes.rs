@@ -8,7 +8,7 @@ use super::event::{SPEAKING, TOLD};
 use crate::store::engine::{EngineConnection, EngineTransaction};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;
-use crate::store::robot::alarm_state::EventKind;
+use crate::store::robot::alarms::alarm_state::EventKind;
 
 /// Most events that are handed on in one transaction: a fleet's backlog must not hold the writer for long.
 const EVENTS_AT_ONCE: i64 = 200;

@@ -6,9 +6,13 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::anomalies::Reconciled;
-use super::friction_series::{self, FrictionHistory};
-use super::{anomalies, conclusion_faults, history, run_brief, settled_rows};
+use super::alarms::anomalies;
+use super::alarms::anomalies::Reconciled;
+use super::conclusion_faults;
+use super::figures::friction_series::{self, FrictionHistory};
+use super::figures::run_brief;
+use super::history;
+use super::settled_rows;
 use crate::analysis::{ProductionCheck, WarmUpFit};
 use crate::anomaly::{Anomaly, Findings, RunSummary};
 use crate::run::RunKind;

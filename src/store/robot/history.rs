@@ -5,9 +5,13 @@ use std::sync::Arc;
 
 use sqlx::Row;
 
-use super::joint_summary::SummaryRow;
-use super::run_series::RunSeries;
-use super::{cycle_friction, cycle_rmsd, maintenance, run_brief, run_series};
+use super::figures::cycle_friction;
+use super::figures::cycle_rmsd;
+use super::figures::joint_summary::SummaryRow;
+use super::figures::run_brief;
+use super::figures::run_series;
+use super::figures::run_series::RunSeries;
+use super::maintenance;
 use crate::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{FrictionPoint, GravityRemoval, IdentifiedParameter};

@@ -7,8 +7,8 @@ use std::fmt;
 use jiff::{SignedDuration, Timestamp};
 use sqlx::Row;
 
-use super::alarm_life::{maintain, open_again};
-use super::anomalies::Person;
+use super::alarms::alarm_life::{maintain, open_again};
+use super::alarms::anomalies::Person;
 use crate::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use crate::robot::JointIndex;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};

@@ -2,18 +2,19 @@
 //!
 //! What such a test shows is an anomaly with a number, a state and events like others, marked with the test. It stays
 //! until the test is complete, whatever the following cycles show, so that nobody is told twice. Then the robot's whole
-//! history decides ([`super::anomalies::reconcile`]): the anomaly goes on or is withdrawn.
+//! history decides ([`super::alarms::anomalies::reconcile`]): the anomaly goes on or is withdrawn.
 
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::alarm_state::{AlarmState, EventKind, Life, Now, Told, go_on};
-use super::anomalies::{
+use super::alarms::alarm_state::{AlarmState, EventKind, Life, Now, Told, go_on};
+use super::alarms::anomalies::{
     Reconciled, Stored, episode, insert_anomaly, record, run_starts, stored_anomalies, update_anomaly,
 };
+use super::alarms::episodes::{Episode, goes_on, is_another_fault, same};
 use super::conclude::ConclusionTransaction;
-use super::episodes::{Episode, goes_on, is_another_fault, same};
-use super::{maintenance, settled_rows};
+use super::maintenance;
+use super::settled_rows;
 use crate::anomaly::Anomaly;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;

@@ -3,7 +3,7 @@
 use sqlx::Row;
 
 use super::conclude::ConclusionTransaction;
-use super::joint_summary;
+use super::figures::joint_summary;
 use crate::analysis::JointSummary;
 use crate::anomaly::peer::{MOST_PEERS, Peer};
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};

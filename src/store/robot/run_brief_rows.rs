@@ -1,6 +1,9 @@
 //! Writes what is known of complete tests in brief, from their series.
 
-use super::{cycle_friction, cycle_friction_rows, run_brief, run_series};
+use super::cycle_friction_rows;
+use super::figures::cycle_friction;
+use super::figures::run_brief;
+use super::figures::run_series;
 use crate::store::engine::{EngineConnection, EngineExecutor};
 use crate::store::values::json_list;
 

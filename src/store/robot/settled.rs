@@ -4,7 +4,9 @@
 use jiff::Timestamp;
 
 use super::conclude::ConclusionTransaction;
-use super::{history, run_brief_rows, settled_rows};
+use super::history;
+use super::run_brief_rows;
+use super::settled_rows;
 use crate::anomaly::{ProductionSummary, RunSummary};
 use crate::numerics::detect::window::Settled;
 use crate::run::RunKind;

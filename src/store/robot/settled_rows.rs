@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::packed::{Reader, add_count, add_numbers};
+use super::figures::packed::{Reader, add_count, add_numbers};
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Onset, Severity};
 use crate::numerics::detect::window::{Moment, Settled, quantity};
 use crate::robot::JointIndex;

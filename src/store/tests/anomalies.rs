@@ -9,9 +9,9 @@ use sqlx::AssertSqlSafe;
 use super::support::{anomaly, assert_sound, day, findings, fresh, header, joint, number, streaming_run};
 use crate::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 use crate::store::handle::Store;
-use crate::store::robot::alarm_life::{AlarmAction, NotDone};
-use crate::store::robot::alarm_state::{AlarmState, EventKind};
-use crate::store::robot::anomalies::Reconciled;
+use crate::store::robot::alarms::alarm_life::{AlarmAction, NotDone};
+use crate::store::robot::alarms::alarm_state::{AlarmState, EventKind};
+use crate::store::robot::alarms::anomalies::Reconciled;
 use crate::store::robot::maintenance::NewMaintenance;
 
 use AlarmAction::{Acknowledge, FalseAlarm, Resolve, Shelve};

@@ -13,7 +13,7 @@ use crate::numerics::detect::window::Settled;
 use crate::run::RunStatus;
 use crate::store::error::StoreError;
 use crate::store::ledger::supersession::supersede;
-use crate::store::robot::baselines::{FrictionConclusion, NewIndices};
+use crate::store::robot::indices::baselines::{FrictionConclusion, NewIndices};
 use crate::store::views::HealthStatus;
 use crate::testing::er3a;
 

@@ -8,8 +8,8 @@ use super::support::{
 };
 use crate::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 use crate::store::handle::Store;
-use crate::store::robot::alarm_life::AlarmAction;
-use crate::store::robot::alarm_state::EventKind;
+use crate::store::robot::alarms::alarm_life::AlarmAction;
+use crate::store::robot::alarms::alarm_state::EventKind;
 
 use EventKind::{Corrected, Ended, Opened, Withdrawn, Worse};
 

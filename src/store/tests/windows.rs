@@ -13,7 +13,7 @@ use crate::pipeline::conclude::windows::{Judged, judged};
 use crate::pipeline::conclude::work::{JudgedWork, judged_work};
 use crate::run::RunKind;
 use crate::store::handle::Store;
-use crate::store::robot::anomalies::Reconciled;
+use crate::store::robot::alarms::anomalies::Reconciled;
 use crate::store::{AlarmAction, AlarmState};
 
 /// Windows so short that a hundred tests have several.

@@ -17,9 +17,10 @@ pub struct Place {
     pub names: BTreeSet<String>,
 }
 
-/// The table of one room.
+/// The table of one room, or of a folder inside it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
+    /// `store`, or `numerics/detect` for a folder.
     pub room: String,
     /// In the order of the table.
     pub places: Vec<Place>,
@@ -116,24 +117,27 @@ struct Room<'a> {
 }
 
 impl<'a> Room<'a> {
+    /// A room, or with `room/place/place` one inside it.
     fn of(name: &str, codes: &'a [Code], arrows: &'a [Arrow<'a>]) -> Self {
-        let inside: Vec<&Code> = codes.iter().filter(|code| code.room() == name).collect();
-        let folders: BTreeSet<&str> = inside
-            .iter()
-            .filter(|code| {
-                code.module.len() > 2 || (code.module.len() == 2 && code.file.ends_with("/mod.rs"))
-            })
-            .map(|code| code.module[1].as_str())
-            .collect();
-        let place = |code: &Code| match code.module.get(1) {
+        let path: Vec<&str> = name.split('/').collect();
+        let depth = path.len();
+        let is_inside = |code: &Code| code.module.iter().take(depth).eq(&path);
+        let inside: Vec<&Code> = codes.iter().filter(|code| is_inside(code)).collect();
+        let is_folder = |code: &&&Code| {
+            let below = code.module.len() - depth;
+            below > 1 || (below == 1 && code.file.ends_with("/mod.rs"))
+        };
+        let folders: BTreeSet<&str> =
+            inside.iter().filter(is_folder).map(|code| code.module[depth].as_str()).collect();
+        let place = |code: &Code| match code.module.get(depth) {
             Some(name) if folders.contains(name.as_str()) => format!("{name}/"),
             Some(name) => format!("{name}.rs"),
             None => code.file.rsplit('/').next().unwrap_or_default().to_owned(),
         };
-        let heads = inside.iter().filter(|code| code.module.len() < 3);
-        let own = inside.iter().find(|code| code.module.len() < 2).map(|code| place(code));
+        let heads = inside.iter().filter(|code| code.module.len() < depth + 2);
+        let own = inside.iter().find(|code| code.module.len() == depth).map(|code| place(code));
         let own = own.unwrap_or_default();
-        let arrows = arrows.iter().filter(|arrow| arrow.from.room() == name);
+        let arrows = arrows.iter().filter(|arrow| is_inside(arrow.from) && is_inside(arrow.to));
         let arrows = arrows.map(|arrow| (place(arrow.from), place(arrow.to), arrow));
         let arrows = arrows.filter(|(from, to, _)| from != to && *to != own).collect();
         Self { places: heads.map(|code| (place(code), code.about.as_str())).collect(), own, arrows }

@@ -506,6 +506,29 @@ fn the_file_of_a_room_has_a_row_where_it_names_places() {
 }
 
 #[test]
+fn a_folder_of_a_room_may_have_a_table_too() {
+    let files = |low: &'static str| {
+        [
+            ("numerics/mod.rs", "pub mod a;\npub mod b;"),
+            ("numerics/a/mod.rs", "pub mod low;\npub mod high;"),
+            ("numerics/a/low.rs", low),
+            ("numerics/a/high/mod.rs", "pub mod inner;\nuse crate::numerics::a::low::L;"),
+            ("numerics/a/high/inner.rs", "use crate::numerics::b::B;"),
+            ("numerics/b.rs", ""),
+        ]
+    };
+    let rows = "| `low.rs` | | |\n| `high/` | | `low.rs` |";
+    let map = format!("# A\n\n## Inside the rooms\n\n### numerics/a\n\n{HEADER}\n{rows}\n");
+    let tables = places::read(&map).expect("tables");
+    let found = |low| places::violations(&program(&files(low)).expect("sources"), &tables);
+    // what lies outside the folder is not its table's business
+    assert_eq!(found("use crate::numerics::b::B;"), [""; 0]);
+    let upward = found("use super::high::inner::H;");
+    let told = "numerics/a/low.rs:1 names crate::numerics::a::high::inner::H: low.rs may not name high/";
+    assert_eq!(upward[0], told);
+}
+
+#[test]
 fn tables_of_the_inside_that_cannot_be_read_are_told() {
     let read = |tables: &str| places::read(&format!("# A\n\n## Inside the rooms\n\n{tables}\n"));
     assert_eq!(read("No table.").map(|tables| tables.len()), Ok(0));

@@ -7,7 +7,7 @@ use armwatch::robot::{
     DhParameters, JointGeometry, NominalJoint, Robot, StandardParameters, Transform, UrdfOrigin, WarmUpShape,
 };
 use armwatch::run::{Samples, Stage};
-use armwatch::simulate::record::record;
+use armwatch::simulate::run::record::record;
 use armwatch::simulate::{SimulationSettings, recording_of_run};
 
 /// An arm and how it is called in a failure.

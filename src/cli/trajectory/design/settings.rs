@@ -15,7 +15,7 @@ use crate::numerics::trajectory::prediction::load_direction;
 use crate::numerics::trajectory::problem::SearchSettings;
 use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::robot::{JointKind, ParameterKind, Robot};
-use crate::simulate::excitation::fourier_excitation;
+use crate::simulate::plan::excitation::fourier_excitation;
 
 /// What stands for all parameters that a mass at the tool frame changes.
 const LOAD: &str = "load";

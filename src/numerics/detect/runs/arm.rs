@@ -9,6 +9,7 @@
 //! unknown, its size. Every cause has a price for its parameters, and the cause with the least unexplained rest wins
 //! (likelihood ratio with the Schwarz price).
 
+pub(super) mod cause;
 pub(super) mod baseline;
 mod change;
 mod channel;
@@ -18,6 +19,7 @@ mod signal;
 use nalgebra::{DMatrix, DVector};
 
 use self::baseline::Baseline;
+use self::cause::{ArmCause, Load, SignalFault};
 use self::change::{Change, MOST_TOGETHER};
 use self::channel::{Shown, offset_rest};
 use self::price::{
@@ -25,8 +27,7 @@ use self::price::{
     SILENT_SIGNAL_PRICE, UNKNOWN_PRICE,
 };
 use self::signal::{Signal, own_causes, signal};
-use super::arm_cause::{ArmCause, Load, SignalFault};
-use super::like_length::{has_parameters, of_like_length};
+use super::history::like_length::{has_parameters, of_like_length};
 use crate::analysis::response::ChannelResponse;
 use crate::anomaly::RunSummary;
 use crate::numerics::detect::rate::budget::advantage;

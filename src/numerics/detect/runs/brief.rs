@@ -2,8 +2,8 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use super::contact::standing_out;
-use super::like_length::length;
+use super::arm_detectors::contact::standing_out;
+use super::history::like_length::length;
 use crate::anomaly::RunSummary;
 use crate::anomaly::brief::{Brief, JointBrief};
 

@@ -1,6 +1,6 @@
 //! What the limits of a robot are, and what they mean.
 
-use super::friction_drift::judged;
+use super::joint_detectors::friction_drift::judged;
 use super::parts::{Parts, grouped};
 use super::series::JointSeries;
 use crate::anomaly::RunSummary;

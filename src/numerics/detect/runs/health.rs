@@ -1,7 +1,7 @@
 //! Where each joint stands after the latest test, and what is known of it since when.
 
-use super::friction_drift;
-use super::friction_history::{FrictionHistory, Observed, Source};
+use super::history::friction_history::{FrictionHistory, Observed, Source};
+use super::joint_detectors::friction_drift;
 use super::series::JointSeries;
 use super::without_result::why;
 use crate::analysis::JointSummary;

@@ -8,8 +8,8 @@
 use std::fmt::{self, Write};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
+use super::arm::cause::{ArmCause, Load, SignalFault};
 use super::arm::{ArmJudgement, UsualArm};
-use super::arm_cause::{ArmCause, Load, SignalFault};
 use super::brief::content;
 use super::curve::causes::{RunCauses, UsualCurves};
 use super::curve::hypothesis::Cause;

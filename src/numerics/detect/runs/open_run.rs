@@ -10,14 +10,14 @@
 use std::collections::BTreeSet;
 
 use super::arm::{arm_evidence, faults, least_advantage as least_advantage_of_arm};
-use super::arm_change::{UNKNOWN_CHANGE, arm_changes};
-use super::contact::{UsualContacts, alpha, open_contact};
+use super::arm_detectors::arm_change::{UNKNOWN_CHANGE, arm_changes};
+use super::arm_detectors::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{RunCause, least_advantage};
-use super::friction_step::FrictionStep;
-use super::friction_swing::FrictionSwing;
-use super::like_length::length;
+use super::history::like_length::length;
+use super::joint_detectors::friction_step::FrictionStep;
+use super::joint_detectors::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::episodes::anomalies;

@@ -6,19 +6,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use jiff::Timestamp;
 use nalgebra::DVector;
 
+use super::arm::cause::ArmCause;
 use super::arm::{
     ArmEvidence, UsualArm, faults, least_advantage as least_advantage_of_arm, response_of, together,
 };
-use super::arm_cause::ArmCause;
-use super::common_change::common_parts;
+use super::arm_detectors::common_change::common_parts;
 use super::curve::causes::{RunCauses, UsualCurves, tests_of_usual};
 use super::curve::run_cause::{RunCause, least_advantage};
 use super::detection::{Detection, lacks};
-use super::friction_history::{FrictionHistory, bound_spreads, learn_before_jumps};
+use super::history::friction_history::{FrictionHistory, bound_spreads, learn_before_jumps};
+use super::history::like_length::of_like_length;
+use super::joint_detectors::warm_up::common_warm_up;
 use super::judgement::{Frame, Judgement, key};
-use super::like_length::of_like_length;
 use super::series::friction_history;
-use super::warm_up::common_warm_up;
 use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::detect::verdict::{DetectSettings, Verdict};
 use crate::robot::JointIndex;

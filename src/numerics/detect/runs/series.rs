@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 
 use jiff::Timestamp;
 
-use super::arm_cause::{ArmCause, SignalFault};
+use super::arm::cause::{ArmCause, SignalFault};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::RunCause;
-use super::friction_history::FrictionHistory;
-use super::warm_up_jump::LEAST_FACTOR;
+use super::curve::warm_up_jump::LEAST_FACTOR;
+use super::history::friction_history::FrictionHistory;
 use crate::analysis::{Estimate, JointSummary};
 use crate::anomaly::RunSummary;
 use crate::anomaly::peer::Peer;

@@ -77,8 +77,8 @@ fn no_two_detectors_give_the_same_anomaly() {
     let causes = vec![None; history.len()];
     let friction = friction_history(&history, JOINT, &causes, settings.baseline_runs);
     let series = JointSeries::new(&history, JOINT, &friction, &causes, &[], &settings);
-    let mut named: Vec<_> = DETECTORS.iter().map(|of| (of.kind(), of.quantity(&series))).collect();
+    let mut named: Vec<_> = JOINT_DETECTORS.iter().map(|of| (of.kind(), of.quantity(&series))).collect();
     named.sort_unstable();
     named.dedup();
-    assert_eq!(named.len(), DETECTORS.len());
+    assert_eq!(named.len(), JOINT_DETECTORS.len());
 }

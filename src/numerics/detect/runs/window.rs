@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use super::like_length::{has_parameters, of_like_length};
+use super::history::like_length::{has_parameters, of_like_length};
 use crate::analysis::JointSummary;
 use crate::anomaly::RunSummary;
 use crate::anomaly::peer::Peer;

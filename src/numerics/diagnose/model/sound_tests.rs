@@ -5,7 +5,7 @@ use crate::analysis::finding::{FindingKind, FindingKinds, FindingSeverity};
 use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
-use crate::simulate::matched_model::{ExactSettings, record_excitation};
+use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
 use crate::testing::er3a;
 
 fn recording(robot: &Robot, seed: u64, rate: f64) -> Samples {

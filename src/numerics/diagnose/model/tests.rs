@@ -14,7 +14,7 @@ use crate::numerics::identify::verify::torque_rmsd;
 use crate::numerics::signal::filter::{FilteredSignals, filter_signals};
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Samples, Stage};
-use crate::simulate::matched_model::{ExactSettings, record_excitation};
+use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
 use crate::testing::er3a;
 
 /// A recording that differs from the model by noise alone, torque noise a tenth of the usual.

@@ -12,7 +12,7 @@ use crate::numerics::diagnose::model::{diagnose_model, top_speeds};
 use crate::numerics::signal::filter::filter_signals;
 use crate::robot::{DhParameters, JointGeometry, JointIndex, Robot};
 use crate::run::{Cycle, Samples, Stage};
-use crate::simulate::record::record;
+use crate::simulate::run::record::record;
 use crate::simulate::{SimulationSettings, recording_of_run};
 use crate::testing::er3a;
 

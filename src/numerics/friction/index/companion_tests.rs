@@ -1,9 +1,9 @@
 //! A new baseline of one joint, whose map the held maps of the other joints help to learn.
 
+use super::baseline::fit_maps;
+use super::held_map::HeldMap;
 use super::simulated_arm::{Arm, BASELINE, HOUR, JOINTS};
 use super::{Reference, learnt_runs, run_indices};
-use crate::numerics::friction::baseline::fit_maps;
-use crate::numerics::friction::held_map::HeldMap;
 use crate::robot::JointIndex;
 
 const REPAIRED: usize = 2;

@@ -5,12 +5,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::baseline::{FormedMaps, fit_maps};
+use super::run_record::{FULL_RUN_POINTS, coverage};
 use super::{REMEMBERED_S, Reference, learnt_runs, run_indices, stages};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
-use crate::numerics::friction::baseline::{FormedMaps, fit_maps};
-use crate::numerics::friction::record::{CycleMotion, MapRun};
-use crate::numerics::friction::run_record::{FULL_RUN_POINTS, coverage};
+use crate::numerics::friction::maps::record::{CycleMotion, MapRun};
 use crate::robot::JointIndex;
 
 /// Friction of a robot over a history without maintenance.

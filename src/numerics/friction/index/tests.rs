@@ -1,12 +1,12 @@
 //! The index on arms whose thermal law is another ([`super::simulated_arm`]).
 
+use super::baseline::fit_maps;
 use super::simulated_arm::{
     ADMITTED, ADMITTED_OF_THE_UNKNOWN, Arm, BASELINE, CYCLE_S, HOUR, JOINTS, LEVELS, RobotFriction,
     WEAR_TOLERANCE, gears, half_colder, largest, last_changes, raw_changes, robot_friction,
 };
-use crate::numerics::friction::baseline::fit_maps;
-use crate::numerics::friction::published_map::map_friction;
-use crate::numerics::friction::thermal_state::{MotionSpan, Rates, thermal_deficits};
+use crate::numerics::friction::maps::published_map::map_friction;
+use crate::numerics::friction::maps::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use crate::robot::JointIndex;
 /// Variance of measured and of indexed friction over runs is known in this history: the hall alone makes the first,
 /// scatter of points and wear the second.

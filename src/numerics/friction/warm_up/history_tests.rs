@@ -7,9 +7,9 @@ use rand_distr::StandardNormal;
 use super::{WarmUpPoint, fit_warm_up, warm_up_torque};
 use crate::analysis::{Estimate, FrictionPoint, GravityRemoval, WarmUpFit, WarmUpModel};
 use crate::numerics::analyse_run::warm_up_fits;
-use crate::numerics::friction::level_means::friction_means;
+use crate::numerics::friction::points::level_means::friction_means;
 use crate::robot::JointIndex;
-use crate::simulate::friction::{ThermalState, coefficients_at, friction_torque, joint_friction};
+use crate::simulate::arm::friction::{ThermalState, coefficients_at, friction_torque, joint_friction};
 use crate::testing::er3a;
 
 const JOINT: JointIndex = JointIndex::new(0);

@@ -5,8 +5,8 @@ use nalgebra::DVector;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use crate::anomaly::brief::Brief;
 use crate::anomaly::{RunParameter, RunSummary};
-use crate::numerics::detect::runs::first_level::FirstLevels;
-use crate::numerics::detect::runs::first_tests::first_tests;
+use crate::numerics::detect::runs::history::first_level::FirstLevels;
+use crate::numerics::detect::runs::history::first_tests::first_tests;
 use crate::numerics::statistics::descriptive::{mean, median, robust_deviation};
 use crate::robot::{JointIndex, ParameterId, shares_of_link};
 

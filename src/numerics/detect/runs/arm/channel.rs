@@ -3,12 +3,12 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual, rmsd};
+use super::cause::{ArmCause, SignalFault};
 use super::change::{Change, LEAST_MEAN_SQUARE};
 use super::price::{CHANNEL_PRICE, PARAMETER_PRICE, PATTERN_ERROR};
 use super::signal::Signal;
 use crate::analysis::response::{ChannelFault, STRENGTHS};
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::runs::arm_cause::{ArmCause, SignalFault};
 use crate::robot::JointIndex;
 
 /// Part of a change that a direction may miss. It is computed from the motion: a load, which has more unknowns, must not be

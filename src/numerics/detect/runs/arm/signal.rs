@@ -4,9 +4,9 @@ use super::baseline::{
     Baseline, LEAST_NOISE_RATIO, LEAST_OFFSET, LEAST_RMSD_RATIO, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS, Usual,
     friction, noise, offsets, rmsd,
 };
+use super::cause::{ArmCause, SignalFault};
 use super::price::MECHANICAL_PRICE;
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::runs::arm_cause::{ArmCause, SignalFault};
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 

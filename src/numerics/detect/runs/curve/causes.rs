@@ -12,8 +12,8 @@ use super::usual::{HALL_SPREAD, JointCurves, Usual, common_of, joint_curves, of_
 use super::within_run;
 use crate::analysis::friction::CycleFriction;
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::runs::first_tests::first_tests;
-use crate::numerics::detect::runs::friction_history::COMMON_SPREAD;
+use crate::numerics::detect::runs::history::first_tests::first_tests;
+use crate::numerics::detect::runs::history::friction_history::COMMON_SPREAD;
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
 

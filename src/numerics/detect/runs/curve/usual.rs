@@ -6,7 +6,7 @@ use super::points::{Curve, CurvePoint, common_part, shared};
 use super::run_cause::RunCause;
 use super::template::{self, Template};
 use super::within_run;
-use crate::numerics::detect::runs::first_level::LEVEL_CHANGE;
+use crate::numerics::detect::runs::history::first_level::LEVEL_CHANGE;
 use crate::numerics::statistics::descriptive::{mean, median};
 
 /// Scatter from cycle to cycle that a quiet joint may have, as a fraction of friction. Above it, a joint's own

@@ -1,5 +1,5 @@
-use super::super::cause_tests::{CYCLES, JOINTS, State, fleet};
 use super::*;
+use crate::numerics::detect::runs::cause_tests::{CYCLES, JOINTS, State, fleet};
 
 /// The first cycles of a test: its friction curve, and its means with the error of so few cycles.
 fn cut(run: &RunSummary, cycles: u32) -> RunSummary {

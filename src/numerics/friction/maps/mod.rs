@@ -1,0 +1,11 @@
+//! Friction over speed and thermal state, fitted to the runs of a robot, and how each run differs from it.
+
+pub mod thermal_state;
+pub mod record;
+pub(super) mod law;
+pub(super) mod map;
+pub mod published_map;
+pub(super) mod thermal_source;
+mod effect_layout;
+pub(super) mod run_points;
+pub(super) mod run_effects;

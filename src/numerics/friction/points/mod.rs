@@ -1,0 +1,8 @@
+//! Friction points of one cycle: at constant speed, from slow passes, from the excitation, and what they come to.
+
+mod plateau;
+mod slow_passes;
+pub mod plateaus;
+pub mod composite;
+pub mod excitation;
+pub mod level_means;
