@@ -1,7 +1,7 @@
 //! An excitation stage in which everything but the noise is as the identifier's model has it: friction
 //! is the polynomial [3.10], warm and steady, and the true parameters are those of the description.
 //!
-//! For checks of estimators and their errors; an export is made by [`super::simulate_run`].
+//! For checks of estimators and their errors; an export is made by [`crate::simulate::simulate_run`].
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -65,9 +65,9 @@ pub(in crate::numerics::friction) struct LawParameters<T = f64> {
     pub share: T,
     /// Logarithm of the cooling ratio: time constants at rest as a multiple of those in motion.
     pub cooling: T,
-    /// Parameter of the [`ThermalSensor`]. With an ambient temperature, thermal deficit for each kelvin below the
-    /// usual one, 1/K. With a motor's temperature, curvature of the deficit over it, without unit. Not used without
-    /// a sensor.
+    /// Parameter of the [`ThermalSensor`](super::record::ThermalSensor). With an ambient temperature, thermal deficit for
+    /// each kelvin below the usual one, 1/K. With a motor's temperature, curvature of the deficit over it, without unit.
+    /// Not used without a sensor.
     pub sensor: T,
 }
 
