@@ -6,8 +6,7 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::alarms::anomalies;
-use super::alarms::anomalies::Reconciled;
+use super::alarms::anomalies::{self, Reconciled};
 use super::conclusion_faults;
 use super::figures::friction_series::{self, FrictionHistory};
 use super::figures::run_brief;

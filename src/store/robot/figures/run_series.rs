@@ -6,11 +6,9 @@
 
 use sqlx::Row;
 
-use super::cycle_friction;
-use super::cycle_friction::MeanParameter;
+use super::cycle_friction::{self, MeanParameter};
 use super::cycle_rmsd;
-use super::joint_summary;
-use super::joint_summary::SummaryRow;
+use super::joint_summary::{self, SummaryRow};
 use super::packed::{Reader, add_count, add_joint, add_numbers};
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;

@@ -16,7 +16,7 @@ use crate::numerics::detect::verdict::{Verdict, Why, apart};
 /// the joint has always been: worth knowing, not worth a call.
 const ACCURACY_AS_EVER: f64 = 1.3;
 
-pub(in crate::numerics::detect::runs) struct Accuracy;
+pub(super) struct Accuracy;
 
 impl Detector<JointSeries<'_>> for Accuracy {
     fn kind(&self) -> AnomalyKind {

@@ -28,7 +28,7 @@ const MAP_ERRORS: f64 = 3.0;
 /// Part of its limit below which a change has to fall to be over.
 const CLOSING: f64 = 0.75;
 
-pub(in crate::numerics::detect::runs) struct FrictionDrift;
+pub(super) struct FrictionDrift;
 
 impl Detector<JointSeries<'_>> for FrictionDrift {
     fn kind(&self) -> AnomalyKind {

@@ -27,7 +27,7 @@ const MIN_SWING: f64 = 0.004;
 const CHANCE: f64 = 3.7;
 const CHANCE_FACTOR: f64 = 1.5;
 
-pub(in crate::numerics::detect::runs) struct Oscillation;
+pub(super) struct Oscillation;
 
 /// The most that chance makes of a standard deviation over so many cycles, as a multiple of the true one: the root of the
 /// quantile of chi-square over its degrees of freedom (Wilson and Hilferty 1931).

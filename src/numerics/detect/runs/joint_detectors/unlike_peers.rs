@@ -33,7 +33,7 @@ const GOOD_RMSD: f64 = 0.05;
 const WARMTH_TOLERANCE: f64 = 0.25;
 
 /// By which quantity.
-pub(in crate::numerics::detect::runs) enum UnlikePeers {
+pub(super) enum UnlikePeers {
     Friction,
     Accuracy,
 }

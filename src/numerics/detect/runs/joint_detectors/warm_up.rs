@@ -23,7 +23,7 @@ use crate::numerics::detect::runs::curve::warm_up_jump::{LEAST_FACTOR, Limits, W
 use crate::numerics::detect::runs::series::JointSeries;
 use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why};
 
-pub(in crate::numerics::detect::runs) struct WarmUp;
+pub(super) struct WarmUp;
 
 impl Detector<JointSeries<'_>> for WarmUp {
     fn kind(&self) -> AnomalyKind {
