@@ -70,9 +70,9 @@ pub struct RunFiles {
 
 /// Writes the export of run `run_index`, counted from 0, and its truth file.
 ///
-/// The truth file is complete before the export shows; that of an export that grows, when the export has ended. The folder `out_dir` is made if it is missing.
-/// `progress` hears every ten thousand rows and the end; of an export that grows ten times a second of its time, when
-/// the rows until then are in the file.
+/// The truth file is complete before the export shows; that of an export that grows, when the export has ended. The
+/// folder `out_dir` is made if it is missing. `progress` hears every ten thousand rows and the end; of an export that
+/// grows ten times a second of its time, when the rows until then are in the file.
 ///
 /// # Errors
 /// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that

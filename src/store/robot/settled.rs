@@ -1,5 +1,5 @@
-//! What is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and the runs of the windows behind the
-//! latest.
+//! What is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and the runs of the
+//! windows behind the latest.
 
 use jiff::Timestamp;
 

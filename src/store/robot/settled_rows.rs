@@ -1,4 +1,5 @@
-//! Rows of what is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and keys of the runs of windows.
+//! Rows of what is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and keys of the
+//! runs of windows.
 
 use jiff::Timestamp;
 use sqlx::Row;

@@ -2,10 +2,11 @@
 //! tests.
 //!
 //! Looked for is what a part of a test can show: a step of friction, friction that varies from cycle to cycle, a load,
-//! a torque signal that reads wrong, a contact in one cycle. A contact is found one cycle after it. A step needs one cycle before it and two of the new level, so it is found one cycle
-//! after the one with which it came. Scatter needs seven cycles. The arm is compared with the same number of first cycles of the complete tests, as
-//! parameters move while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the
-//! RMSD) is left to the time when it is complete. Only warnings and critical findings are given.
+//! a torque signal that reads wrong, a contact in one cycle. A contact is found one cycle after it. A step needs one
+//! cycle before it and two of the new level, so it is found one cycle after the one with which it came. Scatter needs
+//! seven cycles. The arm is compared with the same number of first cycles of the complete tests, as parameters move
+//! while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the RMSD) is left to
+//! the time when it is complete. Only warnings and critical findings are given.
 
 use std::collections::BTreeSet;
 

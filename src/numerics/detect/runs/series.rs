@@ -198,9 +198,9 @@ pub(super) fn friction_history(
 /// Latest tests with scatter from cycle to cycle that say how much of it a joint has.
 const LATEST_WITH_SCATTER: usize = 8;
 
-/// Standard error of each test's level by scatter from cycle to cycle, as a fraction: a mean of few cycles that scatter knows the
-/// level as badly as that. How much a joint scatters is the mean variance of the latest tests that show it, since the few cycles of one
-/// test know it badly. A test that does not show it clearly, but may have it, has it too.
+/// Standard error of each test's level by scatter from cycle to cycle, as a fraction: a mean of few cycles that scatter
+/// knows the level as badly as that. How much a joint scatters is the mean variance of the latest tests that show it,
+/// since the few cycles of one test know it badly. A test that does not show it clearly, but may have it, has it too.
 fn level_errors(history: &[RunSummary], causes: &[Option<RunCause>]) -> Vec<Option<f64>> {
     // variance and degrees of freedom
     let mut latest: VecDeque<(f64, f64)> = VecDeque::new();

@@ -24,8 +24,8 @@ const MIN_CLUSTERS: usize = 6;
 ///
 /// `tau = warm + cold x`, `var tau = var warm + 2 x cov(warm, cold) + x² var cold`
 ///
-/// For a coming run, `x` follows from [`thermal_deficits`](super::thermal_state::thermal_deficits) at its start, corrected by [`with_temperatures`] and mixed
-/// by the law's `slow_share`.
+/// For a coming run, `x` follows from [`thermal_deficits`](super::thermal_state::thermal_deficits) at its start,
+/// corrected by [`with_temperatures`] and mixed by the law's `slow_share`.
 #[must_use]
 pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate> {
     let of_level = map.levels.get(level)?;

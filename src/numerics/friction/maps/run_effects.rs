@@ -5,9 +5,10 @@
 //!
 //! `tau = tau_map(l, x + ambient + d_slow(t) start_slow + d_fast(t) start_fast) (1 + wear + level(l))`
 //!
-//! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start ([`start_decay`](super::run_points::start_decay)). All joints
-//! of a run are solved for together, because one ambient effect is common to them. Each effect has a normal prior
-//! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear.
+//! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start
+//! ([`start_decay`](super::run_points::start_decay)). All joints of a run are solved for together, because one ambient
+//! effect is common to them. Each effect has a normal prior of mean zero. Its scale is estimated from the history
+//! (empirical Bayes), except that of wear.
 
 use nalgebra::{DMatrix, DVector};
 

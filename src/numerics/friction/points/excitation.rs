@@ -14,8 +14,9 @@ const REACHED: f64 = 2.0;
 
 /// Friction torque of each joint over the last third of a run's cycles, `[n]`: the median over these cycles of the
 /// identified friction, the mean of both directions, at `reference_fraction` of the joint's largest speed, or at a
-/// half, a quarter or an eighth of it, so that it is not beyond twice the joint's mean speed. The standard error takes those of the coefficients as uncorrelated, which
-/// is too much for neighbouring powers of the speed. `None` for a joint without friction coefficients.
+/// half, a quarter or an eighth of it, so that it is not beyond twice the joint's mean speed. The standard error takes
+/// those of the coefficients as uncorrelated, which is too much for neighbouring powers of the speed. `None` for a
+/// joint without friction coefficients.
 #[must_use]
 pub fn excitation_friction(
     robot: &Robot,

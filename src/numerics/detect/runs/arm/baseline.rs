@@ -210,9 +210,10 @@ impl Baseline {
         self.parameters[row].1.deviation * self.inflation.sqrt()
     }
 
-    /// The same for a run whose cycles disagree about a parameter by far more than those of the first runs, and by how much the standard
-    /// deviation of each parameter is larger then; `None` for other runs. A joint whose torque reads wrong has little weight in the
-    /// estimate, so that its parameters are known badly: that they differ is no pattern of anything.
+    /// The same for a run whose cycles disagree about a parameter by far more than those of the first runs, and by how
+    /// much the standard deviation of each parameter is larger then; `None` for other runs. A joint whose torque reads
+    /// wrong has little weight in the estimate, so that its parameters are known badly: that they differ is no pattern
+    /// of anything.
     pub(super) fn widened(&self, run: &RunSummary) -> Option<(Self, DVector<f64>)> {
         let by = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
             let of = run.parameters.iter().find(|of| of.id == *id);

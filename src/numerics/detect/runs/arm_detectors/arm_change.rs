@@ -2,8 +2,8 @@
 //! (`sensor`), torque of a joint that neither its model nor its signal's noise explains, and a change of the arm that nothing
 //! explains (`accuracy`).
 //!
-//! Each run is compared with the robot's first runs ([`crate::numerics::detect::runs::arm`]). A run is out if the likeliest cause is clear: a
-//! warning if it is plain or the run before shows it too, else worth knowing.
+//! Each run is compared with the robot's first runs ([`crate::numerics::detect::runs::arm`]). A run is out if the
+//! likeliest cause is clear: a warning if it is plain or the run before shows it too, else worth knowing.
 
 use jiff::Timestamp;
 
@@ -22,8 +22,8 @@ const PLAIN_REST: f64 = 300.0;
 /// Least advantage of a change that is not known, for a warning: seasons move parameters by some standard deviations.
 const LEAST_UNKNOWN: f64 = 4000.0;
 
-/// Anomalies of the arm and its torque signals. `faults` has what [`faults`](crate::numerics::detect::runs::arm::faults) says of the evidence, `runs` key and
-/// start of each run.
+/// Anomalies of the arm and its torque signals. `faults` has what
+/// [`faults`](crate::numerics::detect::runs::arm::faults) says of the evidence, `runs` key and start of each run.
 pub(in crate::numerics::detect::runs) fn arm_changes(
     evidence: &[Option<ArmEvidence>],
     faults: &[Option<ArmCause>],

@@ -208,8 +208,8 @@ impl UsualPeaks {
     }
 }
 
-/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least. One after a pause
-/// is never judged and says nothing of that.
+/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least.
+/// One after a pause is never judged and says nothing of that.
 fn of_joint(run: &RunSummary, joint: usize) -> (Distances, f64) {
     if let Some(brief) = run.left_out() {
         let JointBrief { inner, furthest, .. } = brief.joint(joint);

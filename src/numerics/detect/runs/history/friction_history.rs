@@ -235,8 +235,8 @@ impl FrictionHistory {
         }
     }
 
-    /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance of their median;
-    /// those with what all joints share where few of these torques compare.
+    /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance
+    /// of their median; those with what all joints share where few of these torques compare.
     fn torque_spread(&self) -> (f64, f64) {
         let own = |of: &&Observed| of.source == self.source && self.is_learnt_from(of);
         let ratios: Vec<f64> = self.runs.iter().filter(own).map(|of| of.ratio).collect();

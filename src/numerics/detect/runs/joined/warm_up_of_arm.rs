@@ -1,10 +1,11 @@
 //! Thermal: alarms of joints' warm-ups that are the arm's.
 //!
-//! Another lubricant changes the warm-up of all joints, of some more than of others, and shows in one joint before what all joints
-//! share is beyond chance ([`crate::numerics::detect::runs::joint_detectors::warm_up`]). Alarms of two joints to the same side, at the same time or soon after one another, are the
-//! arm's: one cause is likelier than two. So is an alarm of one joint if what all joints share, their median, jumped with
-//! it to the same side, by [`LEAST_FACTOR`] or more, [`LEAST_PART`] of the joint's own factor and [`CLEAR_ERRORS`] standard
-//! errors. The place of that jump is given, so that chance has one try.
+//! Another lubricant changes the warm-up of all joints, of some more than of others, and shows in one joint before what
+//! all joints share is beyond chance ([`crate::numerics::detect::runs::joint_detectors::warm_up`]). Alarms of two
+//! joints to the same side, at the same time or soon after one another, are the arm's: one cause is likelier than two.
+//! So is an alarm of one joint if what all joints share, their median, jumped with it to the same side, by
+//! [`LEAST_FACTOR`] or more, [`LEAST_PART`] of the joint's own factor and [`CLEAR_ERRORS`] standard errors. The place
+//! of that jump is given, so that chance has one try.
 
 use super::one_of_several::{joints_of, one_of_arm};
 use crate::analysis::Estimate;

@@ -151,8 +151,8 @@ pub(in crate::numerics::detect::runs) struct Judged {
     pub(in crate::numerics::detect::runs) limit: LevelLimit,
     /// Of each run that is out by a steady rise alone, the place of the run in which it began.
     pub(super) rises: Vec<Option<usize>>,
-    /// Smoothed change of each run, as a fraction of the baseline; of a steady rise that since its beginning. Zero for runs that are not
-    /// compared.
+    /// Smoothed change of each run, as a fraction of the baseline; of a steady rise that since its beginning. Zero for
+    /// runs that are not compared.
     pub(in crate::numerics::detect::runs) changes: Vec<f64>,
 }
 

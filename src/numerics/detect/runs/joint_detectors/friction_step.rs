@@ -1,11 +1,12 @@
 //! Step: the friction of a joint jumps, inside a run or between two.
 //!
-//! Inside a run the comparison of causes finds it ([`crate::numerics::detect::runs::curve`]), at the cycle with which it came, also in the runs
-//! of the baseline. Between runs the control chart of [`super::friction_drift`] finds that friction is away from its
-//! baseline, and the shape of the runs about the beginning says that it came at once ([`super::friction_change`]). The
-//! episode goes on as long as friction stays away. In a joint whose friction scattered from cycle to cycle in one of the eight tests before,
-//! a step inside a run has to be likelier by what scatter is likelier beforehand. A step is worth knowing from a twentieth of friction on,
-//! a warning from `drift_warning` on and critical from `drift_critical` on.
+//! Inside a run the comparison of causes finds it ([`crate::numerics::detect::runs::curve`]), at the cycle with which
+//! it came, also in the runs of the baseline. Between runs the control chart of [`super::friction_drift`] finds that
+//! friction is away from its baseline, and the shape of the runs about the beginning says that it came at once
+//! ([`super::friction_change`]). The episode goes on as long as friction stays away. In a joint whose friction
+//! scattered from cycle to cycle in one of the eight tests before, a step inside a run has to be likelier by what
+//! scatter is likelier beforehand. A step is worth knowing from a twentieth of friction on, a warning from
+//! `drift_warning` on and critical from `drift_critical` on.
 
 use super::friction_change::Shape;
 use super::friction_drift::{Judged, episode_shape, episodes, judged, why_level};

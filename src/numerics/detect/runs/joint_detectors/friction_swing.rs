@@ -2,9 +2,9 @@
 //!
 //! The quantity is the standard deviation of a cycle's friction about the smooth curve of its run, as a fraction of
 //! friction. Each cycle is identified anew, so that the torque's RMSD stays quiet. The comparison of causes
-//! ([`crate::numerics::detect::runs::curve`]) tells scatter from a step and from warm-up. A run is out from 3 % on, whatever the joint's own
-//! history: a joint that always swung is found in its first run. Below 5 % one run is worth knowing, and a warning if the
-//! run before shows it too. It is critical from 10 % on.
+//! ([`crate::numerics::detect::runs::curve`]) tells scatter from a step and from warm-up. A run is out from 3 % on,
+//! whatever the joint's own history: a joint that always swung is found in its first run. Below 5 % one run is worth
+//! knowing, and a warning if the run before shows it too. It is critical from 10 % on.
 
 use crate::anomaly::{AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;

@@ -1,11 +1,12 @@
 //! Thermal: the warm-up of a joint, or of all joints, takes another time than in its first runs.
 //!
 //! The quantity is the slow time constant as a multiple of that of the usual curve. The comparison of causes
-//! ([`crate::numerics::detect::runs::curve`]) tells it from another level of friction and from another warmth at the start: a time constant
-//! changes nothing in the first cycle and most in the middle of the warm-up. A run is out if this cause is clear and
-//! moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs: the likelihood ratio
-//! against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as much as one run needs. And
-//! what the runs say of the factor is looked at as a series ([`crate::numerics::detect::runs::curve::warm_up_jump`]).
+//! ([`crate::numerics::detect::runs::curve`]) tells it from another level of friction and from another warmth at the
+//! start: a time constant changes nothing in the first cycle and most in the middle of the warm-up. A run is out if
+//! this cause is clear and moves friction of some cycle by 1.5 % or more. A smaller effect is found over several runs:
+//! the likelihood ratio against the best other cause is summed, never below zero (CUSUM, Page 1954), until it is as
+//! much as one run needs. And what the runs say of the factor is looked at as a series
+//! ([`crate::numerics::detect::runs::curve::warm_up_jump`]).
 //!
 //! What all joints share is looked at likewise, as the warm-up of the arm. Where it differs, a joint is not judged by itself: joints
 //! differ in what a lubricant does to them.
