@@ -11,10 +11,11 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
+use armwatch::analysis::settings::AnalysisSettings;
 use armwatch::config::{Config, FleetEntry};
 use armwatch::ingest::bytes::source;
 use armwatch::ingest::table::reader::{ExportReader, ReadOptions};
-use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::analyse::{Method, analyse_cycle};
 use armwatch::numerics::diagnose::recording::diagnose_samples;
 use armwatch::numerics::diagnose::recording::view::DiagnoseSettings;
 use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;

@@ -18,11 +18,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use armwatch::analysis::CycleAnalysis;
+use armwatch::analysis::settings::AnalysisSettings;
 use armwatch::config::{Config, FleetEntry};
 use armwatch::ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next};
 use armwatch::ingest::table::column_map::map_columns;
 use armwatch::ingest::table::polars_reader::Parser;
-use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::analyse::{Method, analyse_cycle};
 use armwatch::numerics::diagnose::recording::diagnose_samples;
 use armwatch::numerics::diagnose::recording::view::DiagnoseSettings;
 use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;

@@ -1,11 +1,18 @@
 //! What is computed from a run: identification, verification, friction and warm-up. An answer that
 //! could not be had keeps its reason here; it is never an empty value.
 
+pub mod cycle_friction;
+pub mod estimator_kind;
 pub mod finding;
 pub mod friction;
+pub mod interval;
+pub mod log_summary;
+pub mod map_run;
 pub mod measurements;
+pub mod median;
 pub mod refusal;
 pub mod response;
+pub mod settings;
 mod torque_noise;
 mod torque_rmsd;
 pub mod work_evidence;
@@ -213,7 +220,7 @@ pub struct IdentifiedParameter {
     /// Standard error, same unit.
     pub std_error: f64,
     /// Degrees of freedom of the standard error; not a number where they are not known. The interval
-    /// is [`half_width`](crate::numerics::statistics::distributions::half_width) to either side.
+    /// is [`half_width`](crate::analysis::interval::half_width) to either side.
     pub degrees_of_freedom: f64,
 }
 

@@ -15,11 +15,15 @@ use crate::analysis::work_evidence::JointEvidence;
 use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
+pub mod baseline_runs;
 pub mod brief;
+pub mod cycle_peaks;
 pub mod epoch;
 pub mod forecast;
 pub mod odds;
 pub mod peer;
+pub mod settings;
+pub mod settled;
 
 /// What kind of change an anomaly is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

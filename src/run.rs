@@ -1,5 +1,7 @@
 //! What was recorded: a run is one export, made of cycles, each made of stages.
 
+pub mod channel_delays;
+pub mod stage_rule;
 pub mod temperature;
 
 use std::fmt;

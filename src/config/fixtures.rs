@@ -10,8 +10,8 @@ use super::robot::robot_file::{parse_robot, read_robot};
 use super::settings::Config;
 use super::summary::summary;
 use super::toml::problem::ConfigErrors;
-use crate::numerics::analyse::AnalysisSettings;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::analysis::settings::AnalysisSettings;
+use crate::anomaly::settings::DetectSettings;
 
 /// Name of a file, and for each of its problems the line, the key and words of the message.
 type Expectation = (&'static str, &'static [(usize, &'static str, &'static str)]);

@@ -13,8 +13,8 @@ use super::pattern::{self, FilePatterns};
 use super::retention::RetentionSettings;
 use super::serve::{ClientSettings, ServeSettings};
 use super::snapshot::SnapshotSettings;
-use crate::numerics::analyse::AnalysisSettings;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::analysis::settings::AnalysisSettings;
+use crate::anomaly::settings::DetectSettings;
 use crate::robot::Robot;
 
 /// Everything the program is told, read and checked.

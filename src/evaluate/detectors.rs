@@ -1,9 +1,9 @@
 //! The detectors that are measured: those of the program, and simple ones to compare them with.
 
 use super::event::BASELINE_RUNS;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::runs::detect;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 /// Quiet runs that end an alarm of a simple detector, as of the program's own.

@@ -9,9 +9,9 @@ use super::event::{BASELINE_RUNS, Event};
 use super::fleet::{FleetSettings, drawn, drawn_arm, evaluate};
 use super::history::History;
 use super::scenario::Scenario;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::runs::detect;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 fn designs(count: u64) -> Vec<Design> {

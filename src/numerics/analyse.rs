@@ -34,36 +34,12 @@ use super::signal::time_grid::sample_rate;
 use super::spare_threads::SpareThreads;
 use crate::analysis::finding::{Finding, FindingKinds, FindingSeverity};
 use crate::analysis::response::ChannelResponse;
+use crate::analysis::settings::AnalysisSettings;
 use crate::analysis::{
-    CycleAnalysis, CycleFactors, Estimator, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
+    CycleAnalysis, CycleFactors, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
 };
 use crate::robot::Robot;
 use crate::run::{Cycle, RunKind, Samples, Stage};
-
-/// What the method may be told.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AnalysisSettings {
-    /// Cut-off of the zero-phase low-pass on position, velocity and torque, Hz.
-    pub cutoff: f64,
-    /// Speed at which friction is compared over runs, as a fraction of the largest speed; the
-    /// nearest measured level is taken. The thesis prints 0.6.
-    pub reference_speed_fraction: f64,
-    /// How rows become parameters.
-    pub estimator: Estimator,
-    /// Findings that do not refuse a cycle but make it doubtful.
-    pub accept: FindingKinds,
-}
-
-impl Default for AnalysisSettings {
-    fn default() -> Self {
-        Self {
-            cutoff: 12.0,
-            reference_speed_fraction: 0.6,
-            estimator: Estimator::default(),
-            accept: FindingKinds::default(),
-        }
-    }
-}
 
 /// A robot with everything that its analysis needs and that no recording changes. Made once.
 #[derive(Debug, Clone)]

@@ -1,11 +1,11 @@
 //! What a whole run says: warm-up fits, statistics of parameters, one summary a joint.
 
-use super::analyse::AnalysisSettings;
 use super::friction::points::level_means::{SAME_PASS_S, at_level, direction_difference, nearest_level};
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
 use super::spare_threads::SpareThreads;
 use super::statistics::descriptive::{mean, median, parameter_statistics, standard_deviation, swing};
 use crate::analysis::measurements::{ByCycle, CyclePoint, RunMeasurements};
+use crate::analysis::settings::AnalysisSettings;
 use crate::analysis::{FrictionPoint, JointSummary, RunAnalysis, WarmFriction, WarmUpFit};
 use crate::robot::JointIndex;
 

@@ -1,10 +1,10 @@
 //! The first cycles of a test as a summary for the detectors: of a test that is still being written, or of a complete
 //! one that is compared with it.
 
+use crate::analysis::cycle_friction::cycle_friction;
 use crate::analysis::measurements::RunMeasurements;
 use crate::analysis::{FrictionPoint, JointSummary, StatisticsWindow};
 use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
-use crate::numerics::friction::points::composite::cycle_friction;
 use crate::numerics::statistics::descriptive::{median, parameter_statistics};
 use crate::robot::{JointIndex, ParameterKind};
 

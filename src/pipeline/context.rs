@@ -11,12 +11,12 @@ use super::open_rows::OpenRows;
 use crate::analysis::CycleAnalysis;
 use crate::analysis::measurements::RunMeasurements;
 use crate::anomaly::RunSummary;
+use crate::anomaly::settings::DetectSettings;
 use crate::config::Config;
 use crate::ingest::rejection::Rejection;
 use crate::metrics::Metrics;
 use crate::numerics::analyse::Method;
 use crate::numerics::detect::runs::open_run::UsualTests;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::store::{ClaimKind, ReadSoFar, Store, StoreError};
 
 /// Growing exports and settled ones do not wait for each other's analyses.

@@ -6,14 +6,15 @@ use std::sync::Arc;
 
 use super::context::PipelineError;
 use crate::analysis::FrictionPoint;
+use crate::analysis::map_run::MapRun;
 use crate::analysis::measurements::CyclePoint;
 use crate::anomaly::epoch::Epoch;
 use crate::numerics::friction::index::baseline::{FormedMaps, fit_maps};
 use crate::numerics::friction::index::held_map::HeldMap;
 use crate::numerics::friction::index::run_record::coverage;
 use crate::numerics::friction::index::{Reference, run_indices};
-use crate::numerics::friction::maps::record::MapRun;
 use crate::numerics::friction::over_speed::friction_over_speed;
+use crate::numerics::signal::filter::independent_fraction;
 use crate::numerics::spare_threads::SpareThreads;
 use crate::robot::JointIndex;
 use crate::store::{
@@ -31,7 +32,9 @@ pub async fn over_speed(
     points: &[CyclePoint],
     spare: SpareThreads,
 ) -> Result<Vec<CycleSpeedFits>, PipelineError> {
-    let fractions = store.independent_fractions(run_id).await?;
+    let filters = store.cutoffs_and_rates(run_id).await?;
+    let of_rows = |(cycle, [cutoff, rate]): (u32, [f64; 2])| (cycle, independent_fraction(cutoff, rate));
+    let fractions: HashMap<u32, f64> = filters.into_iter().map(of_rows).collect();
     let points = points.to_vec();
     Ok(tokio::task::spawn_blocking(move || speed_fits(&spare, &points, &fractions)).await?)
 }

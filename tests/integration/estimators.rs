@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use armwatch::analysis::Estimator;
+use armwatch::analysis::settings::AnalysisSettings;
 use armwatch::config::{read_layout, read_robot};
-use armwatch::numerics::analyse::{AnalysisSettings, Method};
+use armwatch::numerics::analyse::Method;
 use armwatch::numerics::identify::cycle::identify_factors;
 use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;
 use armwatch::numerics::identify::joint_factors::{JointFactor, factor_cycle};

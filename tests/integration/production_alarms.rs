@@ -3,15 +3,16 @@
 
 use std::path::Path;
 
+use armwatch::analysis::log_summary::{log_evidence, summarise};
+use armwatch::analysis::settings::AnalysisSettings;
 use armwatch::analysis::{Estimator, RmsdScope, TorqueRmsd};
+use armwatch::anomaly::settings::DetectSettings;
 use armwatch::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 use armwatch::config::{Layout, read_layout, read_robot};
-use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::analyse::{Method, analyse_cycle};
 use armwatch::numerics::detect::production::detect_production;
-use armwatch::numerics::detect::verdict::DetectSettings;
-use armwatch::numerics::production::evidence::log_evidence;
 use armwatch::numerics::production::reference::{Reference, last_link_shares};
-use armwatch::numerics::production::window::{analyse_window, summarise};
+use armwatch::numerics::production::window::analyse_window;
 use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch::robot::JointIndex;
 use armwatch::run::Stage;

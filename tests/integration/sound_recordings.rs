@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::convert::Infallible;
 
 use armwatch::analysis::CycleAnalysis;
-use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::analysis::settings::AnalysisSettings;
+use armwatch::numerics::analyse::{Method, analyse_cycle};
 use armwatch::robot::{NominalJoint, Robot};
 use armwatch::run::{Cycle, Samples, Stage};
 use armwatch::simulate::arm::friction::FrictionShape;

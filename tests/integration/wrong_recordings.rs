@@ -4,8 +4,9 @@
 pub mod arms;
 mod faults;
 
+use armwatch::analysis::settings::AnalysisSettings;
 use armwatch::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
-use armwatch::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use armwatch::numerics::analyse::{Method, analyse_cycle};
 use armwatch::robot::{MAX_JOINTS, Robot};
 use armwatch::run::{Cycle, Samples, Stage};
 use armwatch::simulate::files::export::ExportWriter;

@@ -9,15 +9,16 @@ use indicatif::ProgressBar;
 use serde_json::json;
 
 use crate::analysis::Estimator;
+use crate::analysis::interval::half_width;
+use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
 use crate::config::{Config, Layout, read_robot};
 use crate::ingest::rejection::Rejection;
 use crate::numerics::NumericsError;
-use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::numerics::statistics::descriptive::median;
-use crate::numerics::statistics::distributions::half_width;
 use crate::numerics::trajectory::prediction::predict;
 use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::pipeline::take::cycles::read_cycle;

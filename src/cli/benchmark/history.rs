@@ -9,9 +9,9 @@ use serde_json::json;
 
 use super::shipped_queries::shipped_queries;
 use crate::analysis::Estimator;
+use crate::anomaly::settings::DetectSettings;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::detect::window::Lengths;
 use crate::pipeline::conclude::windows::judged;
 use crate::pipeline::conclude::work::judged_work;

@@ -9,6 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::throughput::simulated;
+use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::config::{Config, Layout};
@@ -18,7 +19,7 @@ use crate::ingest::plain;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::numerics::NumericsError;
-use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::numerics::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
 use crate::numerics::diagnose::recording::diagnose_samples;
 use crate::numerics::diagnose::recording::view::DiagnoseSettings;

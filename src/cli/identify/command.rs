@@ -4,13 +4,14 @@ use super::args::{IdentifyArgs, name_taken};
 use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::analysis::{Estimator, TorqueRmsd};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
 use crate::config::Config;
 use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{EstimatorKind, PooledEstimate, StackedEstimator};
+use crate::numerics::pooled::estimate::{PooledEstimate, StackedEstimator};
 use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::{
     Candidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,

@@ -4,11 +4,12 @@ use std::collections::{BTreeSet, HashMap};
 
 use serde_json::{Value, json};
 
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
 use crate::cli::shared::output;
 use crate::numerics::NumericsError;
 use crate::numerics::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
-use crate::numerics::pooled::estimate::{ErrorBasis, EstimatorKind, PooledEstimate};
+use crate::numerics::pooled::estimate::{ErrorBasis, PooledEstimate};
 use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::PooledCycles;
 use crate::pipeline::stored::reestimate::{PooledOutcome, PooledResult};

@@ -4,8 +4,8 @@ use clap::ValueEnum;
 
 use crate::cli::context::CliError;
 use crate::config::{Column, Config, FromMotion, Layout, OneHot, StageLevels, StageSource, StageWords};
-use crate::numerics::segment::stages::LevelSettings;
 use crate::run::Stage;
+use crate::run::stage_rule::LevelSettings;
 
 /// How a simulated export tells its stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -9,8 +9,8 @@ use crate::config::robot::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
     RATED_MOTOR_TORQUE,
 };
-use crate::numerics::signal::channel_delay::ChannelDelays;
 use crate::robot::{Joint, JointKind, Robot};
+use crate::run::channel_delays::ChannelDelays;
 
 /// How an export's columns become channels in SI.
 #[derive(Debug, Clone, PartialEq)]

@@ -21,7 +21,7 @@ pub use self::words::StageWords;
 use self::unrecorded::{read_schedule, read_whole, read_windows};
 use super::column_names::ColumnNames;
 use crate::config::toml::table::Table;
-use crate::numerics::segment::stages::Schedule;
+use crate::run::stage_rule::Schedule;
 
 /// Where the stage of a row comes from.
 #[derive(Debug, Clone, PartialEq)]

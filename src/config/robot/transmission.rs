@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
-use crate::numerics::segment::joint_side::joint_per_motor;
+use crate::robot::transmission::joint_per_motor;
 use crate::robot::{Coupling, Joint, JointIndex, JointKind, MAX_JOINTS, Robot};
 
 /// Turns of a motor per turn of a joint.
@@ -82,7 +82,7 @@ fn check_matrix(value: &Value<'_>, rows: &[Vec<f64>], joints: &[Joint]) -> Optio
         return None;
     }
     let matrix = DMatrix::from_fn(n, n, |i, j| rows[i][j]);
-    if joint_per_motor(&matrix).is_err() {
+    if joint_per_motor(&matrix).is_none() {
         value.refuse(
             "is singular: some motors only repeat what others do".into(),
             Some("theta_motor = R q, with the gear ratios on the diagonal".into()),

@@ -15,6 +15,7 @@ mod torque_signal;
 mod work_load;
 pub mod window;
 
+use crate::anomaly::settings::DetectSettings;
 use jiff::Timestamp;
 
 use self::causes::causes;
@@ -25,7 +26,6 @@ use self::test_deviation::TestDeviation;
 use self::torque_signal::TorqueSignal;
 use self::work_load::work_loads;
 use super::episodes::anomalies;
-use super::verdict::DetectSettings;
 use crate::anomaly::{Anomaly, ProductionSummary};
 use crate::robot::JointIndex;
 

@@ -11,7 +11,6 @@ mod arm;
 mod series;
 mod joint_detectors;
 mod arm_detectors;
-pub mod brief;
 pub mod detection;
 mod judgement;
 mod parts;
@@ -36,8 +35,8 @@ use self::parts::{Part, Parts, grouped};
 use self::series::JointSeries;
 use self::without_result::without_result;
 use super::episodes::anomalies;
-use super::verdict::DetectSettings;
 use crate::anomaly::peer::Peer;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
 use crate::robot::JointIndex;
 

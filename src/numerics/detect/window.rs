@@ -17,8 +17,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fmt::Debug;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use jiff::Timestamp;
-
+use crate::anomaly::settled::{Moment, Settled};
 use crate::anomaly::{Anomaly, AnomalyKind};
 
 /// How long the parts of a window are, in runs.
@@ -43,45 +42,6 @@ impl Lengths {
     /// those that lead in.
     pub const OF_LOGS: Self = Self { step: 250, lead: 125, head: 6, around: 8 };
 }
-
-/// Quantities of anomalies that windows settle.
-const QUANTITIES: [&str; 26] = [
-    "friction_index",
-    "common_friction_ratio",
-    "warm_friction_nm",
-    "excitation_friction_nm",
-    "friction_swing",
-    "warm_up_time_ratio",
-    "common_warm_up_time_ratio",
-    "moving_relative_rmsd",
-    "friction_of_model_nm",
-    "rmsd_of_model",
-    "load_kg",
-    "torque_signal",
-    "position_offset_rad",
-    "unexplained_torque",
-    "inertial_parameters",
-    "contact",
-    "position_signal",
-    "velocity_signal",
-    "time_stamps",
-    "rows",
-    "motion",
-    "model",
-    "production_friction",
-    "production_relative_rmsd",
-    "production_torque_signal",
-    "production_load_kg",
-];
-
-/// The quantity of this name; `None` for a name that no anomaly has.
-#[must_use]
-pub fn quantity(name: &str) -> Option<&'static str> {
-    QUANTITIES.iter().find(|known| **known == name).copied()
-}
-
-/// A run's place in time: its start and its key.
-pub type Moment = (Timestamp, i64);
 
 /// A run of a history, as windows see it.
 pub trait Windowed: Sized {
@@ -108,25 +68,6 @@ pub(in crate::numerics::detect) fn hash_of(method: u64, of: &impl Debug) -> u64 
     hasher.finish()
 }
 
-/// What is settled of a history before a boundary, as far as later windows ask for it.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Settled {
-    /// Runs before the boundary; 0 where a history has none.
-    pub runs: usize,
-    /// Keys of the runs of the window that stand before those that lead in, oldest first.
-    pub read: Vec<i64>,
-    /// The first of those that lead in; `None` without a boundary.
-    pub leads_from: Option<Moment>,
-    /// The latest run that all of this follows from.
-    pub follows_until: Option<Moment>,
-    /// Keys of the runs with which epochs of joints began before those that lead in, and how many epochs each joint had.
-    pub first_of_epochs: Vec<i64>,
-    /// By position of the joint.
-    pub epochs: Vec<u32>,
-    /// Anomalies that go on beyond the boundary.
-    pub open: Vec<Anomaly>,
-}
-
 impl Lengths {
     /// Most runs, from the first that leads in to the boundary on, that a window may have before another boundary is in
     /// force.
@@ -136,131 +77,128 @@ impl Lengths {
     }
 }
 
-impl Settled {
-    /// Place of the first run behind the boundary in the runs of its window.
-    fn place(&self, lengths: &Lengths) -> usize {
-        self.read.len() + lengths.lead.min(self.runs)
-    }
+/// Place of the first run behind the boundary in the runs of its window.
+fn place(settled: &Settled, lengths: &Lengths) -> usize {
+    settled.read.len() + lengths.lead.min(settled.runs)
+}
 
-    /// Whether there are so many runs in this window that the next boundary is in force. They end then with the last that
-    /// what is settled there follows from.
-    #[must_use]
-    pub fn is_over(&self, window: &[impl Windowed], lengths: &Lengths) -> bool {
-        window.len() >= self.place(lengths) + 2 * lengths.step
-    }
+/// Whether there are so many runs in this window that the next boundary is in force. They end then with the last that
+/// what is settled there follows from.
+#[must_use]
+pub fn is_over(settled: &Settled, window: &[impl Windowed], lengths: &Lengths) -> bool {
+    window.len() >= place(settled, lengths) + 2 * lengths.step
+}
 
-    /// Anomalies that are not settled, of those `found` in the window: what lies before the boundary is known already, and what
-    /// was open there goes on as what it was.
-    #[must_use]
-    pub fn put_together(
-        &self,
-        window: &[impl Windowed],
-        found: Vec<Anomaly>,
-        lengths: &Lengths,
-    ) -> Vec<Anomaly> {
-        if self.runs == 0 {
-            return found;
-        }
-        let places = places(window);
-        let boundary = self.place(lengths);
-        let is_behind = |of: &Anomaly| places.get(&of.last_run_id).is_some_and(|place| *place >= boundary);
-        let known = self.matched(&found);
-        let mut together = Vec::with_capacity(found.len());
-        for (number, anomaly) in found.into_iter().enumerate() {
-            match known.iter().position(|of| *of == Some(number)) {
-                Some(open) => together.push(going_on(&self.open[open], anomaly)),
-                None if is_behind(&anomaly) => together.push(anomaly),
-                None => {}
-            }
-        }
-        // the window shows no more of it
-        let gone = self.open.iter().zip(&known).filter(|(_, known)| known.is_none());
-        together.extend(gone.map(|(open, _)| Anomaly { ended: true, ..open.clone() }));
-        together
+/// Anomalies that are not settled, of those `found` in the window: what lies before the boundary is known already, and what
+/// was open there goes on as what it was.
+#[must_use]
+pub fn put_together(
+    settled: &Settled,
+    window: &[impl Windowed],
+    found: Vec<Anomaly>,
+    lengths: &Lengths,
+) -> Vec<Anomaly> {
+    if settled.runs == 0 {
+        return found;
     }
+    let places = places(window);
+    let boundary = place(settled, lengths);
+    let is_behind = |of: &Anomaly| places.get(&of.last_run_id).is_some_and(|place| *place >= boundary);
+    let known = matched(settled, &found);
+    let mut together = Vec::with_capacity(found.len());
+    for (number, anomaly) in found.into_iter().enumerate() {
+        match known.iter().position(|of| *of == Some(number)) {
+            Some(open) => together.push(going_on(&settled.open[open], anomaly)),
+            None if is_behind(&anomaly) => together.push(anomaly),
+            None => {}
+        }
+    }
+    // the window shows no more of it
+    let gone = settled.open.iter().zip(&known).filter(|(_, known)| known.is_none());
+    together.extend(gone.map(|(open, _)| Anomaly { ended: true, ..open.clone() }));
+    together
+}
 
-    /// For each open anomaly the number of the one found that goes on with it.
-    fn matched(&self, found: &[Anomaly]) -> Vec<Option<usize>> {
-        let mut pairs = Vec::new();
-        for (o, open) in self.open.iter().enumerate() {
-            for (n, new) in found.iter().enumerate() {
-                let is_at_once =
-                    new.first_seen_at <= open.last_seen_at && open.first_seen_at <= new.last_seen_at;
-                if open.joint == new.joint && is_of_one_cause(open, new) && is_at_once {
-                    let apart = open.first_seen_at.duration_since(new.first_seen_at).abs();
-                    pairs.push((open.kind != new.kind, new.ended, apart, o, n));
-                }
+/// For each open anomaly the number of the one found that goes on with it.
+fn matched(settled: &Settled, found: &[Anomaly]) -> Vec<Option<usize>> {
+    let mut pairs = Vec::new();
+    for (o, open) in settled.open.iter().enumerate() {
+        for (n, new) in found.iter().enumerate() {
+            let is_at_once = new.first_seen_at <= open.last_seen_at && open.first_seen_at <= new.last_seen_at;
+            if open.joint == new.joint && is_of_one_cause(open, new) && is_at_once {
+                let apart = open.first_seen_at.duration_since(new.first_seen_at).abs();
+                pairs.push((open.kind != new.kind, new.ended, apart, o, n));
             }
         }
-        pairs.sort_unstable();
-        let (mut known, mut used) = (vec![None; self.open.len()], HashSet::new());
-        for (.., o, n) in pairs {
-            if known[o].is_none() && used.insert(n) {
-                known[o] = Some(n);
-            }
-        }
-        known
     }
+    pairs.sort_unstable();
+    let (mut known, mut used) = (vec![None; settled.open.len()], HashSet::new());
+    for (.., o, n) in pairs {
+        if known[o].is_none() && used.insert(n) {
+            known[o] = Some(n);
+        }
+    }
+    known
+}
 
-    /// What is settled at the next boundary, and the anomalies that ended before it. `window` has all runs of the window
-    /// that [is over](Self::is_over) and no later ones, `together` what it says.
-    #[must_use]
-    pub fn next(
-        &self,
-        window: &[impl Windowed],
-        together: &[Anomaly],
-        lengths: &Lengths,
-    ) -> (Self, Vec<Anomaly>) {
-        let places = places(window);
-        let boundary = self.place(lengths) + lengths.step;
-        let leads_from = boundary - lengths.lead.min(lengths.step);
-        let place = |run_id: i64| places.get(&run_id).copied();
-        let (mut open, mut ended) = (Vec::new(), Vec::new());
-        for anomaly in together {
-            // a run that is not in the window any more is before it
-            let [first, last] = [anomaly.first_run_id, anomaly.last_run_id].map(|of| place(of).unwrap_or(0));
-            if anomaly.ended && last < boundary {
-                ended.push(anomaly.clone());
-            } else if first < boundary {
-                open.push(anomaly.clone());
-            }
+/// What is settled at the next boundary, and the anomalies that ended before it. `window` has all runs of the window
+/// that [is over](is_over) and no later ones, `together` what it says.
+#[must_use]
+pub fn next(
+    settled: &Settled,
+    window: &[impl Windowed],
+    together: &[Anomaly],
+    lengths: &Lengths,
+) -> (Settled, Vec<Anomaly>) {
+    let places = places(window);
+    let boundary = place(settled, lengths) + lengths.step;
+    let leads_from = boundary - lengths.lead.min(lengths.step);
+    let place_of = |run_id: i64| places.get(&run_id).copied();
+    let (mut open, mut ended) = (Vec::new(), Vec::new());
+    for anomaly in together {
+        // a run that is not in the window any more is before it
+        let [first, last] = [anomaly.first_run_id, anomaly.last_run_id].map(|of| place_of(of).unwrap_or(0));
+        if anomaly.ended && last < boundary {
+            ended.push(anomaly.clone());
+        } else if first < boundary {
+            open.push(anomaly.clone());
         }
-        let mut read: BTreeSet<usize> = Windowed::heads(window, leads_from, lengths.head);
-        for anomaly in &open {
-            for of in [anomaly.onset.run_id, anomaly.first_run_id].into_iter().filter_map(place) {
-                read.extend(of.saturating_sub(lengths.around)..=of + lengths.around);
-            }
-        }
-        read.retain(|at| *at < leads_from && window[*at].says_something());
-        let (first_of_epochs, epochs) = self.epochs_before(&window[..leads_from]);
-        let next = Self {
-            runs: self.runs + lengths.step,
-            read: read.into_iter().map(|at| window[at].moment().1).collect(),
-            leads_from: window.get(leads_from).map(Windowed::moment),
-            follows_until: window.last().map(Windowed::moment),
-            first_of_epochs,
-            epochs,
-            open,
-        };
-        (next, ended)
     }
+    let mut read: BTreeSet<usize> = Windowed::heads(window, leads_from, lengths.head);
+    for anomaly in &open {
+        for of in [anomaly.onset.run_id, anomaly.first_run_id].into_iter().filter_map(place_of) {
+            read.extend(of.saturating_sub(lengths.around)..=of + lengths.around);
+        }
+    }
+    read.retain(|at| *at < leads_from && window[*at].says_something());
+    let (first_of_epochs, epochs) = epochs_before(settled, &window[..leads_from]);
+    let next = Settled {
+        runs: settled.runs + lengths.step,
+        read: read.into_iter().map(|at| window[at].moment().1).collect(),
+        leads_from: window.get(leads_from).map(Windowed::moment),
+        follows_until: window.last().map(Windowed::moment),
+        first_of_epochs,
+        epochs,
+        open,
+    };
+    (next, ended)
+}
 
-    /// Runs with which epochs began, those that were known and those that began in these runs, and epochs of each joint.
-    fn epochs_before(&self, runs: &[impl Windowed]) -> (Vec<i64>, Vec<u32>) {
-        let (mut first, mut known) = (self.first_of_epochs.clone(), self.epochs.clone());
-        for run in runs {
-            known.resize(known.len().max(run.epochs().len()), 0);
-            let mut begins = false;
-            for (known, epoch) in known.iter_mut().zip(run.epochs()) {
-                begins |= *epoch >= *known;
-                *known = (*known).max(epoch + 1);
-            }
-            if begins {
-                first.push(run.moment().1);
-            }
+/// Runs with which epochs began, those that were known and those that began in these runs, and epochs of each joint.
+fn epochs_before(settled: &Settled, runs: &[impl Windowed]) -> (Vec<i64>, Vec<u32>) {
+    let (mut first, mut known) = (settled.first_of_epochs.clone(), settled.epochs.clone());
+    for run in runs {
+        known.resize(known.len().max(run.epochs().len()), 0);
+        let mut begins = false;
+        for (known, epoch) in known.iter_mut().zip(run.epochs()) {
+            begins |= *epoch >= *known;
+            *known = (*known).max(epoch + 1);
         }
-        (first, known)
+        if begins {
+            first.push(run.moment().1);
+        }
     }
+    (first, known)
 }
 
 fn places(window: &[impl Windowed]) -> HashMap<i64, usize> {

@@ -19,38 +19,12 @@ pub mod baseline;
 use self::held_map::{HeldMap, held_record};
 use self::run_record::{level_mean, timeline};
 use super::maps::map::{FittedMap, moment_deficits};
-use super::maps::record::{JointRecord, MapRun};
+use super::maps::record::JointRecord;
 use super::maps::run_effects::{PriorScales, RunEffect, held_effects};
 use crate::analysis::Estimate;
 use crate::analysis::friction::FrictionIndex;
+use crate::analysis::map_run::MapRun;
 use crate::numerics::statistics::descriptive::mean;
-
-/// Motion longer ago than this, s, has no effect on the thermal state: a week. The slowest gearboxes cool within half
-/// a day.
-pub const REMEMBERED_S: f64 = 7.0 * 86_400.0;
-
-/// Most runs of a baseline.
-pub const MOST_BASELINE_RUNS: usize = 40;
-
-/// Most runs that a map is learnt from unless the baseline has more, which bounds the work of a fit.
-const MOST_LEARNT: usize = 36;
-
-/// How many full runs of a joint there are when its map is fitted: with the baseline, and again each time their number
-/// has doubled. `full` is their number by now.
-pub fn stages(baseline_runs: usize, full: usize) -> impl Iterator<Item = usize> {
-    std::iter::successors(Some(baseline_runs.max(1)), |runs| runs.checked_mul(2))
-        .take_while(move |runs| *runs <= full)
-}
-
-/// The runs that a map is learnt from when there are the full runs `full`, rising: those of the baseline, the first
-/// `baseline_runs`, and as many others as the work allows, evenly spread and with the latest.
-#[must_use]
-pub fn learnt_runs(full: &[usize], baseline_runs: usize) -> Vec<usize> {
-    let (baseline, later) = full.split_at(baseline_runs.min(full.len()));
-    let room = MOST_LEARNT.saturating_sub(baseline.len()).min(later.len());
-    let spread = (1..=room).map(|k| later[k * later.len() / room - 1]);
-    baseline.iter().copied().chain(spread).collect()
-}
 
 /// A map that a run is compared with.
 #[derive(Debug, Clone, Copy)]

@@ -303,7 +303,8 @@ fn weights(usual: &[f64], size: f64, left: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::analysis::IdentifiedParameter;
-    use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+    use crate::analysis::settings::AnalysisSettings;
+    use crate::numerics::analyse::{Method, analyse_cycle};
     use crate::run::Cycle;
     use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
     use crate::testing::er3a;

@@ -187,7 +187,8 @@ fn ends(rows: &[usize], value: impl Fn(usize) -> f64) -> impl Iterator<Item = us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::analyse::{AnalysisSettings, Method};
+    use crate::analysis::settings::AnalysisSettings;
+    use crate::numerics::analyse::Method;
     use crate::numerics::identify::joint_factors::factor_cycle;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::identify::verify::torque_rmsd;

@@ -6,6 +6,8 @@
 
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::pool::{PooledFactors, RowWeights};
+use crate::analysis::estimator_kind::{ErrorSource, EstimatorKind};
+use crate::analysis::interval::LEVEL;
 use crate::analysis::{Identification, IdentifiedParameter};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::cycle::identify_weighted;
@@ -17,7 +19,7 @@ use crate::numerics::least_squares::prior::{Prior, PriorStrength, with_prior, wi
 use crate::numerics::least_squares::solution::MAX_WEIGHTED_CONDITION;
 use crate::numerics::least_squares::weighted::{WeightRule, joined, per_joint, weighted};
 use crate::numerics::statistics::descriptive::{median, robust_deviation};
-use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
+use crate::numerics::statistics::distributions::student_quantile;
 use crate::robot::{JointIndex, ParameterId};
 
 /// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
@@ -59,38 +61,6 @@ impl StackedEstimator {
     }
 }
 
-/// Name of a way to make parameters of rows.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EstimatorKind {
-    /// [`StackedEstimator::Ordinary`].
-    Ordinary,
-    /// [`StackedEstimator::Weighted`].
-    Weighted,
-    /// Each joint alone ([`per_joint_estimates`](super::per_joint::per_joint_estimates)).
-    PerJoint,
-    /// [`StackedEstimator::Huber`].
-    Huber,
-    /// [`StackedEstimator::Prior`].
-    Prior,
-}
-
-impl EstimatorKind {
-    /// All of them.
-    pub const ALL: [Self; 5] = [Self::Ordinary, Self::Weighted, Self::PerJoint, Self::Huber, Self::Prior];
-
-    /// Name as stored and as typed.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ordinary => "ordinary",
-            Self::Weighted => "weighted",
-            Self::PerJoint => "per-joint",
-            Self::Huber => "huber",
-            Self::Prior => "prior",
-        }
-    }
-}
-
 /// What standard errors stand on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBasis {
@@ -113,29 +83,6 @@ impl ErrorBasis {
         match self {
             Self::Cycles { .. } => ErrorSource::Cycles,
             Self::IndependentRows { .. } => ErrorSource::IndependentRows,
-        }
-    }
-}
-
-/// Name of an [`ErrorBasis`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ErrorSource {
-    /// The scatter between cycles.
-    Cycles,
-    /// The residual, and the share of rows that are independent.
-    IndependentRows,
-}
-
-impl ErrorSource {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::Cycles, Self::IndependentRows];
-
-    /// Name as stored.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cycles => "cycles",
-            Self::IndependentRows => "independent_rows",
         }
     }
 }

@@ -11,14 +11,7 @@ use crate::analysis::Motion;
 use crate::analysis::work_evidence::{DEVIATION, JointEvidence, PRODUCTS, WorkDirection};
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor};
-use crate::numerics::statistics::descriptive::median;
 use crate::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
-
-/// A window deviates more than this many times as far as the median one, as a mean square, is left out: it holds a contact
-/// or a stop.
-const ODD_WINDOW: f64 = 4.0;
-/// Fewest windows among which one may be odd.
-const FEWEST_WINDOWS: usize = 3;
 
 /// Evidence of the joints that move in the rows behind `factors`, against the parameters of `reference`.
 ///
@@ -38,29 +31,6 @@ pub fn window_evidence(
         joint_evidence(joint, &directions(joint, ids, &own, reference), &moving)
     };
     Ok((0..columns.joint_count()).map(JointIndex::new).filter_map(of).collect())
-}
-
-/// Evidence of a whole log from that of its windows, by joint: means over the rows of the windows that are not odd.
-#[must_use]
-pub fn log_evidence(windows: &[Vec<JointEvidence>]) -> Vec<JointEvidence> {
-    let joints = windows.iter().flatten().map(|of| of.joint.index() + 1).max().unwrap_or(0);
-    let of_joint = |joint| {
-        let own: Vec<&JointEvidence> = windows.iter().flatten().filter(|of| of.joint == joint).collect();
-        let deviation = |of: &JointEvidence| of.product(DEVIATION, DEVIATION);
-        let usual = median(&own.iter().map(|of| deviation(of)).collect::<Vec<_>>())?;
-        let counts = |of: &&&JointEvidence| own.len() < FEWEST_WINDOWS || deviation(of) <= ODD_WINDOW * usual;
-        let mut whole = JointEvidence { joint, windows: 0, samples: 0, products: [0.0; PRODUCTS] };
-        for of in own.iter().filter(counts) {
-            whole.windows += of.windows;
-            whole.samples += of.samples;
-            let share = of.samples as f64 / whole.samples as f64;
-            for (mean, next) in whole.products.iter_mut().zip(of.products) {
-                *mean += share * (next - *mean);
-            }
-        }
-        (whole.samples > 0).then_some(whole)
-    };
-    (0..joints).map(JointIndex::new).filter_map(of_joint).collect()
 }
 
 /// Changes of a joint's parameters by the directions and, as the last column, the parameters themselves, which the
@@ -120,8 +90,10 @@ fn joint_evidence(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::log_summary::log_evidence;
+    use crate::analysis::settings::AnalysisSettings;
     use crate::analysis::{Estimator, ProductionCheck};
-    use crate::numerics::analyse::{AnalysisSettings, Method};
+    use crate::numerics::analyse::Method;
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::identify::joint_factors::unpack;
     use crate::numerics::production::reference::last_link_shares;

@@ -4,7 +4,7 @@
 use super::evidence::window_evidence;
 use super::reference::Reference;
 use crate::analysis::{
-    CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, ProductionJoint, RmsdPair, RmsdScope,
+    CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, RmsdPair, RmsdScope,
 };
 use crate::numerics::NumericsError;
 use crate::numerics::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
@@ -12,7 +12,6 @@ use crate::numerics::identify::filtered_columns::filtered_coulomb_columns;
 use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
 use crate::numerics::identify::verify::torque_rmsd;
 use crate::numerics::signal::filter::filter_signals;
-use crate::numerics::statistics::descriptive::median;
 use crate::robot::{JointIndex, ParameterId, ParameterKind};
 use crate::run::{Cycle, RunKind};
 
@@ -108,42 +107,14 @@ fn friction_excess(
     excess.is_finite().then_some(FrictionExcess { excess, share })
 }
 
-/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves. What
-/// the test's own error is, the windows do not know.
-///
-/// Medians, since single windows hold a contact or a wait.
-#[must_use]
-pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<ProductionJoint> {
-    let mut by_joint: Vec<(JointIndex, Vec<[f64; 3]>)> = Vec::new();
-    for check in checks.into_iter().flatten() {
-        let Some(friction) = check.friction.filter(|_| check.rmsd.moving_rows.samples > 0) else { continue };
-        let figures = [check.rmsd.moving_rows.relative, friction.excess, friction.share];
-        match by_joint.iter_mut().find(|(joint, _)| *joint == check.joint) {
-            Some((_, windows)) => windows.push(figures),
-            None => by_joint.push((check.joint, vec![figures])),
-        }
-    }
-    by_joint.sort_unstable_by_key(|(joint, _)| *joint);
-    let summary = |(joint, windows): (JointIndex, Vec<[f64; 3]>)| {
-        let of = |figure: usize| median(&windows.iter().map(|of| of[figure]).collect::<Vec<_>>());
-        Some(ProductionJoint {
-            joint,
-            windows: windows.len(),
-            relative_rmsd: of(0)?,
-            friction: FrictionExcess { excess: of(1)?, share: of(2)? },
-            test_relative_rmsd: None,
-        })
-    };
-    by_joint.into_iter().filter_map(summary).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
-    use crate::analysis::{Estimator, Rmsd};
-    use crate::numerics::analyse::AnalysisSettings;
+    use crate::analysis::log_summary::summarise;
+    use crate::analysis::settings::AnalysisSettings;
+    use crate::analysis::{Estimator, ProductionJoint, Rmsd};
     use crate::numerics::identify::joint_factors::tests::cycle;
     use crate::numerics::identify::joint_factors::unpack;
     use crate::numerics::identify::torque_series::{SeriesRows, torque_series};

@@ -4,11 +4,12 @@ use nalgebra::DMatrix;
 
 use crate::numerics::NumericsError;
 use crate::robot::Robot;
+use crate::robot::transmission::joint_per_motor;
 use crate::run::Rows;
 
-/// Smallest singular value of a transmission with columns scaled to unit norm that still counts: below,
-/// one motor only repeats what others do.
-const SINGULAR: f64 = 1e-9;
+/// The error of a transmission that has no inverse.
+const NO_INVERSE: NumericsError =
+    NumericsError::NotFinite("the inverse of the transmission, in which motors repeat each other,");
 
 /// What turns a recording's channels into those of the joints: motor-side channels through the
 /// transmission, then the position offsets. Made once for a recording.
@@ -25,10 +26,10 @@ impl JointSide {
     /// For a recording of `robot` whose positions and velocities, or torques, are the motors'.
     ///
     /// # Errors
-    /// Those of [`joint_per_motor`].
+    /// [`NumericsError::NotFinite`] if the transmission has no inverse.
     pub fn new(robot: &Robot, motor_position: bool, motor_torque: bool) -> Result<Self, NumericsError> {
         let motion = match motor_position {
-            true => Some(joint_per_motor(&robot.transmission)?),
+            true => Some(joint_per_motor(&robot.transmission).ok_or(NO_INVERSE)?),
             false => None,
         };
         Ok(Self {
@@ -67,30 +68,6 @@ fn mapped(map: &DMatrix<f64>, channels: &[Vec<f64>]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Inverse `[n x n]` of the transmission: joint turns per motor turn.
-///
-/// # Errors
-/// [`NumericsError::NotFinite`] if `R` is not square, has an entry that is no number, or is singular.
-pub fn joint_per_motor(r: &DMatrix<f64>) -> Result<DMatrix<f64>, NumericsError> {
-    const WHAT: NumericsError =
-        NumericsError::NotFinite("the inverse of the transmission, in which motors repeat each other,");
-    if !r.is_square() || r.iter().any(|x| !x.is_finite()) {
-        return Err(WHAT);
-    }
-    let mut scaled = r.clone();
-    for mut column in scaled.column_iter_mut() {
-        let norm = column.norm();
-        if norm == 0.0 {
-            return Err(WHAT);
-        }
-        column /= norm;
-    }
-    if scaled.singular_values().min() < SINGULAR {
-        return Err(WHAT);
-    }
-    r.clone().try_inverse().ok_or(WHAT)
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::DVector;
@@ -109,7 +86,7 @@ mod tests {
     /// is singular.
     fn joint_position_from_motor(r: &DMatrix<f64>, theta: &[f64]) -> Result<Vec<f64>, NumericsError> {
         check_length("the motor positions", r.nrows(), theta)?;
-        let q = joint_per_motor(r)? * DVector::from_column_slice(theta);
+        let q = joint_per_motor(r).ok_or(NO_INVERSE)? * DVector::from_column_slice(theta);
         Ok(q.as_slice().to_vec())
     }
 
@@ -179,8 +156,8 @@ mod tests {
         assert!(joint_position_from_motor(&r, &[0.0; 6]).is_err());
         assert!(joint_position_from_motor(&wrist(), &[0.0; 5]).is_err());
         assert!(joint_torque_from_motor(&wrist(), &[0.0; 7]).is_err());
-        assert!(joint_per_motor(&DMatrix::zeros(3, 3)).is_err());
-        assert!(joint_per_motor(&DMatrix::zeros(3, 2)).is_err());
+        assert!(joint_per_motor(&DMatrix::zeros(3, 3)).is_none());
+        assert!(joint_per_motor(&DMatrix::zeros(3, 2)).is_none());
     }
 
     #[test]

@@ -2,44 +2,28 @@
 
 use super::time_grid::median_step;
 use crate::run::Samples;
+use crate::run::channel_delays::ChannelDelays;
 
 /// Steps longer than this many median steps are gaps, over which nothing is interpolated.
 const GAP_STEPS: f64 = 3.0;
 
-/// How much later than the positions of the same row a channel's values were true, s, `[n]`; empty for no delay.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ChannelDelays {
-    /// Of torques.
-    pub torque: Vec<f64>,
-    /// Of velocities.
-    pub velocity: Vec<f64>,
-}
-
-impl ChannelDelays {
-    /// Whether no channel is late.
-    #[must_use]
-    pub fn is_none(&self) -> bool {
-        self.torque.iter().chain(&self.velocity).all(|delay| *delay == 0.0)
+/// Applies `delays`: brings the late channels of `samples` to the times of their rows: the value at `t` is that recorded at `t` plus
+/// the delay, by the cubic through the four rows around it at their true times. Within the delay of an end or a gap
+/// the last value before it stands.
+pub fn take_delays(delays: &ChannelDelays, samples: &mut Samples) {
+    if delays.is_none() {
+        return;
     }
-
-    /// Brings the late channels of `samples` to the times of their rows: the value at `t` is that recorded at `t` plus
-    /// the delay, by the cubic through the four rows around it at their true times. Within the delay of an end or a gap
-    /// the last value before it stands.
-    pub fn take_from(&self, samples: &mut Samples) {
-        if self.is_none() {
-            return;
+    let Some(step) = median_step(&samples.time) else { return };
+    let time = &samples.time;
+    let shift = |channels: &mut Vec<Vec<f64>>, delays: &[f64]| {
+        for (channel, delay) in channels.iter_mut().zip(delays).filter(|(_, delay)| **delay != 0.0) {
+            *channel = shifted(time, channel, *delay, GAP_STEPS * step);
         }
-        let Some(step) = median_step(&samples.time) else { return };
-        let time = &samples.time;
-        let shift = |channels: &mut Vec<Vec<f64>>, delays: &[f64]| {
-            for (channel, delay) in channels.iter_mut().zip(delays).filter(|(_, delay)| **delay != 0.0) {
-                *channel = shifted(time, channel, *delay, GAP_STEPS * step);
-            }
-        };
-        shift(&mut samples.torque, &self.torque);
-        if let Some(velocity) = &mut samples.velocity {
-            shift(velocity, &self.velocity);
-        }
+    };
+    shift(&mut samples.torque, &delays.torque);
+    if let Some(velocity) = &mut samples.velocity {
+        shift(velocity, &delays.velocity);
     }
 }
 
@@ -108,7 +92,7 @@ mod tests {
         for delay in [0.012, 0.0004, 0.05, -0.017] {
             let mut samples = late(delay);
             let delays = ChannelDelays { torque: vec![delay], velocity: vec![delay] };
-            delays.take_from(&mut samples);
+            take_delays(&delays, &mut samples);
             let inside = 10..390;
             for row in inside {
                 let truth = samples.position[0][row];
@@ -125,7 +109,7 @@ mod tests {
         samples.torque[0] = (0..400).map(|row| if row < 200 { 1.0 } else { 9.0 }).collect();
         for delay in [0.03, -0.03] {
             let mut shifted = samples.clone();
-            ChannelDelays { torque: vec![delay], velocity: Vec::new() }.take_from(&mut shifted);
+            take_delays(&ChannelDelays { torque: vec![delay], velocity: Vec::new() }, &mut shifted);
             let near = |(found, expected): (&f64, &f64)| (found - expected).abs() < 1e-12;
             assert!(
                 shifted.torque[0].iter().zip(&samples.torque[0]).all(near),
@@ -140,7 +124,7 @@ mod tests {
     fn without_delay_nothing_changes_by_a_bit() {
         let samples = late(0.012);
         let mut same = samples.clone();
-        ChannelDelays { torque: vec![0.0], velocity: Vec::new() }.take_from(&mut same);
+        take_delays(&ChannelDelays { torque: vec![0.0], velocity: Vec::new() }, &mut same);
         assert_eq!(same, samples);
         assert!(ChannelDelays::default().is_none());
     }

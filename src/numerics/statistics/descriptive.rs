@@ -1,5 +1,7 @@
 //! Statistics over the cycles of a run.
 
+pub use crate::analysis::median::median;
+
 use crate::analysis::{ParameterStatistics, RmsdSwing, StatisticsWindow};
 use crate::robot::ParameterId;
 
@@ -62,19 +64,6 @@ pub fn standard_deviation(values: &[f64]) -> Option<f64> {
     let mean = mean(values)?;
     let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
     Some((squares / (values.len() - 1) as f64).sqrt())
-}
-
-/// Median; `None` of nothing.
-#[must_use]
-pub fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let n = sorted.len();
-    match n {
-        0 => None,
-        _ if n % 2 == 1 => Some(sorted[n / 2]),
-        _ => Some(f64::midpoint(sorted[n / 2 - 1], sorted[n / 2])),
-    }
 }
 
 /// Median absolute deviation times 1.4826, the factor that makes it the standard deviation of a

@@ -2,39 +2,8 @@
 
 use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
-use crate::analysis::IdentifiedParameter;
-
-/// Probability that stated intervals hold the truth with.
-pub const LEVEL: f64 = 0.95;
-
-/// Degrees of freedom from which on Student's distribution is taken for the normal one: the quantiles of 95 % differ by
-/// less than 1e-6 of themselves.
-const NORMAL_FROM: f64 = 1e6;
-
-/// Whether statrs takes it for a probability; it panics otherwise.
-fn is_probability(probability: f64) -> bool {
-    (0.0..=1.0).contains(&probability)
-}
-
-/// Half the width of the two-sided interval about a parameter's value that holds the truth with the
-/// probability `level`, such as 0.95. Not a number if error or degrees of freedom are not known.
-#[must_use]
-pub fn half_width(parameter: &IdentifiedParameter, level: f64) -> f64 {
-    student_quantile(0.5 + 0.5 * level, parameter.degrees_of_freedom) * parameter.std_error
-}
-
-/// Quantile of Student's distribution with `freedom` degrees of freedom, which need not be whole, at `probability` in
-/// (0, 1). Not a number for another probability, or unless `freedom` is above 0.
-#[must_use]
-pub fn student_quantile(probability: f64, freedom: f64) -> f64 {
-    if freedom >= NORMAL_FROM {
-        return normal_quantile(probability);
-    }
-    match StudentsT::new(0.0, 1.0, freedom) {
-        Ok(student) if is_probability(probability) => student.inverse_cdf(probability),
-        _ => f64::NAN,
-    }
-}
+use crate::analysis::interval::is_probability;
+pub use crate::analysis::interval::{normal_quantile, student_quantile};
 
 /// Degrees of freedom from which on probabilities and densities of Student's distribution are those of the normal one: at
 /// four standard deviations they differ by less than a hundredth.
@@ -58,12 +27,6 @@ pub fn student_log_density(x: f64, freedom: f64) -> f64 {
         return Normal::standard().ln_pdf(x);
     }
     StudentsT::new(0.0, 1.0, freedom).map_or(f64::NAN, |student| student.ln_pdf(x))
-}
-
-/// Quantile of the standard normal distribution at `probability` in (0, 1); not a number for another one.
-#[must_use]
-pub fn normal_quantile(probability: f64) -> f64 {
-    if is_probability(probability) { Normal::standard().inverse_cdf(probability) } else { f64::NAN }
 }
 
 /// Probability that a standard normal variable is below `x`; not a number for one that is none.
@@ -91,6 +54,8 @@ pub fn chi_square_tail(x: f64, freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::IdentifiedParameter;
+    use crate::analysis::interval::{LEVEL, half_width};
     use crate::robot::{JointIndex, ParameterId, ParameterKind};
 
     /// Two-sided 95 % and 99 % points of Student's distribution (Abramowitz & Stegun, table 26.10).

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::anomaly::peer::Peer;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::detect::runs::detect_in_brief;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::store::{ConclusionTransaction, StoreError};
 
 /// Rounds of reading after which all cycles are read, beside one for every so many tests: each round judges a thousand tests

@@ -7,10 +7,11 @@ use jiff::Timestamp;
 
 use super::in_brief::detected;
 use crate::anomaly::peer::Peer;
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Settled;
 use crate::anomaly::{Anomaly, Findings, RunSummary};
 use crate::numerics::detect::runs::window::basis;
-use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::detect::window::{Lengths, Settled};
+use crate::numerics::detect::window::{Lengths, is_over, next, put_together};
 use crate::run::RunKind;
 use crate::store::{ConclusionTransaction, StoreError};
 
@@ -56,12 +57,12 @@ pub async fn judged(
         judged.tests += tests.len();
         judged.read += found.read;
         judged.computing += found.computing;
-        let anomalies = judged.at.put_together(&tests, found.findings.anomalies, lengths);
-        if !judged.at.is_over(&tests, lengths) {
+        let anomalies = put_together(&judged.at, &tests, found.findings.anomalies, lengths);
+        if !is_over(&judged.at, &tests, lengths) {
             judged.findings = Findings { anomalies, ..found.findings };
             return Ok(judged);
         }
-        let (next, ended) = judged.at.next(&tests, &anomalies, lengths);
+        let (next, ended) = next(&judged.at, &tests, &anomalies, lengths);
         let key = conclusion.keep_settled(RunKind::Test, &next, basis).await?;
         judged.settled.push((key, ended));
         judged.at = next;

@@ -1,13 +1,17 @@
 //! Findings from the logs of ordinary work of a robot, of which a window is read.
 
+use crate::numerics::detect::window::is_over;
+use crate::numerics::detect::window::next;
+use crate::numerics::detect::window::put_together;
 use std::time::{Duration, Instant};
 
 use crate::analysis::Estimator;
 use crate::anomaly::Anomaly;
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Settled;
 use crate::numerics::detect::production::detect_production;
 use crate::numerics::detect::production::window::{basis, work_logs};
-use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::detect::window::{Lengths, Settled};
+use crate::numerics::detect::window::Lengths;
 use crate::run::RunKind;
 use crate::store::{ConclusionTransaction, StoreError};
 
@@ -47,12 +51,12 @@ pub async fn judged_work(
         let found = detect_production(&history, settings);
         judged.computing += began.elapsed();
         judged.logs += logs.len();
-        let anomalies = judged.at.put_together(&logs, found, lengths);
-        if !judged.at.is_over(&logs, lengths) {
+        let anomalies = put_together(&judged.at, &logs, found, lengths);
+        if !is_over(&judged.at, &logs, lengths) {
             judged.anomalies = anomalies;
             return Ok(judged);
         }
-        let (next, ended) = judged.at.next(&logs, &anomalies, lengths);
+        let (next, ended) = next(&judged.at, &logs, &anomalies, lengths);
         let key = conclusion.keep_settled(RunKind::Production, &next, basis).await?;
         judged.settled.push((key, ended));
         judged.at = next;

@@ -4,13 +4,12 @@ use super::chosen_cycles::{
     PassedOverCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
 };
 use crate::analysis::IdentifiedParameter;
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::numerics::NumericsError;
 use crate::numerics::identify::joint_factors::FactorColumns;
 use crate::numerics::least_squares::conditioning::{Identifiability, identifiability};
 use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{
-    EstimatorKind, PooledEstimate, StackedEstimator, estimate, estimate_essential,
-};
+use crate::numerics::pooled::estimate::{PooledEstimate, StackedEstimator, estimate, estimate_essential};
 use crate::numerics::pooled::per_joint::{PerJointEstimate, per_joint_estimates};
 use crate::numerics::pooled::pool::{PooledFactors, RowWeights};
 use crate::numerics::statistics::descriptive::parameter_statistics;

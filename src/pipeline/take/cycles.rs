@@ -1,5 +1,6 @@
 //! The one way from an export to cycles as the analysis gets them.
 
+use crate::numerics::signal::channel_delay::take_delays;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
@@ -11,10 +12,11 @@ use crate::ingest::table::reader::{ExportReader, ReadOptions};
 use crate::numerics::buffers::Buffers;
 use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};
 use crate::numerics::segment::joint_side::JointSide;
-use crate::numerics::segment::stages::{FinderState, StageFinder, StageRule};
-use crate::numerics::signal::channel_delay::ChannelDelays;
+use crate::numerics::segment::stages::{FinderState, StageFinder};
 use crate::numerics::signal::time_grid::sample_rate;
 use crate::robot::Robot;
+use crate::run::channel_delays::ChannelDelays;
+use crate::run::stage_rule::StageRule;
 use crate::run::{ContentHash, Cycle, RawSamples, Samples};
 
 /// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
@@ -180,7 +182,7 @@ impl RowCutter {
         self.cut(held, cycles)?;
         let cutter = std::mem::take(&mut self.cutter);
         let mut last = cutter.finish().map_err(|error| self.not_cut(&error))?;
-        last.iter_mut().for_each(|cycle| self.delays.take_from(&mut cycle.samples));
+        last.iter_mut().for_each(|cycle| take_delays(&self.delays, &mut cycle.samples));
         cycles.extend(last);
         Ok(())
     }
@@ -198,7 +200,7 @@ impl RowCutter {
         // several wait for analysis
         for cycle in &mut cycles[known..] {
             cycle.samples.shrink_to_fit();
-            self.delays.take_from(&mut cycle.samples);
+            take_delays(&self.delays, &mut cycle.samples);
         }
         cut.map_err(|error| self.not_cut(&error))
     }

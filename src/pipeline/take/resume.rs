@@ -12,12 +12,12 @@ use tokio_util::sync::CancellationToken;
 
 use super::admitted::AdmittedExport;
 use super::cycles::{RowCutter, SAMPLE_RATE_ROWS};
+use crate::analysis::settings::AnalysisSettings;
 use crate::config::{Layout, WorkLimits};
 use crate::ingest::bytes::blocks::Passed;
 use crate::ingest::bytes::fingerprint;
 use crate::ingest::rejection::Rejection;
 use crate::ingest::table::reader::{ExportReader, ReadPosition};
-use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::segment::stages::FinderState;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::take::resume_point::ResumePoint;

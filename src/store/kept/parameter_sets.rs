@@ -4,8 +4,9 @@ use std::collections::HashMap;
 
 use sqlx::{QueryBuilder, Row};
 
+use crate::analysis::estimator_kind::ErrorSource;
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
-use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::robot::ParameterId;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;

@@ -6,8 +6,8 @@ use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::parameter_sets::SourceCycle;
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
-use crate::numerics::pooled::estimate::EstimatorKind;
 use crate::robot::{JointIndex, ParameterId};
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;

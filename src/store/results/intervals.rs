@@ -3,7 +3,8 @@
 
 use sqlx::QueryBuilder;
 
-use crate::numerics::statistics::distributions::{LEVEL, student_quantile};
+use crate::analysis::interval::LEVEL;
+use crate::numerics::statistics::distributions::student_quantile;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EnginePool, begin_writing};
 use crate::store::values::{ROWS_PER_STATEMENT, finite};
 

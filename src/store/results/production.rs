@@ -6,12 +6,11 @@ use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
 use super::production_evidence;
+use crate::analysis::log_summary::{log_evidence, summarise};
 use crate::analysis::work_evidence::JointEvidence;
 use crate::analysis::{
     Estimator, FrictionExcess, JointCheck, ProductionCheck, ProductionJoint, Rmsd, RmsdPair,
 };
-use crate::numerics::production::evidence::log_evidence;
-use crate::numerics::production::window::summarise;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;
 use crate::store::handle::Store;

@@ -5,11 +5,12 @@ use std::collections::{HashMap, HashSet};
 use sqlx::QueryBuilder;
 
 use super::{channel_response, factors, production, temperatures, torque_noise};
+use crate::analysis::interval::LEVEL;
+use crate::analysis::interval::half_width;
 use crate::analysis::refusal::RefusalCause;
 use crate::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,
 };
-use crate::numerics::statistics::distributions::{LEVEL, half_width};
 use crate::robot::{ParameterId, Robot};
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor};
 use crate::store::error::StoreError;

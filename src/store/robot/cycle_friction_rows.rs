@@ -6,8 +6,8 @@ use sqlx::QueryBuilder;
 
 use super::history;
 use crate::analysis::FrictionPoint;
+use crate::analysis::cycle_friction::cycle_friction;
 use crate::analysis::friction::CycleFriction;
-use crate::numerics::friction::points::composite::cycle_friction;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor};
 use crate::store::values::{ROWS_PER_STATEMENT, joint_number};
 

@@ -5,8 +5,10 @@ use jiff::Timestamp;
 use sqlx::Row;
 
 use super::figures::packed::{Reader, add_count, add_numbers};
+use crate::anomaly::settled::Moment;
+use crate::anomaly::settled::Settled;
+use crate::anomaly::settled::quantity;
 use crate::anomaly::{Alternative, Anomaly, AnomalyKind, Onset, Severity};
-use crate::numerics::detect::window::{Moment, Settled, quantity};
 use crate::robot::JointIndex;
 use crate::run::RunKind;
 use crate::store::engine::{EngineConnection, EngineExecutor, EngineRow};

@@ -6,11 +6,11 @@ use sqlx::AssertSqlSafe;
 
 use super::support::*;
 use crate::anomaly::brief::Brief;
+use crate::anomaly::brief::brief;
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Settled;
 use crate::anomaly::{AnomalyKind, Findings};
-use crate::numerics::detect::runs::brief::brief;
 use crate::numerics::detect::runs::detect_among;
-use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::detect::window::Settled;
 use crate::pipeline::conclude::in_brief::{Detected, detected};
 use crate::store::handle::Store;
 

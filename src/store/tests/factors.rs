@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use super::support::*;
+use crate::analysis::estimator_kind::ErrorSource;
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::analysis::{
     CycleAnalysis, CycleFactors, Motion, Rmsd, RmsdPair, RmsdScope, TorqueFactor, TorqueRmsd, WarmingContrast,
 };
-use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
 use crate::run::Stage;
 use crate::store::kept::parameter_sets::{ParameterSet, SourceCycle};
 use crate::store::results::factors::FactorsWanted;

@@ -19,7 +19,7 @@ pub(in crate::store) mod support;
 use self::support::*;
 use super::error::StoreError;
 use crate::analysis::CycleAnalysis;
-use crate::numerics::statistics::distributions::half_width;
+use crate::analysis::interval::half_width;
 use crate::robot::JointIndex;
 use crate::run::{ContentHash, RunStatus};
 use crate::testing::{change_dh, er3a};

@@ -1,7 +1,8 @@
 //! Histories identified again, and what is kept under which name.
 
 use super::support::*;
-use crate::numerics::pooled::estimate::{ErrorSource, EstimatorKind};
+use crate::analysis::estimator_kind::ErrorSource;
+use crate::analysis::estimator_kind::EstimatorKind;
 use crate::robot::{JointIndex, Robot};
 use crate::store::handle::Store;
 use crate::store::kept::parameter_sets::{ParameterSet, SourceCycle};

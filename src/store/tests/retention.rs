@@ -6,7 +6,7 @@ use super::factors::with_factors;
 use super::support::*;
 use crate::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use crate::analysis::{CycleFactors, Estimator, FrictionExcess, JointCheck, ProductionCheck, Rmsd, RmsdPair};
-use crate::numerics::detect::window::Settled;
+use crate::anomaly::settled::Settled;
 use crate::run::RunKind;
 use crate::store::handle::Store;
 use crate::store::results::verification::FactorsGone;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::support::*;
-use crate::numerics::detect::window::Settled;
+use crate::anomaly::settled::Settled;
 use crate::store::handle::Store;
 
 async fn summaries(store: &Store) -> String {

@@ -6,8 +6,8 @@ use sqlx::AssertSqlSafe;
 
 use super::support::*;
 use crate::analysis::Estimator;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, Findings};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::numerics::detect::window::Lengths;
 use crate::pipeline::conclude::windows::{Judged, judged};
 use crate::pipeline::conclude::work::{JudgedWork, judged_work};

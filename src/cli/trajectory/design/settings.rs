@@ -1,10 +1,10 @@
 //! From options to what is searched.
 
 use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
+use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::torque::rated_torques;
-use crate::numerics::analyse::AnalysisSettings;
 use crate::numerics::least_squares::essential::EssentialSettings;
 use crate::numerics::model::base_parameters::BaseParameters;
 use crate::numerics::pooled::nominal_prior::nominal_base;

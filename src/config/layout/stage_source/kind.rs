@@ -1,7 +1,7 @@
 //! What a stage signal is: one file a kind, with the keys that it reads and all that follows from them.
 
 use crate::config::layout::column::Column;
-use crate::numerics::segment::stages::StageRule;
+use crate::run::stage_rule::StageRule;
 use crate::run::{RunKind, Stage, StageReading};
 
 /// The stages in the order in which cells of every kind list them.

@@ -5,7 +5,8 @@ use crate::config::layout::column::Column;
 use crate::config::layout::column_names::ColumnNames;
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::Table;
-use crate::numerics::segment::stages::{LevelSettings, StageRule};
+use crate::run::stage_rule::LevelSettings;
+use crate::run::stage_rule::StageRule;
 use crate::run::{Stage, StageReading};
 
 /// Levels of an analogue signal, in whatever unit it is recorded.

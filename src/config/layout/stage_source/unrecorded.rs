@@ -3,7 +3,8 @@
 use super::kind::{STAGES, StageKind};
 use crate::config::toml::range::Limits;
 use crate::config::toml::table::{Table, Value};
-use crate::numerics::segment::stages::{Schedule, StageRule};
+use crate::run::stage_rule::Schedule;
+use crate::run::stage_rule::StageRule;
 use crate::run::{RunKind, Stage, StageReading};
 
 /// Most parts of a declared cycle.

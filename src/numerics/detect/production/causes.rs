@@ -29,8 +29,9 @@ use self::fit::{Beside, JointRest, Solution, System};
 use self::hypothesis::{Hypothesis, load_columns};
 use self::odds::{Asked, Fit, odds};
 use crate::anomaly::ProductionSummary;
+use crate::anomaly::settings::DetectSettings;
 use crate::numerics::detect::rate::budget::Budget;
-use crate::numerics::detect::verdict::{DetectSettings, Why};
+use crate::numerics::detect::verdict::Why;
 
 /// Price of a cause that is not known: it explains anything.
 const UNKNOWN_PRICE: f64 = 150.0;

@@ -3,9 +3,9 @@
 use jiff::{SignedDuration, Timestamp};
 
 use crate::analysis::{FrictionExcess, ProductionJoint};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, ProductionSummary};
 use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 const JOINTS: usize = 4;

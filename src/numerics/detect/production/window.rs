@@ -4,8 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::analysis::Estimator;
 use crate::anomaly::ProductionSummary;
-use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::detect::window::{Lengths, Moment, Windowed, hash_of};
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Moment;
+use crate::numerics::detect::window::{Lengths, Windowed, hash_of};
 use crate::robot::JointIndex;
 
 /// Changes whenever the program settles something else in the same logs.

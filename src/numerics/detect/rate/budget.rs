@@ -12,7 +12,7 @@
 use jiff::Timestamp;
 
 use crate::anomaly::RunSummary;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::anomaly::settings::DetectSettings;
 use crate::numerics::statistics::descriptive::median;
 use crate::numerics::statistics::distributions::{normal_quantile, student_quantile};
 

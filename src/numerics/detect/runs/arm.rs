@@ -30,8 +30,8 @@ use self::signal::{Signal, own_causes, signal};
 use super::history::like_length::{has_parameters, of_like_length};
 use crate::analysis::response::ChannelResponse;
 use crate::anomaly::RunSummary;
+use crate::anomaly::settings::DetectSettings;
 use crate::numerics::detect::rate::budget::advantage;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 /// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of

@@ -4,11 +4,11 @@ use super::joint_detectors::friction_drift::judged;
 use super::parts::{Parts, grouped};
 use super::series::JointSeries;
 use crate::anomaly::RunSummary;
+use crate::anomaly::settings::DetectSettings;
 use crate::numerics::detect::control_chart::{EWMA_WEIGHT, steady_variance};
 use crate::numerics::detect::rate::average::mean_run_length;
 use crate::numerics::detect::rate::budget::{Budget, advantage};
 use crate::numerics::detect::rate::monitor::{OWN_FROM, Phase};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 /// Changes of friction whose delay is stated, as fractions.

@@ -5,8 +5,9 @@ use jiff::{SignedDuration, Timestamp};
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::analysis::refusal::{Channel, RefusalCause};
 use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{RunRefusal, RunSummary};
-use crate::numerics::detect::verdict::{DetectSettings, Verdict};
+use crate::numerics::detect::verdict::Verdict;
 use crate::robot::JointIndex;
 
 /// Joints of the arm.

@@ -7,15 +7,15 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::brief::brief;
 use super::cause_tests::{CYCLES, JOINTS, State, fleet};
 use super::detect_in_brief;
 use crate::analysis::measurements::CycleRmsd;
 use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
 use crate::anomaly::brief::Brief;
+use crate::anomaly::brief::brief;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Findings, RunSummary};
 use crate::numerics::detect::runs::detect;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::{JointIndex, ParameterId};
 
 /// What is kept of each test, by its key.

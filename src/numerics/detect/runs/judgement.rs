@@ -10,12 +10,12 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use super::arm::cause::{ArmCause, Load, SignalFault};
 use super::arm::{ArmJudgement, UsualArm};
-use super::brief::content;
 use super::curve::causes::{RunCauses, UsualCurves};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{Kind, RunCause, WarmUpOfRun};
 use crate::analysis::Estimate;
 use crate::anomaly::RunSummary;
+use crate::anomaly::brief::content;
 use crate::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version

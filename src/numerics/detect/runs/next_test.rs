@@ -15,10 +15,10 @@ pub(super) fn expected_by(history: &[RunSummary], factor: f64) -> Option<Timesta
 
 #[cfg(test)]
 mod tests {
+    use crate::anomaly::settings::DetectSettings;
     use crate::anomaly::{Findings, RunSummary};
     use crate::numerics::detect::runs::detect;
     use crate::numerics::detect::runs::fixtures::{healthy, hours, indexed};
-    use crate::numerics::detect::verdict::DetectSettings;
 
     fn found(history: &[RunSummary]) -> Findings {
         detect(history, &DetectSettings::default())

@@ -16,13 +16,13 @@ use super::arm_detectors::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{RunCause, least_advantage};
-use super::history::like_length::length;
 use super::joint_detectors::friction_step::FrictionStep;
 use super::joint_detectors::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};
+use crate::anomaly::brief::length;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::episodes::anomalies;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 /// Fewest cycles whose means of parameters have a scatter of their own.

@@ -19,8 +19,9 @@ use super::history::like_length::of_like_length;
 use super::joint_detectors::warm_up::common_warm_up;
 use super::judgement::{Frame, Judgement, key};
 use super::series::friction_history;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Findings, RunSummary};
-use crate::numerics::detect::verdict::{DetectSettings, Verdict};
+use crate::numerics::detect::verdict::Verdict;
 use crate::robot::JointIndex;
 
 /// Tests that are asked for at once because nothing that holds is kept of them: so many are read, judged and left out

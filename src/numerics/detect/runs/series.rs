@@ -12,8 +12,9 @@ use super::history::friction_history::FrictionHistory;
 use crate::analysis::{Estimate, JointSummary};
 use crate::anomaly::RunSummary;
 use crate::anomaly::peer::Peer;
+use crate::anomaly::settings::DetectSettings;
 use crate::numerics::detect::detector::Detector;
-use crate::numerics::detect::verdict::{DetectSettings, Verdict};
+use crate::numerics::detect::verdict::Verdict;
 use crate::numerics::statistics::descriptive::median;
 use crate::robot::JointIndex;
 

@@ -6,8 +6,9 @@ use super::history::like_length::{has_parameters, of_like_length};
 use crate::analysis::JointSummary;
 use crate::anomaly::RunSummary;
 use crate::anomaly::peer::Peer;
-use crate::numerics::detect::verdict::DetectSettings;
-use crate::numerics::detect::window::{Lengths, Moment, Windowed, hash_of};
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Moment;
+use crate::numerics::detect::window::{Lengths, Windowed, hash_of};
 use crate::robot::JointIndex;
 
 /// Changes whenever the program settles something else in the same tests.

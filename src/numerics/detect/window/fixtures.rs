@@ -1,7 +1,8 @@
 //! Histories judged window by window, without a database.
 
-use super::{Lengths, Moment, Settled, Windowed, quantity};
+use super::{Lengths, Windowed, is_over, next, put_together};
 use crate::anomaly::Anomaly;
+use crate::anomaly::settled::{Moment, Settled, quantity};
 
 /// What a history says: anomalies that are settled, boundary by boundary, and those that are not.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -42,11 +43,9 @@ struct OneWindow<'a> {
 
 impl WithRuns<(Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>)> for OneWindow<'_> {
     fn call(self, runs: &[impl Windowed]) -> (Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>) {
-        let together = self.settled.put_together(runs, self.found, self.lengths);
-        let next = self
-            .settled
-            .is_over(runs, self.lengths)
-            .then(|| self.settled.next(runs, &together, self.lengths));
+        let together = put_together(self.settled, runs, self.found, self.lengths);
+        let next = is_over(self.settled, runs, self.lengths)
+            .then(|| next(self.settled, runs, &together, self.lengths));
         (together, next)
     }
 }

@@ -2,7 +2,8 @@
 
 use crate::analysis::CycleAnalysis;
 use crate::analysis::finding::{FindingKind, FindingKinds, FindingSeverity};
-use crate::numerics::analyse::{AnalysisSettings, Method, analyse_cycle};
+use crate::analysis::settings::AnalysisSettings;
+use crate::numerics::analyse::{Method, analyse_cycle};
 use crate::robot::Robot;
 use crate::run::{Cycle, Samples};
 use crate::simulate::run::matched_model::{ExactSettings, record_excitation};

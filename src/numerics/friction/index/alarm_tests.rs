@@ -4,9 +4,9 @@ use jiff::{SignedDuration, Timestamp};
 
 use super::simulated_arm::{Arm, BASELINE, JOINTS};
 use crate::analysis::{JointSummary, WarmFriction};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Knowledge, RunSummary};
 use crate::numerics::detect::runs::detect;
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 const REFERENCE: f64 = 0.6;

@@ -10,14 +10,13 @@
 //! surroundings as they do.
 
 use super::held_map::{HeldMap, Zero, held_record};
-use super::run_record::{
-    FULL_RUN_POINTS, activities, known_speed, level_mean, level_points, speed_fractions, timeline,
-};
+use super::run_record::{activities, known_speed, level_mean, level_points, speed_fractions, timeline};
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
+use crate::anomaly::baseline_runs::FULL_RUN_POINTS;
 use crate::numerics::friction::maps::map::{FittedMap, fit_map};
 use crate::numerics::friction::maps::published_map::published;
-use crate::numerics::friction::maps::record::{
-    CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor, runs_of,
-};
+use crate::numerics::friction::maps::record::{JointRecord, RecordPoint, ThermalSensor, runs_of};
 use crate::numerics::friction::maps::run_effects::{JointScales, PriorScales, RunEffect, run_effects};
 use crate::numerics::friction::maps::run_points::start_decay;
 use crate::numerics::friction::maps::thermal_source::{first_fit, thermal_sensor};

@@ -3,7 +3,8 @@
 use super::baseline::fit_maps;
 use super::held_map::HeldMap;
 use super::simulated_arm::{Arm, BASELINE, HOUR, JOINTS};
-use super::{Reference, learnt_runs, run_indices};
+use super::{Reference, run_indices};
+use crate::anomaly::baseline_runs::learnt_runs;
 use crate::robot::JointIndex;
 
 const REPAIRED: usize = 2;

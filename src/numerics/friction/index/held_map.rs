@@ -3,8 +3,10 @@
 use super::run_record::{activities, level_points};
 use crate::analysis::Estimate;
 use crate::analysis::friction::FrictionMap;
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
 use crate::numerics::friction::maps::map::FittedMap;
-use crate::numerics::friction::maps::record::{CycleMotion, JointRecord, MapRun, RecordPoint, ThermalSensor};
+use crate::numerics::friction::maps::record::{JointRecord, RecordPoint, ThermalSensor};
 use crate::numerics::friction::maps::run_effects::{JointScales, RunEffect};
 use crate::numerics::friction::maps::thermal_source::held_sensor;
 use crate::numerics::statistics::descriptive::mean;

@@ -5,7 +5,7 @@
 //! warmth far larger than it is. The points before such a jump are therefore scaled to the friction after it, and the
 //! index of the run is that of its end.
 
-use crate::numerics::friction::maps::record::MapRun;
+use crate::analysis::map_run::MapRun;
 use crate::numerics::friction::points::level_means::friction_means;
 use crate::numerics::statistics::descriptive::{mean, median};
 use crate::robot::JointIndex;
@@ -92,8 +92,8 @@ fn beyond_neighbours(changes: &[f64]) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analysis::map_run::CycleMotion;
     use crate::analysis::{FrictionPoint, GravityRemoval};
-    use crate::numerics::friction::maps::record::CycleMotion;
 
     const LEVELS: [f64; 3] = [0.2, 0.6, 1.0];
 

@@ -2,15 +2,14 @@
 //! of it for a baseline or an index.
 
 use super::jump::jump;
-use crate::numerics::friction::maps::record::{CycleMotion, JointRecord, MapRun, RecordPoint};
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
+use crate::anomaly::baseline_runs::FULL_RUN_POINTS;
+use crate::numerics::friction::maps::record::{JointRecord, RecordPoint};
 use crate::numerics::friction::maps::thermal_state::MotionSpan;
 use crate::numerics::friction::points::level_means::friction_means;
 use crate::numerics::statistics::descriptive::mean;
 use crate::robot::JointIndex;
-
-/// Fewest points of a level in a run that may be one of the baseline. A run with fewer cycles shows too little of its
-/// own warm-up to determine its thermal state.
-pub const FULL_RUN_POINTS: usize = 6;
 
 /// Fewest points of a level in a run that has an index. Once the map is fitted, the motion before the run predicts
 /// its thermal state well enough, and the interval contains the error of that prediction.

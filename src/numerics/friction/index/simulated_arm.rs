@@ -1,16 +1,21 @@
 //! Arms for tests of the index, whose thermal law is another than that of the program: two heat capacities heated by their own
 //! friction, oil whose viscosity falls exponentially, a housing that loses heat more than in proportion.
 
+use crate::anomaly::baseline_runs::FULL_RUN_POINTS;
+use crate::anomaly::baseline_runs::REMEMBERED_S;
+use crate::anomaly::baseline_runs::learnt_runs;
+use crate::anomaly::baseline_runs::stages;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::baseline::{FormedMaps, fit_maps};
-use super::run_record::{FULL_RUN_POINTS, coverage};
-use super::{REMEMBERED_S, Reference, learnt_runs, run_indices, stages};
+use super::run_record::coverage;
+use super::{Reference, run_indices};
 use crate::analysis::friction::{FrictionIndex, FrictionMap};
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
 use crate::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
-use crate::numerics::friction::maps::record::{CycleMotion, MapRun};
 use crate::robot::JointIndex;
 
 /// Friction of a robot over a history without maintenance.

@@ -7,8 +7,9 @@ use super::simulated_arm::{
 };
 use crate::analysis::CycleTemperatures;
 use crate::analysis::friction::{FrictionMap, ThermalSource};
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
 use crate::numerics::friction::maps::published_map::{map_friction, with_temperatures};
-use crate::numerics::friction::maps::record::{CycleMotion, MapRun};
 use crate::numerics::friction::maps::thermal_state::{MotionSpan, Rates, thermal_deficits};
 
 /// Steps of a drive's temperature, K.

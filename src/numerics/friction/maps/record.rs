@@ -2,32 +2,7 @@
 //! temperatures that were measured with them.
 
 use super::thermal_state::MotionSpan;
-use crate::analysis::{CycleTemperatures, FrictionPoint};
 use crate::robot::JointIndex;
-
-/// A stretch of motion of all joints.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CycleMotion {
-    /// Start, s.
-    pub start: f64,
-    /// End, s.
-    pub end: f64,
-    /// Mean magnitude of each joint's velocity, rad/s (m/s), `[n]`; empty where it is not known.
-    pub speeds: Vec<f64>,
-    /// Mean temperatures, where recorded.
-    pub temperatures: CycleTemperatures,
-}
-
-/// Motion and friction points of one run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct MapRun {
-    /// Start of the recording, UTC, s.
-    pub started_at: f64,
-    /// Motion, times since the start, s; rising, not overlapping.
-    pub spans: Vec<CycleMotion>,
-    /// Plateaus of the friction stages, times since the start, s.
-    pub points: Vec<FrictionPoint>,
-}
 
 /// Friction of one joint over all runs, as the fit of its map needs it.
 #[derive(Debug, Clone)]

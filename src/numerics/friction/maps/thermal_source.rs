@@ -9,9 +9,10 @@
 use super::map::{FittedMap, fit_map};
 use super::published_map::ambient_effect;
 use super::record::{
-    AmbientTemperatures, CycleMotion, JointRecord, MapRun, MotorTemperatures, RecordPoint, ThermalSensor,
-    reading_at, runs_of,
+    AmbientTemperatures, JointRecord, MotorTemperatures, RecordPoint, ThermalSensor, reading_at, runs_of,
 };
+use crate::analysis::map_run::CycleMotion;
+use crate::analysis::map_run::MapRun;
 use crate::numerics::statistics::descriptive::{mean, median, standard_deviation};
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;

@@ -3,6 +3,5 @@
 mod plateau;
 mod slow_passes;
 pub mod plateaus;
-pub mod composite;
 pub mod excitation;
 pub mod level_means;

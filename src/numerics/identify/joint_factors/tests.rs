@@ -2,8 +2,9 @@ use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 
 use super::*;
+use crate::analysis::settings::AnalysisSettings;
 use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
-use crate::numerics::analyse::{AnalysisSettings, Method};
+use crate::numerics::analyse::Method;
 use crate::numerics::identify::cycle::identify_factors;
 use crate::numerics::identify::filtered_columns::{filtered_coulomb_columns, write_filtered_columns};
 use crate::numerics::identify::verify::{torque_rmsd, warming_contrast};

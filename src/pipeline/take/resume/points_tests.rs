@@ -8,10 +8,10 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::{decoded, encoded, settings_hash};
+use crate::analysis::settings::AnalysisSettings;
 use crate::config::{Layout, WorkLimits, parse_layout};
 use crate::ingest::bytes::fingerprint::fingerprint;
 use crate::ingest::table::reader::{ReadOptions, ReadPosition};
-use crate::numerics::analyse::AnalysisSettings;
 use crate::pipeline::open_rows::OpenRows;
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};

@@ -9,8 +9,8 @@ use super::joint_summary::{self, SummaryRow};
 use super::packed::{Reader, add_count, add_numbers};
 use super::run_series::RunSeries;
 use crate::anomaly::RunSummary;
+use crate::anomaly::brief::brief;
 use crate::anomaly::brief::{Brief, JointBrief};
-use crate::numerics::detect::runs::brief::brief;
 use crate::store::engine::EngineExecutor;
 
 /// First byte of each column; other values are of another format, whose rows a migration takes away.

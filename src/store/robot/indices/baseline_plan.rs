@@ -11,9 +11,11 @@ use std::collections::{BTreeMap, BTreeSet};
 pub mod known;
 
 use super::baselines::{Basis, FrictionTest, FrictionTests};
+use crate::anomaly::baseline_runs::FULL_RUN_POINTS;
+use crate::anomaly::baseline_runs::REMEMBERED_S;
+use crate::anomaly::baseline_runs::learnt_runs;
+use crate::anomaly::baseline_runs::stages;
 use crate::anomaly::epoch::{Epoch, epochs};
-use crate::numerics::friction::index::run_record::FULL_RUN_POINTS;
-use crate::numerics::friction::index::{REMEMBERED_S, learnt_runs, stages};
 use crate::robot::JointIndex;
 
 /// Changes whenever the program computes other indices from the same tests.

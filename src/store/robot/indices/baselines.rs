@@ -8,8 +8,8 @@ use sqlx::{QueryBuilder, Row};
 
 use super::friction;
 use crate::analysis::friction::{FrictionIndex, FrictionMap, MapLevel};
+use crate::analysis::map_run::MapRun;
 use crate::anomaly::epoch::{EpochCause, Maintenance, TestMoment};
-use crate::numerics::friction::maps::record::MapRun;
 use crate::robot::JointIndex;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::store::error::StoreError;

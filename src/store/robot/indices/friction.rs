@@ -8,9 +8,8 @@ use sqlx::{QueryBuilder, Row};
 use crate::analysis::friction::{
     FrictionIndex, FrictionMap, JointSpeedFits, SpeedCoefficient, SpeedFit, ThermalSource,
 };
+use crate::analysis::map_run::CycleMotion;
 use crate::analysis::{CycleTemperatures, Estimate};
-use crate::numerics::friction::maps::record::CycleMotion;
-use crate::numerics::signal::filter::independent_fraction;
 use crate::robot::JointIndex;
 use crate::run::temperature::ZERO_CELSIUS;
 use crate::store::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
@@ -70,13 +69,12 @@ impl Store {
         self.checked(thermal_sources(&self.readers, robot).await)
     }
 
-    /// Reads which fraction of the rows of each cycle of a run is independent behind its low-pass, by number
-    /// of the cycle.
+    /// Reads cut-off and sample rate, Hz, of each cycle of a run that has both, by number of the cycle.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn independent_fractions(&self, run_id: i64) -> Result<HashMap<u32, f64>, StoreError> {
-        self.checked(independent_fractions(&self.readers, run_id).await)
+    pub async fn cutoffs_and_rates(&self, run_id: i64) -> Result<HashMap<u32, [f64; 2]>, StoreError> {
+        self.checked(cutoffs_and_rates(&self.readers, run_id).await)
     }
 }
 
@@ -151,19 +149,18 @@ pub(in crate::store::robot) async fn motion(
     .await
 }
 
-/// Fraction of independent rows of each cycle of a run, by number; those without a low-pass left out.
-pub(in crate::store) async fn independent_fractions(
+async fn cutoffs_and_rates(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
-) -> Result<HashMap<u32, f64>, sqlx::Error> {
+) -> Result<HashMap<u32, [f64; 2]>, sqlx::Error> {
     let rows = sqlx::query(
         "SELECT number, sample_rate_hz, cutoff_hz FROM cycle
          WHERE run_id = $1 AND sample_rate_hz > 0 AND cutoff_hz > 0",
     )
     .bind(run_id)
     .try_map(|row: EngineRow| {
-        let fraction = independent_fraction(row.try_get("cutoff_hz")?, row.try_get("sample_rate_hz")?);
-        Ok((size::<u32>(&row, "number")?, fraction))
+        let cutoff_and_rate = [row.try_get("cutoff_hz")?, row.try_get("sample_rate_hz")?];
+        Ok((size::<u32>(&row, "number")?, cutoff_and_rate))
     })
     .fetch_all(executor)
     .await?;

@@ -8,7 +8,7 @@ use super::odds::Asked;
 use super::{LogCauses, causes};
 use crate::analysis::work_evidence::{DEVIATION, JointEvidence, PRODUCTS, WorkDirection};
 use crate::anomaly::ProductionSummary;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::anomaly::settings::DetectSettings;
 use crate::robot::JointIndex;
 
 const JOINTS: usize = 6;

@@ -7,10 +7,12 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::work_logs;
+use crate::anomaly::settled::Moment;
+use crate::anomaly::settled::Settled;
 use crate::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 use crate::numerics::detect::production::fixtures::{USUAL, detected, history, wobble};
 use crate::numerics::detect::window::fixtures::{Judged, WithRuns, said, words};
-use crate::numerics::detect::window::{Lengths, Moment, Settled};
+use crate::numerics::detect::window::{Lengths, is_over, next};
 
 /// Windows so short that histories of some hundred logs have several.
 const SHORT: Lengths = Lengths { step: 40, lead: 20, head: 6, around: 8 };
@@ -131,8 +133,8 @@ fn a_log_against_two_tests_is_one_run() {
     assert_eq!((history.len(), work_logs(&history).len()), (220, 200));
     let all = work_logs(&history);
     let settled = Settled::default();
-    assert!(settled.is_over(&all[..80], &SHORT) && !settled.is_over(&all[..79], &SHORT));
-    let (next, _) = settled.next(&all[..80], &[], &SHORT);
+    assert!(is_over(&settled, &all[..80], &SHORT) && !is_over(&settled, &all[..79], &SHORT));
+    let (next, _) = next(&settled, &all[..80], &[], &SHORT);
     assert_eq!((next.runs, next.leads_from.map(|(_, run_id)| run_id)), (40, Some(21)));
     // the first logs behind each of the three tests before those that lead in
     assert_eq!(next.read, [1, 2, 3, 4, 5, 6, 10, 11, 12, 13, 14, 15, 20]);

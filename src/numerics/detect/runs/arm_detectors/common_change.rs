@@ -107,10 +107,10 @@ pub(in crate::numerics::detect::runs) fn common_changes(
 #[cfg(test)]
 mod tests {
     use crate::analysis::{Estimate, JointSummary, WarmFriction};
+    use crate::anomaly::settings::DetectSettings;
     use crate::anomaly::{AnomalyKind, RunSummary, Severity};
     use crate::numerics::detect::runs::detect;
     use crate::numerics::detect::runs::fixtures::{indexed, wobble};
-    use crate::numerics::detect::verdict::DetectSettings;
     use crate::robot::JointIndex;
 
     /// Daily tests of six joints whose index in a run is given.

@@ -14,18 +14,19 @@
 //! This is no [`Detector`](crate::numerics::detect::detector::Detector): a push loads several joints, and one alarm names
 //! them.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use jiff::Timestamp;
 
-use crate::anomaly::brief::JointBrief;
+use crate::anomaly::cycle_peaks::{Cycles, Distances, pauses, peaks_of_joint};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::episodes::episodes;
 use crate::numerics::detect::rate::budget::{Budget, beyond_chance};
 use crate::numerics::detect::runs::curve::hypothesis::Cause;
 use crate::numerics::detect::runs::curve::run_cause::RunCause;
-use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why};
-use crate::numerics::statistics::descriptive::{median, robust_deviation};
+use crate::numerics::detect::verdict::{Verdict, Why};
+use crate::numerics::statistics::descriptive::robust_deviation;
 use crate::robot::JointIndex;
 
 /// Least factor by which a cycle stands out of its neighbours.
@@ -39,8 +40,6 @@ const FEWEST_CYCLES: usize = 24;
 const MOST_CYCLES: usize = 400;
 /// The latest cycles of which the furthest one is remembered.
 const MOST_PEAKS: usize = 1600;
-/// Interval between two cycles that is a pause, as a multiple of the usual one.
-const PAUSE: f64 = 1.5;
 
 /// How cycles of a joint usually stand out of their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -53,23 +52,6 @@ struct UsualPeaks {
     peaks: VecDeque<(usize, f64)>,
     /// Cycles of these tests.
     peak_count: usize,
-}
-
-/// Signed distances of the cycles of a test from the mean of both neighbours, in logarithms.
-#[derive(Debug, Clone, PartialEq)]
-enum Distances {
-    Read(Vec<f64>),
-    /// So many, of a test whose cycles are left out.
-    LeftOut(usize),
-}
-
-impl Distances {
-    fn count(&self) -> usize {
-        match self {
-            Self::Read(of) => of.len(),
-            Self::LeftOut(count) => *count,
-        }
-    }
 }
 
 /// How cycles of all joints usually stand out, in the tests so far.
@@ -104,7 +86,7 @@ impl UsualContacts {
     /// Learns a test without a contact.
     fn learn(&mut self, place: usize, run: &RunSummary) {
         for (joint, usual) in self.joints.iter_mut().enumerate() {
-            let (distances, furthest) = of_joint(run, joint);
+            let (distances, furthest) = peaks_of_joint(run, joint);
             usual.remember(distances.count(), furthest);
             usual.count += distances.count();
             if distances.count() > 0 {
@@ -122,7 +104,7 @@ impl UsualContacts {
     /// Whether a cycle of a test may stand out of its neighbours by more than any one before.
     fn may_stand_out(&self, run: &RunSummary) -> bool {
         let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest());
-        self.joints.iter().enumerate().any(|(joint, usual)| of_joint(run, joint).1 >= least(usual))
+        self.joints.iter().enumerate().any(|(joint, usual)| peaks_of_joint(run, joint).1 >= least(usual))
     }
 
     /// Places of the tests that say what is usual now.
@@ -206,67 +188,6 @@ impl UsualPeaks {
         };
         inner.filter_map(of).max_by(|a, b| a.by.total_cmp(&b.by))
     }
-}
-
-/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least.
-/// One after a pause is never judged and says nothing of that.
-fn of_joint(run: &RunSummary, joint: usize) -> (Distances, f64) {
-    if let Some(brief) = run.left_out() {
-        let JointBrief { inner, furthest, .. } = brief.joint(joint);
-        return (Distances::LeftOut(inner as usize), furthest);
-    }
-    let cycles = Cycles::of(run, joint);
-    let pauses = pauses(run);
-    let (mut distances, mut furthest) = (Vec::new(), 0.0_f64);
-    for place in 1..cycles.0.len().saturating_sub(1) {
-        let Some((distance, by)) = cycles.distances(place) else { continue };
-        distances.push(distance);
-        if !pauses.contains(&cycles.0[place].0) {
-            furthest = furthest.max(by);
-        }
-    }
-    (Distances::Read(distances), furthest)
-}
-
-/// Cycles of a joint with an RMSD between those of its neighbours, and the most by which one stands out of both, in
-/// logarithms.
-pub(in crate::numerics::detect::runs) fn standing_out(run: &RunSummary, joint: usize) -> (usize, f64) {
-    let (distances, furthest) = of_joint(run, joint);
-    (distances.count(), furthest)
-}
-
-/// Numbers of the accepted cycles of a test with the RMSD of one joint.
-struct Cycles(Vec<(u32, f64)>);
-
-impl Cycles {
-    fn of(run: &RunSummary, joint: usize) -> Self {
-        let of_joint = run.whole_cycle_rmsd.iter().filter(|of| of.joint.index() == joint);
-        let known = of_joint.filter(|of| of.relative_rmsd > 0.0).map(|of| (of.cycle, of.relative_rmsd));
-        Self(known.collect())
-    }
-
-    /// Distance of the cycle at this place from the mean of its neighbours, and how far it stands out of both, in
-    /// logarithms. `None` without neighbours.
-    fn distances(&self, place: usize) -> Option<(f64, f64)> {
-        let [(before, a), (cycle, value), (after, b)] = [place - 1, place, place + 1].map(|of| self.0[of]);
-        if before + 1 != cycle || cycle + 1 != after {
-            return None;
-        }
-        let [a, value, b] = [a, value, b].map(f64::ln);
-        Some((value - 0.5 * (a + b), value - a.max(b)))
-    }
-}
-
-/// Cycles before which the arm paused, as far as friction points tell when they were.
-fn pauses(run: &RunSummary) -> Vec<u32> {
-    let minutes: BTreeMap<u32, f64> =
-        run.cycle_friction.iter().map(|of| (of.cycle, of.friction.minute)).collect();
-    let times: Vec<(u32, f64)> = minutes.into_iter().collect();
-    let interval = |pair: &[(u32, f64)]| (pair[1].1 - pair[0].1) / f64::from(pair[1].0 - pair[0].0);
-    let intervals: Vec<f64> = times.windows(2).map(interval).collect();
-    let usual = median(&intervals).unwrap_or(f64::INFINITY);
-    let late = times.windows(2).zip(&intervals).filter(|(_, of)| **of > PAUSE * usual);
-    late.map(|(pair, _)| pair[1].0).collect()
 }
 
 /// A contact in one test.

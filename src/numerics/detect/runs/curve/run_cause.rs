@@ -2,9 +2,10 @@
 
 use super::hypothesis::{Cause, Judged, PRIOR};
 use crate::analysis::Estimate;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Alternative, RunSummary};
 use crate::numerics::detect::rate::budget::advantage;
-use crate::numerics::detect::verdict::{DetectSettings, MOST_ODDS};
+use crate::numerics::detect::verdict::MOST_ODDS;
 
 /// Advantage of a named cause over none, in logarithms, beyond what the rate of false alarms asks for: curves are not
 /// exactly of the form that is assumed.

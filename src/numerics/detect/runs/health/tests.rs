@@ -2,10 +2,10 @@
 
 use crate::analysis::refusal::Channel;
 use crate::analysis::{Estimate, JointSummary, WarmFriction};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Findings, Knowledge, RunSummary};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::fixtures::{healthy, history, indexed, refusal, wobble};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 fn found(history: &[RunSummary]) -> Findings {

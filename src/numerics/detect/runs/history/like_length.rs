@@ -1,19 +1,11 @@
 //! Tests of like length, which are compared with each other: parameters of a short check of a cold arm differ from those of
 //! a whole test by more than chance, since friction moves while an arm warms.
 
-use crate::anomaly::{RunParameter, RunSummary};
+use crate::anomaly::RunSummary;
+use crate::anomaly::brief::length;
 
 /// Tests differ in length from the first one of their group by less than this factor.
 const LIKE: u32 = 2;
-
-/// Cycles of a test that parameters were identified from.
-pub(in crate::numerics::detect::runs) fn length(run: &RunSummary) -> u32 {
-    match run.left_out() {
-        Some(brief) if brief.has_parameters => brief.length,
-        Some(_) => run.cycles,
-        None => run.parameters.iter().map(|of: &RunParameter| of.cycles).max().unwrap_or(run.cycles),
-    }
-}
 
 /// Whether inertial parameters were identified from a test.
 pub(in crate::numerics::detect::runs) fn has_parameters(run: &RunSummary) -> bool {

@@ -190,9 +190,9 @@ fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: Coupling) -> Anoma
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::anomaly::settings::DetectSettings;
     use crate::numerics::detect::runs::cause_tests::{State, fleet};
     use crate::numerics::detect::runs::detect;
-    use crate::numerics::detect::verdict::DetectSettings;
 
     /// Oscillations of a fleet of which two joints swing, from the ninth test on.
     fn oscillations(seed: u64, swing: fn(usize, u32) -> f64) -> Vec<Anomaly> {

@@ -70,9 +70,9 @@ impl Detector<JointSeries<'_>> for Accuracy {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::anomaly::settings::DetectSettings;
     use crate::numerics::detect::runs::detect;
     use crate::numerics::detect::runs::fixtures::{JOINT, judged, run};
-    use crate::numerics::detect::verdict::DetectSettings;
 
     #[test]
     fn a_joint_that_was_always_inaccurate_is_only_worth_knowing() {

@@ -172,10 +172,10 @@ fn least_spread(source: Source) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::anomaly::settings::DetectSettings;
     use crate::numerics::detect::control_chart::steady_variance;
     use crate::numerics::detect::runs::fixtures::{JOINT, history, wobble};
     use crate::numerics::detect::runs::series::friction_history;
-    use crate::numerics::detect::verdict::DetectSettings;
 
     /// The limit after `learnt` daily tests that scatter by `scatter`.
     fn limit(settings: &DetectSettings, learnt: usize, scatter: f64) -> (f64, f64) {

@@ -132,9 +132,9 @@ mod tests {
     use super::*;
     use crate::anomaly::RunSummary;
     use crate::anomaly::peer::Peer;
+    use crate::anomaly::settings::DetectSettings;
     use crate::numerics::detect::runs::detect_among;
     use crate::numerics::detect::runs::fixtures::{JOINT, judged, run};
-    use crate::numerics::detect::verdict::DetectSettings;
 
     fn severities(swings: &[f64]) -> Vec<Option<Severity>> {
         let history: Vec<_> =

@@ -156,9 +156,9 @@ mod tests {
     use super::*;
     use crate::anomaly::Anomaly;
     use crate::anomaly::peer::Peer;
+    use crate::anomaly::settings::DetectSettings;
     use crate::numerics::detect::runs::detect_among;
     use crate::numerics::detect::runs::fixtures::{JOINT, run, wobble};
-    use crate::numerics::detect::verdict::DetectSettings;
 
     fn peers(frictions: &[f64]) -> Vec<Peer> {
         let test = |friction: f64| move |i: usize| run(i, friction * wobble(i), 0.03, 0.002).joints;

@@ -13,6 +13,7 @@
 
 use jiff::Timestamp;
 
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, Severity};
 use crate::numerics::detect::detector::Detector;
 use crate::numerics::detect::episodes::episodes;
@@ -22,7 +23,7 @@ use crate::numerics::detect::runs::curve::hypothesis::Cause;
 use crate::numerics::detect::runs::curve::run_cause::RunCause;
 use crate::numerics::detect::runs::curve::warm_up_jump::{LEAST_FACTOR, Limits, WarmUpJump};
 use crate::numerics::detect::runs::series::JointSeries;
-use crate::numerics::detect::verdict::{DetectSettings, Verdict, Why};
+use crate::numerics::detect::verdict::{Verdict, Why};
 
 pub(super) struct WarmUp;
 

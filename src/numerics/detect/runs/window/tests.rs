@@ -6,13 +6,15 @@ use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::anomaly::settings::DetectSettings;
+use crate::anomaly::settled::Moment;
+use crate::anomaly::settled::Settled;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use crate::numerics::detect::runs::cause_tests::{State, fleet};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::in_brief_tests::life;
-use crate::numerics::detect::verdict::DetectSettings;
+use crate::numerics::detect::window::Lengths;
 use crate::numerics::detect::window::fixtures::{Judged, Said, WithRuns, said, words};
-use crate::numerics::detect::window::{Lengths, Moment, Settled};
 use crate::robot::JointIndex;
 
 /// Windows so short that histories of some hundred tests have several.

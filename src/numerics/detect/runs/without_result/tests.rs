@@ -1,10 +1,10 @@
 //! Tests without result, on histories made by hand.
 
 use crate::analysis::refusal::Channel;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{AnomalyKind, Findings, Knowledge, RunSummary, Severity};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::fixtures::{CYCLES, JOINTS, healthy, indexed, refusal, refused};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 fn found(history: &[RunSummary]) -> Findings {

@@ -6,8 +6,9 @@ use std::collections::HashMap;
 use super::{
     FrictionPlan, METHOD, MIN_BASELINE_RUNS, PlannedMap, PlannedTest, first_motion, is_full, test_basis,
 };
+use crate::anomaly::baseline_runs::REMEMBERED_S;
+use crate::anomaly::baseline_runs::stages;
 use crate::anomaly::epoch::{Epoch, EpochCause, epochs};
-use crate::numerics::friction::index::{REMEMBERED_S, stages};
 use crate::robot::JointIndex;
 use crate::store::robot::indices::baselines::{Basis, FrictionTest, FrictionTests};
 use crate::store::robot::maintenance::DescriptionKey;

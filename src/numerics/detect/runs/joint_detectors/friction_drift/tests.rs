@@ -4,10 +4,10 @@ use jiff::civil::date;
 
 use crate::analysis::{Estimate, WarmFriction};
 use crate::anomaly::forecast::{Forecast, Trend};
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{AnomalyKind, Knowledge, RunSummary, Severity};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::fixtures::{history, wobble};
-use crate::numerics::detect::verdict::DetectSettings;
 use crate::robot::JointIndex;
 
 #[test]

@@ -5,10 +5,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use crate::analysis::Estimate;
+use crate::anomaly::settings::DetectSettings;
 use crate::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use crate::numerics::detect::runs::detect;
 use crate::numerics::detect::runs::fixtures::indexed;
-use crate::numerics::detect::verdict::DetectSettings;
 
 /// Daily tests of three joints; the last one has `of` added to its index.
 fn tests(

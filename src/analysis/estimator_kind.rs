@@ -1,0 +1,56 @@
+//! Names of estimators of parameters over several cycles, and of the source of their standard errors.
+
+/// Estimator of parameters from the rows of several cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EstimatorKind {
+    /// Least squares, all rows alike.
+    Ordinary,
+    /// Least squares, rows weighted by the residual variance of their joint.
+    Weighted,
+    /// Each joint by its own rows alone.
+    PerJoint,
+    /// Huber's M-estimate.
+    Huber,
+    /// Least squares with a prior.
+    Prior,
+}
+
+impl EstimatorKind {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Ordinary, Self::Weighted, Self::PerJoint, Self::Huber, Self::Prior];
+
+    /// Name as stored and as typed.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ordinary => "ordinary",
+            Self::Weighted => "weighted",
+            Self::PerJoint => "per-joint",
+            Self::Huber => "huber",
+            Self::Prior => "prior",
+        }
+    }
+}
+
+/// Source of standard errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorSource {
+    /// The scatter between cycles.
+    Cycles,
+    /// The residual, and the share of rows that are independent.
+    IndependentRows,
+}
+
+impl ErrorSource {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Cycles, Self::IndependentRows];
+
+    /// Name as stored.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cycles => "cycles",
+            Self::IndependentRows => "independent_rows",
+        }
+    }
+}

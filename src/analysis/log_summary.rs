@@ -1,0 +1,64 @@
+//! What the windows of one log come to together.
+
+use super::median::median;
+use super::work_evidence::{DEVIATION, JointEvidence, PRODUCTS};
+use super::{FrictionExcess, JointCheck, ProductionJoint};
+use crate::robot::JointIndex;
+
+/// A window deviates more than this many times as far as the median one, as a mean square, is left out: it holds a contact
+/// or a stop.
+const ODD_WINDOW: f64 = 4.0;
+/// Fewest windows among which one may be odd.
+const FEWEST_WINDOWS: usize = 3;
+
+/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves. What
+/// the test's own error is, the windows do not know.
+///
+/// Medians, since single windows hold a contact or a wait.
+#[must_use]
+pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<ProductionJoint> {
+    let mut by_joint: Vec<(JointIndex, Vec<[f64; 3]>)> = Vec::new();
+    for check in checks.into_iter().flatten() {
+        let Some(friction) = check.friction.filter(|_| check.rmsd.moving_rows.samples > 0) else { continue };
+        let figures = [check.rmsd.moving_rows.relative, friction.excess, friction.share];
+        match by_joint.iter_mut().find(|(joint, _)| *joint == check.joint) {
+            Some((_, windows)) => windows.push(figures),
+            None => by_joint.push((check.joint, vec![figures])),
+        }
+    }
+    by_joint.sort_unstable_by_key(|(joint, _)| *joint);
+    let summary = |(joint, windows): (JointIndex, Vec<[f64; 3]>)| {
+        let of = |figure: usize| median(&windows.iter().map(|of| of[figure]).collect::<Vec<_>>());
+        Some(ProductionJoint {
+            joint,
+            windows: windows.len(),
+            relative_rmsd: of(0)?,
+            friction: FrictionExcess { excess: of(1)?, share: of(2)? },
+            test_relative_rmsd: None,
+        })
+    };
+    by_joint.into_iter().filter_map(summary).collect()
+}
+
+/// Evidence of a whole log from that of its windows, by joint: means over the rows of the windows that are not odd.
+#[must_use]
+pub fn log_evidence(windows: &[Vec<JointEvidence>]) -> Vec<JointEvidence> {
+    let joints = windows.iter().flatten().map(|of| of.joint.index() + 1).max().unwrap_or(0);
+    let of_joint = |joint| {
+        let own: Vec<&JointEvidence> = windows.iter().flatten().filter(|of| of.joint == joint).collect();
+        let deviation = |of: &JointEvidence| of.product(DEVIATION, DEVIATION);
+        let usual = median(&own.iter().map(|of| deviation(of)).collect::<Vec<_>>())?;
+        let counts = |of: &&&JointEvidence| own.len() < FEWEST_WINDOWS || deviation(of) <= ODD_WINDOW * usual;
+        let mut whole = JointEvidence { joint, windows: 0, samples: 0, products: [0.0; PRODUCTS] };
+        for of in own.iter().filter(counts) {
+            whole.windows += of.windows;
+            whole.samples += of.samples;
+            let share = of.samples as f64 / whole.samples as f64;
+            for (mean, next) in whole.products.iter_mut().zip(of.products) {
+                *mean += share * (next - *mean);
+            }
+        }
+        (whole.samples > 0).then_some(whole)
+    };
+    (0..joints).map(JointIndex::new).filter_map(of_joint).collect()
+}
