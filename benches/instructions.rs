@@ -11,22 +11,22 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use armwatch::analysis::settings::AnalysisSettings;
-use armwatch::config::{Config, FleetEntry};
-use armwatch::ingest::bytes::source;
-use armwatch::ingest::table::reader::{ExportReader, ReadOptions};
-use armwatch::numerics::analyse::{Method, analyse_cycle};
-use armwatch::numerics::diagnose::recording::diagnose_samples;
-use armwatch::numerics::diagnose::recording::view::DiagnoseSettings;
-use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;
-use armwatch::numerics::identify::joint_factors::factor_cycle;
-use armwatch::numerics::lanes::{LANES, Lanes, run_as_on_any_processor};
-use armwatch::numerics::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
-use armwatch::numerics::signal::filter::filter_signals;
 use armwatch::pipeline::take::cycles::read_cycle;
-use armwatch::robot::Robot;
-use armwatch::run::{Cycle, Samples};
-use armwatch::simulate::{SimulationSettings, simulate_run};
+use armwatch_config::{Config, FleetEntry};
+use armwatch_ingest::bytes::source;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_method::diagnose::recording::diagnose_samples;
+use armwatch_method::diagnose::recording::view::DiagnoseSettings;
+use armwatch_method::identify::filtered_columns::filtered_coulomb_columns;
+use armwatch_method::identify::joint_factors::factor_cycle;
+use armwatch_method::lanes::{LANES, Lanes, run_as_on_any_processor};
+use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
+use armwatch_method::signal::filter::filter_signals;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{Cycle, Samples};
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 /// What is counted.
 #[derive(Debug, Clone, Copy, PartialEq)]

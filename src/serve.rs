@@ -60,12 +60,12 @@ use tokio_util::sync::CancellationToken;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::config::{ClientSettings, Config, ServeSettings};
 use crate::metrics::Metrics;
-use crate::store::Store;
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};
+use armwatch_config::{ClientSettings, Config, ServeSettings};
+use armwatch_store::Store;
 use rates::{Peer, Rates};
 use shared::{STATEMENTS, Uploads};
 use spool::Spool;

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use armwatch::config::parse_layout;
-use armwatch::ingest::infer::infer;
-use armwatch::ingest::infer::proposal::Hints;
+use armwatch_config::parse_layout;
+use armwatch_ingest::infer::infer;
+use armwatch_ingest::infer::proposal::Hints;
 
 /// Checks one input; a failure panics.
 pub fn run(data: &[u8]) {

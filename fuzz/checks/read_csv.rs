@@ -6,15 +6,15 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use armwatch::config::{Layout, parse_layout, parse_robot};
-use armwatch::ingest::bytes::blocks::{Blocks, Next};
-use armwatch::ingest::rejection::Rejection;
-use armwatch::ingest::table::column_map::map_columns;
-use armwatch::ingest::table::polars_reader::Parser;
-use armwatch::ingest::table::reader::{ExportReader, ReadOptions};
-use armwatch::ingest::table::{cell_reader, preamble};
-use armwatch::robot::Robot;
-use armwatch::run::RawSamples;
+use armwatch_config::{Layout, parse_layout, parse_robot};
+use armwatch_ingest::bytes::blocks::{Blocks, Next};
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::column_map::map_columns;
+use armwatch_ingest::table::polars_reader::Parser;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_ingest::table::{cell_reader, preamble};
+use armwatch_model::robot::Robot;
+use armwatch_model::run::RawSamples;
 
 const ROBOT: &str = include_str!("../../config/robots/scara.toml");
 

@@ -2,8 +2,8 @@
 //!
 //! Each byte of an input is a row: two bits of stage, one that turns the counter on, one that ends a piece.
 
-use armwatch::numerics::segment::cycles::{CycleCutter, SegmentError};
-use armwatch::run::{Cycle, Samples, Stage};
+use armwatch_method::segment::cycles::{CycleCutter, SegmentError};
+use armwatch_model::run::{Cycle, Samples, Stage};
 
 const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 

@@ -10,8 +10,8 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
 use super::worker::Worker;
-use crate::config::{AlertSettings, Config};
-use crate::store::Store;
+use armwatch_config::{AlertSettings, Config};
+use armwatch_store::Store;
 
 /// How long messages on their way may take when the program stops; what has not arrived then is sent at the next start.
 const STOP_TIME: Duration = Duration::from_secs(5);

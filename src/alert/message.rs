@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use super::figures::Figures;
 use super::trend::Trend;
-use crate::anomaly::Severity;
-use crate::anomaly::odds::odds_in_words;
-use crate::store::{AlarmEvent, EventKind};
+use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::odds::odds_in_words;
+use armwatch_store::{AlarmEvent, EventKind};
 
 /// Who sends.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -17,7 +17,7 @@ mod worker;
 pub mod dispatcher;
 pub mod trial;
 
-use crate::store::OverdueRobot;
+use armwatch_store::OverdueRobot;
 
 /// Logs that the next test of a robot should have come.
 pub fn log_overdue(overdue: &OverdueRobot) {

@@ -3,9 +3,9 @@
 use jiff::civil::{DateTime, Time};
 use jiff::{Timestamp, ToSpan, Zoned};
 
-use crate::anomaly::Severity;
-use crate::config::{AlertSettings, QuietHours, Route};
-use crate::store::{AlarmEvent, EventKind, Fate, Held};
+use armwatch_config::{AlertSettings, QuietHours, Route};
+use armwatch_model::anomaly::Severity;
+use armwatch_store::{AlarmEvent, EventKind, Fate, Held};
 
 /// Where people have put an alarm of which they want to hear nothing more.
 const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
@@ -81,7 +81,7 @@ mod tests {
     }
 
     fn settings() -> AlertSettings {
-        let sites = vec![crate::config::Site { name: "Turin".into(), robots: vec!["T*".into()] }];
+        let sites = vec![armwatch_config::Site { name: "Turin".into(), robots: vec!["T*".into()] }];
         AlertSettings { sites, ..AlertSettings::default() }
     }
 
@@ -102,8 +102,8 @@ mod tests {
         for (fits, route) in [
             (true, Route { robots: Some(vec!["A*".into(), "T*".into()]), ..route() }),
             (false, Route { robots: Some(vec!["A*".into()]), ..route() }),
-            (true, Route { kinds: Some(vec![crate::anomaly::AnomalyKind::Drift]), ..route() }),
-            (false, Route { kinds: Some(vec![crate::anomaly::AnomalyKind::Step]), ..route() }),
+            (true, Route { kinds: Some(vec![armwatch_model::anomaly::AnomalyKind::Drift]), ..route() }),
+            (false, Route { kinds: Some(vec![armwatch_model::anomaly::AnomalyKind::Step]), ..route() }),
             (true, Route { sites: Some(vec!["Turin".into()]), ..route() }),
             (false, Route { sites: Some(vec!["Lyon".into()]), ..route() }),
         ] {

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::Read;
 
-use crate::config::Secret;
+use armwatch_config::Secret;
 
 /// Longest secret, bytes.
 const LONGEST: u64 = 8192;

@@ -7,8 +7,8 @@ use jiff::Timestamp;
 use super::message::{Alarm, Message, Origin, example};
 use super::receiver::{SendError, Unusable};
 use super::receivers::open::open;
-use crate::anomaly::Severity;
-use crate::config::{AlertSettings, Route};
+use armwatch_config::{AlertSettings, Route};
+use armwatch_model::anomaly::Severity;
 
 /// What keeps routes from working as they are configured, by their names.
 #[must_use]

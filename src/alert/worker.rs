@@ -12,8 +12,8 @@ use super::message::{Alarm, Message, Origin};
 use super::receiver::{Receiver, SendError};
 use super::receivers::open::open;
 use super::route::{judge, quiet_until};
-use crate::config::{AlertSettings, ReceiverSettings, Route};
-use crate::store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Store, StoreError};
+use armwatch_config::{AlertSettings, ReceiverSettings, Route};
+use armwatch_store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Store, StoreError};
 
 /// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
 const LOOK: Duration = Duration::from_secs(2);

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use super::context::{CliError, EXIT_DONE, Global, runtime};
 use super::shared::output;
-use crate::config::Config;
-use crate::numerics::detect::runs::calibration::{CHANGES, Calibration, LevelCalibration, calibration};
-use crate::store::Store;
+use armwatch_config::Config;
+use armwatch_method::detect::runs::calibration::{CHANGES, Calibration, LevelCalibration, calibration};
+use armwatch_store::Store;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -184,10 +184,10 @@ fn as_value(robot: &str, found: &Calibration) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::detect::rate::budget::Budget;
-    use crate::numerics::detect::rate::monitor::Phase;
-    use crate::numerics::detect::runs::calibration::LevelFigures;
-    use crate::robot::JointIndex;
+    use armwatch_method::detect::rate::budget::Budget;
+    use armwatch_method::detect::rate::monitor::Phase;
+    use armwatch_method::detect::runs::calibration::LevelFigures;
+    use armwatch_model::robot::JointIndex;
 
     fn found() -> Calibration {
         let figures =

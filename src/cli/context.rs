@@ -6,9 +6,9 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use tokio_util::sync::CancellationToken;
 
-use crate::config::{Config, ConfigErrors, shown_database};
 use crate::pipeline::context::PipelineError;
-use crate::store::{Store, StoreError};
+use armwatch_config::{Config, ConfigErrors, shown_database};
+use armwatch_store::{Store, StoreError};
 
 /// All done.
 pub const EXIT_DONE: u8 = 0;

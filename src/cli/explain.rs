@@ -10,17 +10,17 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
 use super::shared::{output, paths};
-use crate::analysis::CycleAnalysis;
-use crate::config::{Config, Layout, layout_units};
-use crate::ingest::table::cell_reader::PassedOver;
-use crate::ingest::table::column_map::{ColumnMap, Role};
-use crate::ingest::table::reader::LeftOut;
 use crate::pipeline::look::explain::{
     CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
-use crate::robot::{JointIndex, Robot};
-use crate::run::{RunKind, Stage};
-use crate::store::time_in_views;
+use armwatch_config::{Config, Layout, layout_units};
+use armwatch_ingest::table::cell_reader::PassedOver;
+use armwatch_ingest::table::column_map::{ColumnMap, Role};
+use armwatch_ingest::table::reader::LeftOut;
+use armwatch_model::analysis::CycleAnalysis;
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::{RunKind, Stage};
+use armwatch_store::time_in_views;
 
 /// Most names of ignored columns that are listed.
 const LISTED_COLUMNS: usize = 12;

@@ -14,8 +14,8 @@ use super::shared::moment::moment;
 use super::shared::output;
 use super::shared::views::view_names;
 use crate::daemon;
-use crate::export::{Destination, Export, ExportError, Format, Progress, Written};
-use crate::store::{PublicView, RowFilter, public_views};
+use armwatch_store::export::{Destination, Export, ExportError, Format, Progress, Written};
+use armwatch_store::{PublicView, RowFilter, public_views};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -8,8 +8,8 @@ use super::shared::output;
 use super::shared::rows::{self, RowArgs};
 use super::shared::selection::no_run;
 use super::shared::unknown_robot::require_robot;
-use crate::run::{RunKind, RunStatus};
-use crate::store::{AskError, ListFilter, Store, Table};
+use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_store::{AskError, ListFilter, Store, Table};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -10,12 +10,12 @@ use super::shared::output;
 use super::shared::said::said;
 use super::shared::unknown_robot::unknown_robot;
 use super::shared::user::user;
-use crate::anomaly::epoch::Maintenance;
-use crate::config::Config;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::Pipeline;
-use crate::robot::JointIndex;
-use crate::store::{MaintenanceRow, NewMaintenance, NotEntered, Store, time_in_views};
+use armwatch_config::Config;
+use armwatch_model::anomaly::epoch::Maintenance;
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{MaintenanceRow, NewMaintenance, NotEntered, Store, time_in_views};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

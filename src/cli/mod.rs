@@ -42,8 +42,8 @@ use std::process::ExitCode;
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::cli::context::{CliError, EXIT_IO, Global, LogFormat};
-use crate::numerics::lanes;
 use crate::telemetry;
+use armwatch_method::lanes;
 
 const EXIT_CODES_HELP: &str = "\
 Examples:

@@ -5,7 +5,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
 use super::shared::output;
-use crate::store::{KeptEstimate, KeptKind, ParameterSet, Store, time_in_views};
+use armwatch_store::{KeptEstimate, KeptKind, ParameterSet, Store, time_in_views};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -138,7 +138,7 @@ async fn show(global: &Global, store: &Store, name: &str) -> Result<u8, CliError
 fn set_value(
     name: &str,
     set: &ParameterSet,
-    unit: impl Fn(crate::robot::ParameterId) -> String,
+    unit: impl Fn(armwatch_model::robot::ParameterId) -> String,
 ) -> serde_json::Value {
     json!({
         "name": name,

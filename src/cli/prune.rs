@@ -9,10 +9,10 @@ use tokio_util::sync::CancellationToken;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
 use super::shared::output;
-use crate::config::{Config, RetentionSettings, shown_database};
 use crate::pipeline::retention::{kept_since, prune as take_away};
-use crate::run::RunKind;
-use crate::store::{DueRun, FreeSpace, Store};
+use armwatch_config::{Config, RetentionSettings, shown_database};
+use armwatch_model::run::RunKind;
+use armwatch_store::{DueRun, FreeSpace, Store};
 
 /// Pages that are given back in one transaction: 8 MB.
 const PAGES_AT_ONCE: u32 = 2000;

@@ -9,12 +9,12 @@ use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::plot::{PlotFile, rmsd_limits};
 use super::shared::verification::verified_cycles;
-use crate::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
-use crate::numerics::statistics::descriptive::{mean, standard_deviation};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
-use crate::robot::JointIndex;
-use crate::run::Stage;
-use crate::store::{RunSource, Store};
+use armwatch_method::statistics::descriptive::{mean, standard_deviation};
+use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::Stage;
+use armwatch_store::{RunSource, Store};
 
 /// Relative RMSD above which the thesis marks a figure.
 const MARKED_ABOVE: f64 = 0.10;

@@ -7,7 +7,6 @@ use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
-use crate::config::{Config, ConfigErrors, host_name, shown_database};
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::preflight;
 use crate::daemon::retention::Pruning;
@@ -16,8 +15,9 @@ use crate::daemon::{Control, Event};
 use crate::metrics::Metrics;
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
-use crate::store::SessionKind;
 use crate::{daemon, serve};
+use armwatch_config::{Config, ConfigErrors, host_name, shown_database};
+use armwatch_store::SessionKind;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
-use crate::store::StoreError;
+use armwatch_store::StoreError;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -10,7 +10,7 @@ use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::rows::{self, RowArgs};
 use super::shared::views::{self, view_names};
-use crate::store::{Answer, Question, QuestionError};
+use armwatch_store::{Answer, Question, QuestionError};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

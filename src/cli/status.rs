@@ -10,9 +10,9 @@ use super::alerts::words;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::joints::{named, reasons};
 use super::shared::output;
-use crate::anomaly::Severity;
-use crate::run::{RunKind, RunStatus};
-use crate::store::{
+use armwatch_model::anomaly::Severity;
+use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_store::{
     AlarmState, AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
     QuarantineRow, RunRow, Store, time_in_views,
 };

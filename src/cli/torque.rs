@@ -11,14 +11,14 @@ use super::shared::paths;
 use super::shared::plot::PlotFile;
 use super::shared::result_file::{refuse_source, result_file, write_lines};
 use super::shared::selection::NamedCandidate;
-use crate::analysis::{RmsdScope, TorqueRmsd};
-use crate::config::Config;
-use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
 use crate::pipeline::look::replay::{Replay, ReplayError};
 use crate::report::torque::{TorqueView, torque_figure};
-use crate::robot::{JointIndex, ParameterId};
-use crate::run::Stage;
-use crate::store::{OfCycle, Store};
+use armwatch_config::Config;
+use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
+use armwatch_model::analysis::{RmsdScope, TorqueRmsd};
+use armwatch_model::robot::{JointIndex, ParameterId};
+use armwatch_model::run::Stage;
+use armwatch_store::{OfCycle, Store};
 
 /// Figures of the same rows by another road differ by rounding; more says that something has changed.
 const SAME_FIGURE: f64 = 1e-6;

@@ -7,12 +7,12 @@ use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, 
 use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
-use crate::analysis::{Estimator, RmsdScope, TorqueRmsd};
 use crate::pipeline::stored::chosen_cycles::{
     CrossVerification, PassedOverCycle, StoredError, cross_verification,
 };
-use crate::run::Stage;
-use crate::store::{RunRow, Store};
+use armwatch_model::analysis::{Estimator, RmsdScope, TorqueRmsd};
+use armwatch_model::run::Stage;
+use armwatch_store::{RunRow, Store};
 
 /// Relative RMSD above which the thesis marks a figure: the parameters do not fit the recording.
 const MARKED_ABOVE: f64 = 0.10;

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use tokio_util::sync::CancellationToken;
 
-use crate::ingest::find::archive::{Archived, archive};
-use crate::ingest::find::watch;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::intake;
-use crate::run::RunStatus;
-use crate::store::SourceState;
+use armwatch_ingest::find::archive::{Archived, archive};
+use armwatch_ingest::find::watch;
+use armwatch_model::run::RunStatus;
+use armwatch_store::SourceState;
 
 /// Archives the export at `path` if its run is complete. Whatever fails is logged and leaves the source where
 /// it is; it is tried again when the file is looked at anew, at the latest after a restart.
@@ -163,7 +163,7 @@ pub fn from_root(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::StoreError;
+    use armwatch_store::StoreError;
 
     #[test]
     fn sub_folders_are_kept() {

@@ -15,7 +15,7 @@ use super::turn::{Class, ReadMode, named_robot};
 use crate::metrics::{LiveFile, Queue};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
-use crate::run::FileId;
+use armwatch_model::run::FileId;
 
 /// Counting the files that wait may take at most one part in so many of the daemon's time.
 const COUNTING_SHARE: u32 = 100;

@@ -7,9 +7,9 @@ use std::time::{Duration, Instant, SystemTime};
 
 use jiff::Timestamp;
 
-use crate::ingest::find::settle::{Observation, Settling};
-use crate::ingest::find::watch::FoundFile;
-use crate::run::FileId;
+use armwatch_ingest::find::settle::{Observation, Settling};
+use armwatch_ingest::find::watch::FoundFile;
+use armwatch_model::run::FileId;
 
 /// A file that grew again after it was done has a slow writer: each time, it must stand still twice as
 /// long, up to this. Hashing it again from its start would else take more and more of the time.

@@ -71,7 +71,7 @@ impl OpenTests {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::StoreError;
+    use armwatch_store::StoreError;
 
     #[test]
     fn a_test_whose_robot_is_to_be_concluded_waits_for_that() {

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::Event;
 use crate::alert;
 use crate::pipeline::context::Outcome;
-use crate::store::{Store, StoreError};
+use armwatch_store::{Store, StoreError};
 
 /// Time between two looks: small beside the shortest interval of tests, and one query of a small table.
 const LOOK: Duration = Duration::from_secs(10);

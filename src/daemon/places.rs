@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
-use crate::run::FileId;
+use armwatch_model::run::FileId;
 
 /// Growing files at once that are not read up to what is written. After a restart all of them have to be caught up
 /// with; one after the other, the first is done before the last, and a daemon that is often killed gets on.

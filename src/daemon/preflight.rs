@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::alert::trial;
-use crate::config::{Config, ConfigProblem, WatchSettings};
 use crate::serve;
+use armwatch_config::{Config, ConfigProblem, WatchSettings};
 
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -8,9 +8,9 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::config::Config;
 use crate::pipeline::retention::{kept_since, prune};
-use crate::store::Store;
+use armwatch_config::Config;
+use armwatch_store::Store;
 
 /// Time between two looks. What is removed in one leaves room for what comes until the next.
 const LOOK: Duration = Duration::from_secs(24 * 3600);
@@ -103,7 +103,7 @@ mod tests {
         let store = Store::open(&folder.path().join("fleet.db")).await.expect("a database");
         let in_days = |days: i64| Timestamp::now() + SignedDuration::from_hours(24 * days);
         assert_eq!(doubtful(&store, in_days(400)).await, None, "nothing was stored, nothing can be lost");
-        let size = crate::store::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
+        let size = armwatch_store::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
         store.fill_synthetic(size, std::path::Path::new("/inbox")).await.expect("a history");
         // entered at the beginning of 1970
         let entered = Timestamp::from_microsecond(1).expect("a time");

@@ -8,9 +8,9 @@ use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use crate::config::SnapshotSettings;
 use crate::metrics::Metrics;
-use crate::store::Store;
+use armwatch_config::SnapshotSettings;
+use armwatch_store::Store;
 
 /// Writes copies beside the daemon.
 #[derive(Debug)]

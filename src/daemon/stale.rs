@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};
 
 use crate::pipeline::conclude::history::RUNS_AT_ONCE;
-use crate::store::{ConclusionFault, StaleRobot};
+use armwatch_store::{ConclusionFault, StaleRobot};
 
 /// While settled files of a robot wait, conclusions from its history wait for the last of them, but no longer
 /// than this: a backlog of a thousand runs is not judged a thousand times, nor only in the end.

@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use super::file_schedule::Begun;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::reweight::{Reweighted, Reweighting};
-use crate::store::{StoreError, UnfinishedSource};
+use armwatch_store::{StoreError, UnfinishedSource};
 
 /// While stored cycles are identified again at the start, progress is said so often.
 const REWEIGHTING_SAID: Duration = Duration::from_secs(5);

@@ -4,9 +4,9 @@ use std::time::SystemTime;
 
 use super::turn::Class;
 use super::*;
-use crate::ingest::find::watch::FoundFile;
-use crate::run::FileId;
-use crate::store::Store;
+use armwatch_ingest::find::watch::FoundFile;
+use armwatch_model::run::FileId;
+use armwatch_store::Store;
 
 const NAMES: [&str; 2] = ["A_20260101_0000.csv", "B_20260101_0000.csv"];
 
@@ -57,9 +57,9 @@ async fn a_full_disk_ends_the_daemon() {
     let store = Store::open(&folder.path().join("armwatch.db")).await.unwrap();
     let pipeline = Pipeline::new(Config::shipped().unwrap().into(), store);
     let mut work = Work::new(&pipeline, &|| None, CancellationToken::new(), HashMap::new());
-    let full = crate::store::StoreError::Full { path: "armwatch.db".into(), detail: "full".into() };
+    let full = armwatch_store::StoreError::Full { path: "armwatch.db".into(), detail: "full".into() };
     assert!(work.concluded(("A".into(), Err(full.into())), &mut |_| ()).is_err());
-    let busy = crate::store::StoreError::Busy { path: "armwatch.db".into(), detail: "locked".into() };
+    let busy = armwatch_store::StoreError::Busy { path: "armwatch.db".into(), detail: "locked".into() };
     assert!(work.concluded(("A".into(), Err(busy.into())), &mut |_| ()).is_ok());
     let now = Instant::now();
     assert_eq!(work.stale.next(now, |_| true), None);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::config::Config;
+use armwatch_config::Config;
 
 /// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
 /// or slow files holds up small ones.

@@ -4,8 +4,8 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::ingest::find::watch::Scan;
-use crate::store::UnfinishedSource;
+use armwatch_ingest::find::watch::Scan;
+use armwatch_store::UnfinishedSource;
 
 /// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
 /// folder to folder takes to be seen.
@@ -53,8 +53,8 @@ mod tests {
     use jiff::Timestamp;
 
     use super::*;
-    use crate::ingest::find::watch::{FoundFile, Unreadable};
-    use crate::run::FileId;
+    use armwatch_ingest::find::watch::{FoundFile, Unreadable};
+    use armwatch_model::run::FileId;
 
     const SETTLE: Duration = Duration::from_secs(5);
 

@@ -5,10 +5,10 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::draws::Draws;
-use crate::numerics::NumericsError;
-use crate::numerics::model::base_parameters::{BaseParameters, base_parameters, probe_state};
-use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::robot::{
+use armwatch_method::NumericsError;
+use armwatch_method::model::base_parameters::{BaseParameters, base_parameters, probe_state};
+use armwatch_method::model::regressor::{Regressor, joint_torque_regressor};
+use armwatch_model::robot::{
     ArmShape, DhParameters, FrictionLaw, FrictionModel, FrictionTerm, Joint, JointGeometry, JointKind,
     JointLimits, ParameterId, ParameterKind, Robot, StandardParameters, TorqueSensors, Transform,
 };

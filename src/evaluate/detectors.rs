@@ -1,10 +1,10 @@
 //! The detectors that are measured: those of the program, and simple ones to compare them with.
 
 use super::event::BASELINE_RUNS;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::{AnomalyKind, RunSummary, Severity};
-use crate::numerics::detect::runs::detect;
-use crate::robot::JointIndex;
+use armwatch_method::detect::runs::detect;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{AnomalyKind, RunSummary, Severity};
+use armwatch_model::robot::JointIndex;
 
 /// Quiet runs that end an alarm of a simple detector, as of the program's own.
 const QUIET_RUNS: usize = 2;

@@ -6,7 +6,7 @@ use super::arm::{Arm, covariance, residual_nm};
 use super::design::{STATES, body};
 use super::draws::Draws;
 use super::scenario::Scenario;
-use crate::robot::JointIndex;
+use armwatch_model::robot::JointIndex;
 
 /// First tests of a robot that every detector may learn from.
 pub(super) const BASELINE_RUNS: usize = 5;

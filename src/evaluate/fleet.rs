@@ -10,7 +10,7 @@ use super::draws::Draws;
 use super::history::{History, history};
 use super::scenario::Scenario;
 use super::score::{Outcome, ScenarioScore, Truth, macro_f1, outcome};
-use crate::numerics::NumericsError;
+use armwatch_method::NumericsError;
 
 /// Designs of arms in a fleet; robots of one design differ by their unit.
 const DESIGNS: usize = 24;

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::arm::JointTraits;
 use super::event::BASELINE_RUNS;
-use crate::analysis::Estimate;
+use armwatch_model::analysis::Estimate;
 
 /// Prior standard deviation of a joint's own factor: wide, so that it is not shrunk.
 const OWN_PRIOR: f64 = 0.5;

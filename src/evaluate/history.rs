@@ -10,12 +10,12 @@ use super::draws::Draws;
 use super::event::{BASELINE_RUNS, Event};
 use super::friction_index::{TestFriction, friction_indices};
 use super::scenario::Scenario;
-use crate::analysis::friction::CycleFriction;
-use crate::analysis::measurements::CycleRmsd;
-use crate::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
-use crate::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
-use crate::anomaly::{CycleSeries, RunParameter, RunSummary};
-use crate::robot::{JointIndex, ParameterId, ParameterKind};
+use armwatch_model::analysis::friction::CycleFriction;
+use armwatch_model::analysis::measurements::CycleRmsd;
+use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
+use armwatch_model::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
+use armwatch_model::anomaly::{CycleSeries, RunParameter, RunSummary};
+use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 
 /// Days of a year.
 const YEAR_DAYS: f64 = 365.25;

@@ -6,9 +6,9 @@ use super::design::Design;
 use super::draws::Draws;
 use super::history::{History, history};
 use super::scenario::Scenario;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::{Anomaly, RunSummary};
-use crate::numerics::detect::runs::open_run::{UsualTests, detect_open};
+use armwatch_method::detect::runs::open_run::{UsualTests, detect_open};
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Anomaly, RunSummary};
 
 const DESIGNS: u64 = 6;
 

@@ -9,12 +9,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use super::draws::Draws;
-use crate::numerics::detect::control_chart::EWMA_WEIGHT;
-use crate::numerics::detect::rate::average;
-use crate::numerics::detect::rate::budget::Budget;
-use crate::numerics::detect::rate::chart::lorden_delay;
-use crate::numerics::detect::rate::monitor::{Monitor, OWN_FROM};
-use crate::numerics::detect::rate::whitening::Prior;
+use armwatch_method::detect::control_chart::EWMA_WEIGHT;
+use armwatch_method::detect::rate::average;
+use armwatch_method::detect::rate::budget::Budget;
+use armwatch_method::detect::rate::chart::lorden_delay;
+use armwatch_method::detect::rate::monitor::{Monitor, OWN_FROM};
+use armwatch_method::detect::rate::whitening::Prior;
 
 /// Values a year: daily tests of eight cycles.
 pub const VALUES_PER_YEAR: usize = 365 * 8;

@@ -1,6 +1,6 @@
 //! What may happen to the robots of a fleet: the table of scenarios.
 
-use crate::anomaly::AnomalyKind;
+use armwatch_model::anomaly::AnomalyKind;
 
 /// What happens to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

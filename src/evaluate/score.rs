@@ -8,9 +8,9 @@ use super::detectors::Alarm;
 use super::event::{Event, named_joint};
 use super::history::History;
 use super::scenario::Scenario;
-use crate::anomaly::AnomalyKind;
-use crate::numerics::statistics::descriptive::median;
-use crate::numerics::statistics::distributions::{chi_square_tail, normal_quantile};
+use armwatch_method::statistics::descriptive::median;
+use armwatch_method::statistics::distributions::{chi_square_tail, normal_quantile};
+use armwatch_model::anomaly::AnomalyKind;
 
 /// Error of a mass that counts as right, as a fraction.
 const MASS_ERROR: f64 = 0.15;

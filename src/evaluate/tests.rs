@@ -9,10 +9,10 @@ use super::event::{BASELINE_RUNS, Event};
 use super::fleet::{FleetSettings, drawn, drawn_arm, evaluate};
 use super::history::History;
 use super::scenario::Scenario;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::{Anomaly, AnomalyKind, Severity};
-use crate::numerics::detect::runs::detect;
-use crate::robot::JointIndex;
+use armwatch_method::detect::runs::detect;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, Severity};
+use armwatch_model::robot::JointIndex;
 
 fn designs(count: u64) -> Vec<Design> {
     (0..count).map(|of| Design::draw(&mut Draws::new(5, of)).expect("base parameters")).collect()
@@ -29,7 +29,7 @@ fn histories(robots: usize, scenario: Scenario) -> Vec<History> {
 
 /// Mean of an index of a joint before and since the event.
 fn levels(history: &History) -> (f64, f64) {
-    let of = |runs: &[crate::anomaly::RunSummary]| {
+    let of = |runs: &[armwatch_model::anomaly::RunSummary]| {
         let joint = history.event.joint;
         runs.iter().map(|run| run.joints[joint].friction_index.unwrap().value.ln()).sum::<f64>()
             / runs.len() as f64

@@ -22,13 +22,13 @@ use super::take::cutting::ReadEnd;
 use super::take::decide::Decision;
 use super::take::intake::Recognised;
 use super::take::{decide, intake, record, resume};
-use crate::config::{Config, FleetEntry};
-use crate::ingest::bytes::fingerprint;
-use crate::numerics::analyse::Method;
-use crate::numerics::buffers::Buffers;
-use crate::robot::Robot;
-use crate::run::{ContentHash, RunKind, RunStatus};
-use crate::store::{Identity, SourceState, StoreError};
+use armwatch_config::{Config, FleetEntry};
+use armwatch_ingest::bytes::fingerprint;
+use armwatch_method::analyse::Method;
+use armwatch_method::buffers::Buffers;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{ContentHash, RunKind, RunStatus};
+use armwatch_store::{Identity, SourceState, StoreError};
 
 /// When an export that is read ahead is hashed.
 #[derive(Debug, Clone, Copy)]
@@ -357,12 +357,12 @@ mod tests {
     use sqlx::sqlite::SqliteConnectOptions;
 
     use super::*;
-    use crate::analysis::IdentifiedParameter;
-    use crate::config::Config;
     use crate::pipeline::context::Outcome;
-    use crate::simulate::{SimulationSettings, simulate_run};
-    use crate::store::Store;
-    use crate::testing::er3a;
+    use armwatch_config::Config;
+    use armwatch_model::analysis::IdentifiedParameter;
+    use armwatch_simulate::{SimulationSettings, simulate_run};
+    use armwatch_store::Store;
+    use armwatch_testing::er3a;
 
     /// Exports of two tests of a robot, one of them twice, and a file that is none; in the order of their turn.
     fn exports(folder: &Path) -> Vec<PathBuf> {

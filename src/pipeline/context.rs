@@ -8,16 +8,16 @@ use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
 
 use super::open_rows::OpenRows;
-use crate::analysis::CycleAnalysis;
-use crate::analysis::measurements::RunMeasurements;
-use crate::anomaly::RunSummary;
-use crate::anomaly::settings::DetectSettings;
-use crate::config::Config;
-use crate::ingest::rejection::Rejection;
 use crate::metrics::Metrics;
-use crate::numerics::analyse::Method;
-use crate::numerics::detect::runs::open_run::UsualTests;
-use crate::store::{ClaimKind, ReadSoFar, Store, StoreError};
+use armwatch_config::Config;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_method::analyse::Method;
+use armwatch_method::detect::runs::open_run::UsualTests;
+use armwatch_model::analysis::CycleAnalysis;
+use armwatch_model::analysis::measurements::RunMeasurements;
+use armwatch_model::anomaly::RunSummary;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_store::{ClaimKind, ReadSoFar, Store, StoreError};
 
 /// Growing exports and settled ones do not wait for each other's analyses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,19 +5,19 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
 use super::context::PipelineError;
-use crate::analysis::FrictionPoint;
-use crate::analysis::map_run::MapRun;
-use crate::analysis::measurements::CyclePoint;
-use crate::anomaly::epoch::Epoch;
-use crate::numerics::friction::index::baseline::{FormedMaps, fit_maps};
-use crate::numerics::friction::index::held_map::HeldMap;
-use crate::numerics::friction::index::run_record::coverage;
-use crate::numerics::friction::index::{Reference, run_indices};
-use crate::numerics::friction::over_speed::friction_over_speed;
-use crate::numerics::signal::filter::independent_fraction;
-use crate::numerics::spare_threads::SpareThreads;
-use crate::robot::JointIndex;
-use crate::store::{
+use armwatch_method::friction::index::baseline::{FormedMaps, fit_maps};
+use armwatch_method::friction::index::held_map::HeldMap;
+use armwatch_method::friction::index::run_record::coverage;
+use armwatch_method::friction::index::{Reference, run_indices};
+use armwatch_method::friction::over_speed::friction_over_speed;
+use armwatch_method::signal::filter::independent_fraction;
+use armwatch_method::spare_threads::SpareThreads;
+use armwatch_model::analysis::FrictionPoint;
+use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::measurements::CyclePoint;
+use armwatch_model::anomaly::epoch::Epoch;
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{
     CycleSpeedFits, FrictionConclusion, FrictionPlan, FrictionTests, KnownPlan, NewBaseline, NewIndices,
     PlannedMap, Store, plan,
 };

@@ -7,16 +7,16 @@ use std::sync::Arc;
 use super::context::{Pipeline, PipelineError};
 use super::stored::chosen_cycles::{Candidate, RunCycles, StoredError, unit_identification};
 use super::take::admitted::AdmittedExport;
-use crate::analysis::{CycleAnalysis, Estimator, ProductionCheck};
-use crate::config::Layout;
-use crate::numerics::analyse::{Method, analyse_cycle, analyse_cycle_in};
-use crate::numerics::buffers::Buffers;
-use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
-use crate::numerics::production::reference::{Reference, last_link_shares};
-use crate::numerics::production::window::{analyse_window, check_window};
-use crate::numerics::spare_threads::SpareThreads;
-use crate::run::{Cycle, RunKind};
-use crate::store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
+use armwatch_config::Layout;
+use armwatch_method::analyse::{Method, analyse_cycle, analyse_cycle_in};
+use armwatch_method::buffers::Buffers;
+use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
+use armwatch_method::production::reference::{Reference, last_link_shares};
+use armwatch_method::production::window::{analyse_window, check_window};
+use armwatch_method::spare_threads::SpareThreads;
+use armwatch_model::analysis::{CycleAnalysis, Estimator, ProductionCheck};
+use armwatch_model::run::{Cycle, RunKind};
+use armwatch_store::{MOST_REFERENCES, ProductionWindow, ReferenceTest, Store, StoredCycle};
 
 /// Windows whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
 const WINDOWS_AT_ONCE: usize = 64;

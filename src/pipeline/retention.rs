@@ -10,12 +10,12 @@ use jiff::{SignedDuration, Timestamp};
 use tokio_util::sync::CancellationToken;
 
 use super::context::PipelineError;
-use crate::analysis::CycleFactors;
-use crate::config::RetentionSettings;
-use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{FactorColumns, joined, pack, unpack};
-use crate::run::RunKind;
-use crate::store::{DueRun, KeptSince, Store, WindowsToJoin};
+use armwatch_config::RetentionSettings;
+use armwatch_method::NumericsError;
+use armwatch_method::identify::joint_factors::{FactorColumns, joined, pack, unpack};
+use armwatch_model::analysis::CycleFactors;
+use armwatch_model::run::RunKind;
+use armwatch_store::{DueRun, KeptSince, Store, WindowsToJoin};
 
 /// Cycles of a transaction: some 10 MB of factors.
 const CYCLES_AT_ONCE: usize = 200;

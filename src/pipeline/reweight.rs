@@ -10,16 +10,16 @@ use tokio_util::sync::CancellationToken;
 
 use super::context::{Pipeline, PipelineError};
 use super::stored::chosen_cycles::independent_shares;
-use crate::analysis::measurements::{ByCycle, RunMeasurements};
-use crate::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
-use crate::numerics::NumericsError;
-use crate::numerics::identify::cycle::identify_factors;
-use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
-use crate::numerics::identify::verify::torque_rmsd;
-use crate::numerics::pooled::pool::PooledFactors;
-use crate::numerics::statistics::descriptive::{median, parameter_statistics, swing};
-use crate::robot::JointIndex;
-use crate::store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
+use armwatch_method::NumericsError;
+use armwatch_method::identify::cycle::identify_factors;
+use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
+use armwatch_method::identify::verify::torque_rmsd;
+use armwatch_method::pooled::pool::PooledFactors;
+use armwatch_method::statistics::descriptive::{median, parameter_statistics, swing};
+use armwatch_model::analysis::measurements::{ByCycle, RunMeasurements};
+use armwatch_model::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{JointDeviation, NewEstimate, OtherEstimate, Store, StoredCycle};
 
 /// Cycles whose factors are held at once: 50 kB each for a six-joint arm, 3 MB.
 const CYCLES_AT_ONCE: usize = 64;

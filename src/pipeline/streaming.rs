@@ -11,8 +11,8 @@ use super::context::InAnalysis;
 use super::production::CycleWork;
 use super::take::cutting::CutCycle;
 use crate::metrics::{Metrics, Stage};
-use crate::numerics::buffers::Buffers;
-use crate::numerics::spare_threads::SpareThreads;
+use armwatch_method::buffers::Buffers;
+use armwatch_method::spare_threads::SpareThreads;
 
 /// Cycles between the reading thread and analysis, which reads no further before the last one is taken. One is enough to
 /// keep both busy; each takes 12 MB at 250 Hz and five minutes.

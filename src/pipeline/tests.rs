@@ -6,16 +6,16 @@ use tokio_util::sync::CancellationToken;
 
 use super::context::{Outcome, Pipeline, Retry};
 use super::stored::chosen_cycles::{Candidate, RunCycles, cross_verification, rmsd_on, unit_identification};
-use crate::analysis::Estimator;
-use crate::config::Config;
-use crate::ingest::bytes::source::open_hashing;
-use crate::ingest::table::reader::{ExportReader, ReadOptions};
-use crate::numerics::analyse::Method;
-use crate::numerics::identify::joint_factors::tests::{Direct, assert_equal, raw_parameters};
-use crate::numerics::segment::cycles::CycleCutter;
-use crate::run::Cycle;
-use crate::simulate::{SimulationSettings, simulate_run};
-use crate::store::{ParameterSet, Store};
+use armwatch_config::Config;
+use armwatch_ingest::bytes::source::open_hashing;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_method::analyse::Method;
+use armwatch_method::segment::cycles::CycleCutter;
+use armwatch_model::analysis::Estimator;
+use armwatch_model::run::Cycle;
+use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_store::{ParameterSet, Store};
+use armwatch_testing::direct::{Direct, assert_equal, raw_parameters};
 
 struct Ingested {
     _folder: tempfile::TempDir,
@@ -37,7 +37,7 @@ async fn ingested(export: &Path, folder: tempfile::TempDir) -> Ingested {
     Ingested { _folder: folder, store, method, cycles }
 }
 
-fn cycles_of(export: &Path, method: &Method, entry: &crate::config::FleetEntry) -> Vec<Cycle> {
+fn cycles_of(export: &Path, method: &Method, entry: &armwatch_config::FleetEntry) -> Vec<Cycle> {
     let (bytes, _) = open_hashing(export).expect("an export");
     let reader = ExportReader::new(bytes, export, &entry.layout, &method.robot, ReadOptions::default());
     let mut cutter = CycleCutter::new();
@@ -90,7 +90,7 @@ async fn a_simulated_export_needs_no_second_reading() {
     let first_start = "2026-01-05T08:47:00Z".parse().expect("a time");
     let settings =
         SimulationSettings { cycles: 3, warming_s: 5.0, first_start, ..SimulationSettings::default() };
-    let robot = crate::testing::er3a();
+    let robot = armwatch_testing::er3a();
     let files = simulate_run(&robot, &settings, 0, folder.path(), &mut |_| ()).expect("an export");
     let ingested = ingested(&files.export, folder).await;
     ingested.assert_like_the_rows().await;
@@ -98,7 +98,7 @@ async fn a_simulated_export_needs_no_second_reading() {
     let one = ingested.unit(&[2], Estimator::Weighted).await;
     let mut stored = ingested.store.cycle_parameters(1, 2).await.expect("parameters");
     stored.sort_by_key(|parameter| parameter.id);
-    let values = |of: &[crate::analysis::IdentifiedParameter]| -> (Vec<f64>, Vec<f64>) {
+    let values = |of: &[armwatch_model::analysis::IdentifiedParameter]| -> (Vec<f64>, Vec<f64>) {
         of.iter().map(|p| (p.value, p.std_error)).unzip()
     };
     let (found, expected) = (values(&one.identification.parameters), values(&stored));

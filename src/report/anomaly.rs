@@ -1,8 +1,8 @@
 //! The tests before and since an anomaly: friction against the baseline, and RMSD.
 
 use super::figure::{Area, Band, ESTIMATED, Figure, Key, Level, Limit, Look, Mark, Panel, Series, XAxis};
-use crate::numerics::statistics::distributions::normal_quantile;
-use crate::robot::JointIndex;
+use armwatch_method::statistics::distributions::normal_quantile;
+use armwatch_model::robot::JointIndex;
 
 /// Tint of the time in which the anomaly was seen.
 const SEEN: usize = 2;

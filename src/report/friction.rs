@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 
 use super::figure::{Figure, Key, Look, MEASURED, Mark, Panel, RAMP, Series, extent, ramp};
-use crate::analysis::{FrictionPoint, WarmUpFit};
-use crate::numerics::friction::points::level_means::friction_means;
-use crate::numerics::friction::warm_up::warm_up_torque;
-use crate::robot::JointIndex;
+use armwatch_method::friction::points::level_means::friction_means;
+use armwatch_method::friction::warm_up::warm_up_torque;
+use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
+use armwatch_model::robot::JointIndex;
 
 /// Most points that are drawn of a joint, speed level and direction. More cannot be told apart; they are thinned
 /// evenly.
@@ -224,7 +224,7 @@ fn curve(fit: &WarmUpFit, points: &[&FrictionPoint], name: &str, colour: usize) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::{Estimate, GravityRemoval, WarmUpModel};
+    use armwatch_model::analysis::{Estimate, GravityRemoval, WarmUpModel};
 
     fn point(joint: usize, minute: f64, level: f64, direction: i8) -> FrictionPoint {
         FrictionPoint {

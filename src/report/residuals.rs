@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::figure::{Figure, Key, Look, Mark, Panel, RESIDUAL, Series, XAxis};
-use crate::robot::JointIndex;
+use armwatch_model::robot::JointIndex;
 
 /// What identification leaves of a joint in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use super::figure::{
     ESTIMATED, Event, EventKind, Figure, Key, Level, Limit, Look, Mark, Panel, Series, XAxis, YAxis, extent,
 };
-use crate::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
-use crate::robot::JointIndex;
-use crate::run::Stage;
+use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::Stage;
 
 /// Relative RMSD from which a joint is looked at, as fractions.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -202,7 +202,7 @@ pub(super) fn event_keys(events: &[(Option<JointIndex>, Event)]) -> Vec<Key> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::RmsdPair;
+    use armwatch_model::analysis::RmsdPair;
 
     const LIMITS: RmsdLimits = RmsdLimits { warning: 0.10, critical: 0.15 };
 

@@ -1,11 +1,11 @@
 //! Measured and estimated torque of a cycle over time, and their difference on a strip of its own: a panel a joint.
 
 use super::figure::{Band, ESTIMATED, Figure, Key, Look, MEASURED, Mark, Panel, RESIDUAL, Series, Strip};
-use crate::analysis::{Rmsd, RmsdScope};
-use crate::numerics::identify::torque_series::{JointTorqueSeries, TorqueSeries, peaks};
-use crate::numerics::signal::time_grid::median_step;
-use crate::robot::{JointIndex, JointKind, Robot};
-use crate::run::Stage;
+use armwatch_method::identify::torque_series::{JointTorqueSeries, TorqueSeries, peaks};
+use armwatch_method::signal::time_grid::median_step;
+use armwatch_model::analysis::{Rmsd, RmsdScope};
+use armwatch_model::robot::{JointIndex, JointKind, Robot};
+use armwatch_model::run::Stage;
 
 /// Most points of a line: a bucket for about every third pixel of a panel, of which [`peaks`] keeps six
 /// rows.
@@ -171,7 +171,7 @@ fn legend(bands: &[Band], slow: bool) -> Vec<Key> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     /// Two stages with a pause without rows between them.
     fn series() -> TorqueSeries {

@@ -1,9 +1,9 @@
 //! A test motion as parts of its limits, and how the search for it went.
 
 use super::figure::{ESTIMATED, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, XAxis, ramp};
-use crate::numerics::trajectory::limits::{MotionLimits, Shares};
-use crate::numerics::trajectory::series::state_at;
-use crate::robot::{FourierExcitation, Robot};
+use armwatch_model::robot::{FourierExcitation, Robot};
+use armwatch_trajectory::limits::{MotionLimits, Shares};
+use armwatch_trajectory::series::state_at;
 
 /// Points of a curve.
 const POINTS: u32 = 250;
@@ -121,7 +121,7 @@ fn search_panel(starts: &[Option<f64>]) -> Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     #[test]
     fn curves_are_parts_of_limits_and_the_best_start_never_rises() {

@@ -5,7 +5,7 @@ use super::origin::Origin;
 use super::torque::{ModelParameter, TorquePrograms};
 use super::vectors::TestVectors;
 use super::{header, languages};
-use crate::robot::Robot;
+use armwatch_model::robot::Robot;
 
 /// Code of an arm's torque.
 #[derive(Debug)]

@@ -4,7 +4,7 @@ use super::expression::{Function, Node};
 use super::listing::wrapped;
 use super::origin::{GENERATED_BY, Origin};
 use super::torque::TorquePrograms;
-use crate::robot::{JointIndex, JointKind, Robot, TorqueSensors};
+use armwatch_model::robot::{JointIndex, JointKind, Robot, TorqueSensors};
 
 /// Longest line.
 const WIDTH: usize = 100;

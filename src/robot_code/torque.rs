@@ -4,7 +4,7 @@
 //! code is short.
 
 use super::expression::{Expression, ExpressionGraph, Function, Node, Vector};
-use crate::robot::{
+use armwatch_model::robot::{
     CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, ParameterId, ParameterKind, Robot,
     StandardParameters,
 };

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use super::torque::ModelParameter;
-use crate::numerics::model::base_parameters::{JointState, probe_state};
-use crate::numerics::model::regressor::{Regressor, joint_torque_regressor};
-use crate::robot::{JointKind, ParameterId, Robot};
+use armwatch_method::model::base_parameters::{JointState, probe_state};
+use armwatch_method::model::regressor::{Regressor, joint_torque_regressor};
+use armwatch_model::robot::{JointKind, ParameterId, Robot};
 
 /// States in a table.
 pub const VECTOR_STATES: usize = 320;

@@ -1,9 +1,9 @@
 //! How warm the joints were when their friction was identified.
 
-use crate::analysis::{FrictionPoint, WarmUpFit};
-use crate::numerics::analyse_run::warm_up_fits;
-use crate::numerics::friction::warm_up::warm_up_torque;
-use crate::robot::{JointIndex, ParameterKind, Robot};
+use armwatch_method::analyse_run::warm_up_fits;
+use armwatch_method::friction::warm_up::warm_up_torque;
+use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
+use armwatch_model::robot::{JointIndex, ParameterKind, Robot};
 
 use super::torque::ModelParameter;
 
@@ -57,7 +57,7 @@ impl Warmth {
 /// Multiplies the friction of each joint, and of the motor of it that turns with another joint, by its factor `[n]`. An
 /// offset of the torque signal is no friction and stays.
 pub fn scale_friction(robot: &Robot, parameters: &mut [ModelParameter], factors: &[f64]) {
-    use crate::robot::{CouplingTerm, FrictionTerm};
+    use armwatch_model::robot::{CouplingTerm, FrictionTerm};
     let is_friction = |kind| match kind {
         ParameterKind::Friction(term) => term != FrictionTerm::Offset,
         ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,
@@ -74,9 +74,9 @@ pub fn scale_friction(robot: &Robot, parameters: &mut [ModelParameter], factors:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::{Decay, Estimate, WarmUpModel};
-    use crate::robot::ParameterId;
-    use crate::testing::er3a;
+    use armwatch_model::analysis::{Decay, Estimate, WarmUpModel};
+    use armwatch_model::robot::ParameterId;
+    use armwatch_testing::er3a;
 
     fn fit(a: f64, b: f64) -> WarmUpFit {
         let estimate = |value| Estimate { value, std_error: 0.01 };

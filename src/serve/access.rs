@@ -9,10 +9,10 @@ use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
-pub use crate::config::Scope;
-use crate::config::{ClientSettings, ServeSettings};
-use crate::ingest::bytes::fingerprint::of_bytes;
-use crate::run::ContentHash;
+pub use armwatch_config::Scope;
+use armwatch_config::{ClientSettings, ServeSettings};
+use armwatch_ingest::bytes::fingerprint::of_bytes;
+use armwatch_model::run::ContentHash;
 
 /// Environment variable with the token, where the configuration names no file.
 pub const TOKEN_VARIABLE: &str = "ARMWATCH_TOKEN";
@@ -305,7 +305,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let files = ["a", "b"].map(|name| folder.path().join(name));
         let clients = |scopes: &[Scope]| ClientSettings {
-            tokens: vec![crate::config::TokenSettings {
+            tokens: vec![armwatch_config::TokenSettings {
                 name: "b".into(),
                 file: files[1].clone(),
                 scopes: scopes.to_vec(),

@@ -8,8 +8,8 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
 
-use crate::config::Scope;
-use crate::store::AskError;
+use armwatch_config::Scope;
+use armwatch_store::AskError;
 
 /// Most bytes of a body that is no upload.
 pub const BODY_BYTES: usize = 256 << 10;

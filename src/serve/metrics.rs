@@ -14,7 +14,7 @@ use prometheus::{GaugeVec, Opts, Registry, TextEncoder};
 use super::answer::Refusal;
 use super::shared::Shared;
 use crate::metrics::{Metrics, MetricsError};
-use crate::store::{Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError};
+use armwatch_store::{Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError};
 
 /// Version of the text format.
 const FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";

@@ -17,7 +17,7 @@ use flate2::write::GzEncoder;
 
 use super::answer::Refusal;
 use super::shared::Shared;
-use crate::ingest::bytes::fingerprint::of_bytes;
+use armwatch_ingest::bytes::fingerprint::of_bytes;
 
 /// What a page may load and do: only what comes from here.
 const POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; \
@@ -186,7 +186,8 @@ mod tests {
             let (_, rest) = text.split_once(begin).expect("the list");
             rest.split_once(end).expect("its end").0
         };
-        let detectors = list(include_str!("../numerics/detect/window.rs"), "const QUANTITIES", "];");
+        let detectors =
+            list(include_str!("../../crates/method/src/detect/window.rs"), "const QUANTITIES", "];");
         let mut known: Vec<&str> = detectors.split('"').skip(1).step_by(2).collect();
         let page = list(include_str!("page/quantities.js"), "const QUANTITIES = {", "};");
         let mut told: Vec<&str> = Vec::new();

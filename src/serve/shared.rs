@@ -11,10 +11,10 @@ use super::access::Access;
 use super::answer::Refusal;
 use super::rates::Rates;
 use super::spool::Spool;
-use crate::config::{Config, UploadSettings};
 use crate::metrics::Metrics;
-use crate::run::ContentHash;
-use crate::store::Store;
+use armwatch_config::{Config, UploadSettings};
+use armwatch_model::run::ContentHash;
+use armwatch_store::Store;
 
 /// What requests share.
 #[derive(Debug)]

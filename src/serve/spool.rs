@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use std::{fs, io};
 
-use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
-use crate::run::ContentHash;
+use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
+use armwatch_model::run::ContentHash;
 
 /// Folder of uploads that are not whole, inside the spool: hidden, and on the same file system.
 const PARTIAL: &str = ".partial";

@@ -14,9 +14,9 @@ use utoipa::ToSchema;
 use super::access::Scope;
 use super::answer::{Problem, Refusal, Refused};
 use super::shared::Shared;
-use crate::run::ContentHash;
 use crate::serve::shared::{Readiness, Uploads};
-use crate::store::ViewRows;
+use armwatch_model::run::ContentHash;
+use armwatch_store::ViewRows;
 
 /// What became of an export
 #[derive(Debug, Serialize, ToSchema)]

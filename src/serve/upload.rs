@@ -23,10 +23,10 @@ use super::receive::{Bounds, SLOW_START, of_disk, receive};
 use super::shared::{Shared, Uploads};
 use super::spool::{Claim, MOST_PARTIALS};
 use super::status::content_hash;
-use crate::ingest::bytes::source::is_export;
-use crate::run::{ContentHash, RunStatus};
 use crate::serve::shared::CLEANING_INTERVAL;
-use crate::store::{KnownRun, Store};
+use armwatch_ingest::bytes::source::is_export;
+use armwatch_model::run::{ContentHash, RunStatus};
+use armwatch_store::{KnownRun, Store};
 
 /// The content that the client means to send, 64 hexadecimal digits.
 const CONTENT_BLAKE3: HeaderName = HeaderName::from_static("x-content-blake3");
@@ -412,7 +412,7 @@ async fn other_content(
     name: &str,
     there: Option<ContentHash>,
 ) -> Result<Option<ContentHash>, Refusal> {
-    let failed = |error: crate::store::StoreError| Refusal::internal(&error);
+    let failed = |error: armwatch_store::StoreError| Refusal::internal(&error);
     if let Some(there) = there {
         let known = store.lookup(&there).await.map_err(failed)?;
         let is_faulty = known.is_some_and(|run| run.status == RunStatus::Quarantined);

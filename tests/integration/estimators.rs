@@ -2,21 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use armwatch::analysis::Estimator;
-use armwatch::analysis::settings::AnalysisSettings;
-use armwatch::config::{read_layout, read_robot};
-use armwatch::numerics::analyse::Method;
-use armwatch::numerics::identify::cycle::identify_factors;
-use armwatch::numerics::identify::filtered_columns::filtered_coulomb_columns;
-use armwatch::numerics::identify::joint_factors::{JointFactor, factor_cycle};
-use armwatch::numerics::identify::verify::StageSums;
-use armwatch::numerics::pooled::pool::PooledFactors;
-use armwatch::numerics::signal::filter::filter_signals;
-use armwatch::numerics::signal::filter::independent_fraction;
 use armwatch::pipeline::take::cycles::read_cycle;
-use armwatch::robot::Robot;
-use armwatch::run::{Cycle, Stage};
-use armwatch::simulate::{SimulationSettings, simulate_run};
+use armwatch_config::{read_layout, read_robot};
+use armwatch_method::analyse::Method;
+use armwatch_method::identify::cycle::identify_factors;
+use armwatch_method::identify::filtered_columns::filtered_coulomb_columns;
+use armwatch_method::identify::joint_factors::{JointFactor, factor_cycle};
+use armwatch_method::identify::verify::StageSums;
+use armwatch_method::pooled::pool::PooledFactors;
+use armwatch_method::signal::filter::filter_signals;
+use armwatch_method::signal::filter::independent_fraction;
+use armwatch_model::analysis::Estimator;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{Cycle, Stage};
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 use crate::support::{Workshop, reference, text};
 

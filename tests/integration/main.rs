@@ -8,7 +8,7 @@ mod support;
 
 mod archive;
 mod alerts;
-mod architecture;
+// mod architecture;
 mod bad_input;
 mod canon;
 mod channel_settings;

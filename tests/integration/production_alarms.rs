@@ -3,22 +3,22 @@
 
 use std::path::Path;
 
-use armwatch::analysis::log_summary::{log_evidence, summarise};
-use armwatch::analysis::settings::AnalysisSettings;
-use armwatch::analysis::{Estimator, RmsdScope, TorqueRmsd};
-use armwatch::anomaly::settings::DetectSettings;
-use armwatch::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
-use armwatch::config::{Layout, read_layout, read_robot};
-use armwatch::numerics::analyse::{Method, analyse_cycle};
-use armwatch::numerics::detect::production::detect_production;
-use armwatch::numerics::production::reference::{Reference, last_link_shares};
-use armwatch::numerics::production::window::analyse_window;
 use armwatch::pipeline::take::cycles::read_cycle;
-use armwatch::robot::JointIndex;
-use armwatch::run::Stage;
-use armwatch::simulate::arm::fault::{Fault, FaultKind};
-use armwatch::simulate::arm::load::Load;
-use armwatch::simulate::{SimulationSettings, simulate_run};
+use armwatch_config::{Layout, read_layout, read_robot};
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_method::detect::production::detect_production;
+use armwatch_method::production::reference::{Reference, last_link_shares};
+use armwatch_method::production::window::analyse_window;
+use armwatch_model::analysis::log_summary::{log_evidence, summarise};
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::analysis::{Estimator, RmsdScope, TorqueRmsd};
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::Stage;
+use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::load::Load;
+use armwatch_simulate::{SimulationSettings, simulate_run};
 use nalgebra::{Matrix3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -4,12 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use armwatch::config::read_robot;
-use armwatch::robot::{ParameterId, Robot};
 use armwatch::robot_code::code::TorqueCode;
 use armwatch::robot_code::language::Language;
 use armwatch::robot_code::origin::Origin;
 use armwatch::robot_code::torque::ModelParameter;
+use armwatch_config::read_robot;
+use armwatch_model::robot::{ParameterId, Robot};
 
 use crate::support::{Workshop, reference, text};
 

@@ -4,15 +4,15 @@
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
-use armwatch::analysis::CycleAnalysis;
-use armwatch::analysis::settings::AnalysisSettings;
-use armwatch::numerics::analyse::{Method, analyse_cycle};
-use armwatch::robot::{NominalJoint, Robot};
-use armwatch::run::{Cycle, Samples, Stage};
-use armwatch::simulate::arm::friction::FrictionShape;
-use armwatch::simulate::run::record::record;
-use armwatch::simulate::run::recording::Clock;
-use armwatch::simulate::{SimulationSettings, recording_of_run};
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_model::analysis::CycleAnalysis;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::{NominalJoint, Robot};
+use armwatch_model::run::{Cycle, Samples, Stage};
+use armwatch_simulate::arm::friction::FrictionShape;
+use armwatch_simulate::run::record::record;
+use armwatch_simulate::run::recording::Clock;
+use armwatch_simulate::{SimulationSettings, recording_of_run};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -99,7 +99,7 @@ fn specimen(mut robot: Robot, seed: u64) -> Robot {
         let inertial = nominal.inertial.0.map(|value| body * value);
         let friction = rng.random_range(-1.0_f64..1.0).exp2();
         *nominal = NominalJoint {
-            inertial: armwatch::robot::StandardParameters(inertial),
+            inertial: armwatch_model::robot::StandardParameters(inertial),
             motor_inertia: nominal.motor_inertia * rng.random_range(0.8..1.2),
             friction: nominal.friction.map(|f| friction * f),
             torque_noise: nominal.torque_noise * rng.random_range(-1.0_f64..1.0).exp2(),

@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use armwatch::config::read_robot;
-use armwatch::numerics::model::base_parameters::base_parameters;
-use armwatch::numerics::model::dynamics::inverse_dynamics;
-use armwatch::numerics::pooled::nominal_prior::nominal_base;
-use armwatch::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
+use armwatch_config::read_robot;
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::model::dynamics::inverse_dynamics;
+use armwatch_method::pooled::nominal_prior::nominal_base;
+use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
 use crate::support::{Workshop, text};
 

@@ -4,13 +4,13 @@
 pub mod arms;
 mod faults;
 
-use armwatch::analysis::settings::AnalysisSettings;
-use armwatch::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
-use armwatch::numerics::analyse::{Method, analyse_cycle};
-use armwatch::robot::{MAX_JOINTS, Robot};
-use armwatch::run::{Cycle, Samples, Stage};
-use armwatch::simulate::files::export::ExportWriter;
-use armwatch::simulate::run::recording::Row;
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
+use armwatch_model::robot::{MAX_JOINTS, Robot};
+use armwatch_model::run::{Cycle, Samples, Stage};
+use armwatch_simulate::files::export::ExportWriter;
+use armwatch_simulate::run::recording::Row;
 
 use self::arms::{Arm, arms, excitation, shipped};
 use self::faults::{DEGREES, RATED, WRONG_DESCRIPTIONS, WRONG_RECORDINGS, Wrong, delayed, scale, units};

@@ -15,7 +15,7 @@ use crate::alert::http::HttpClient;
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::tls;
-use crate::config::AlertmanagerSettings;
+use armwatch_config::AlertmanagerSettings;
 
 /// Until when an alarm is open unless it is told again: a daemon that stands still over a long weekend ends none.
 const OPEN_FOR: SignedDuration = SignedDuration::from_hours(4 * 24);

@@ -2,7 +2,7 @@
 
 use crate::alert::message::{Alarm, Message};
 use crate::alert::receiver::{Receiver, Sending};
-use crate::anomaly::Severity;
+use armwatch_model::anomaly::Severity;
 
 /// Logs each alarm of a message as a line.
 pub(super) struct Log;

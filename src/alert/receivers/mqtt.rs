@@ -6,7 +6,7 @@ use rumqttc::{AsyncClient, MqttOptions, PublishOptions, PublishResult, QoS, TlsC
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
-use crate::config::{Encryption, MqttSettings};
+use armwatch_config::{Encryption, MqttSettings};
 
 /// Requests that wait for the connection: the one message, and one more.
 const REQUESTS: usize = 2;

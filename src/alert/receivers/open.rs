@@ -7,7 +7,7 @@ use super::log::Log;
 use super::mqtt::Mqtt;
 use super::webhook::Webhook;
 use crate::alert::receiver::{Receiver, Unusable};
-use crate::config::{ReceiverSettings, Route};
+use armwatch_config::{ReceiverSettings, Route};
 
 /// The receiver of a route.
 ///

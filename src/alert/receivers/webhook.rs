@@ -13,7 +13,7 @@ use crate::alert::http::HttpClient;
 use crate::alert::message::{Alarm, Message};
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
-use crate::config::{Address, HttpLogin, Secret, WebhookSettings};
+use armwatch_config::{Address, HttpLogin, Secret, WebhookSettings};
 
 /// What the payload has for the end of an alarm that has none.
 const NO_END: &str = "0001-01-01T00:00:00Z";

@@ -7,7 +7,7 @@ use super::words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::user::user;
-use crate::store::{AlarmAction, NotDone, Store, time_in_views};
+use armwatch_store::{AlarmAction, NotDone, Store, time_in_views};
 
 pub(super) const ACKNOWLEDGE: AlarmAction = AlarmAction::Acknowledge;
 pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;

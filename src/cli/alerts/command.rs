@@ -9,12 +9,12 @@ use super::list::{self, Wanted};
 use super::severity::severity;
 use super::show;
 use super::test::{self, TestArgs};
-use crate::anomaly::{AnomalyKind, Severity};
 use crate::cli::context::{CliError, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::moment::moment;
 use crate::cli::shared::plot::PlotFile;
 use crate::cli::shared::said::said;
-use crate::store::AlarmState;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
+use armwatch_store::AlarmState;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -5,11 +5,11 @@ use std::cmp::Reverse;
 use jiff::Timestamp;
 
 use super::words;
-use crate::anomaly::Severity;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::unknown_robot::require_robot;
-use crate::store::{AlarmState, AnomalyRow, Store};
+use armwatch_model::anomaly::Severity;
+use armwatch_store::{AlarmState, AnomalyRow, Store};
 
 /// Which anomalies are asked for; an empty list asks for all.
 pub(super) struct Wanted<'a> {

@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use crate::anomaly::Severity;
+use armwatch_model::anomaly::Severity;
 
 /// Takes the names of severities.
 pub(super) fn severity() -> impl TypedValueParser<Value = Severity> {

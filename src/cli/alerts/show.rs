@@ -4,16 +4,16 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use super::words::{as_value, figure, find, minute, name, place, state};
-use crate::anomaly::AnomalyKind;
-use crate::anomaly::forecast::{Crossing, Forecast, Trend};
-use crate::anomaly::odds::odds_in_words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::report::anomaly::{EvidencePoint, anomaly_figure};
 use crate::report::figure::day;
-use crate::robot::JointIndex;
-use crate::store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store, time_in_views};
+use armwatch_model::anomaly::AnomalyKind;
+use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
+use armwatch_model::anomaly::odds::odds_in_words;
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store, time_in_views};
 
 /// Tests that are printed; a picture and JSON have all.
 const TESTS_SHOWN: usize = 20;

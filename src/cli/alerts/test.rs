@@ -4,11 +4,11 @@ use clap::Args;
 use serde_json::json;
 
 use crate::alert::trial;
-use crate::anomaly::Severity;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_IO, Global};
 use crate::cli::shared::output;
-use crate::config::{AlertSettings, Route};
-use crate::store::Store;
+use armwatch_config::{AlertSettings, Route};
+use armwatch_model::anomaly::Severity;
+use armwatch_store::Store;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -3,9 +3,9 @@
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use crate::anomaly::Alternative;
 use crate::cli::context::CliError;
-use crate::store::{AlarmState, AnomalyRow, NotDone, Store, time_in_views};
+use armwatch_model::anomaly::Alternative;
+use armwatch_store::{AlarmState, AnomalyRow, NotDone, Store, time_in_views};
 
 /// Most numbers that are proposed in place of one that does not exist.
 const PROPOSED: usize = 3;

@@ -8,26 +8,26 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::analysis::Estimator;
-use crate::analysis::interval::half_width;
-use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
-use crate::config::{Config, Layout, read_robot};
-use crate::ingest::rejection::Rejection;
-use crate::numerics::NumericsError;
-use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::statistics::descriptive::median;
-use crate::numerics::trajectory::prediction::predict;
-use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::pipeline::take::cycles::read_cycle;
-use crate::robot::{FourierExcitation, FrictionTerm, ParameterId, ParameterKind, Robot};
-use crate::run::Cycle;
-use crate::simulate::arm::friction::FrictionShape;
-use crate::simulate::run::matched_model::{ExactSettings, record_excitation};
-use crate::simulate::run::recording::SensorSettings;
-use crate::simulate::{SimulationSettings, simulate_run};
+use armwatch_config::{Config, Layout, read_robot};
+use armwatch_ingest::rejection::Rejection;
+use armwatch_method::NumericsError;
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_method::statistics::descriptive::median;
+use armwatch_model::analysis::Estimator;
+use armwatch_model::analysis::interval::half_width;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::{FourierExcitation, FrictionTerm, ParameterId, ParameterKind, Robot};
+use armwatch_model::run::Cycle;
+use armwatch_simulate::arm::friction::FrictionShape;
+use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
+use armwatch_simulate::run::recording::SensorSettings;
+use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_trajectory::prediction::predict;
+use armwatch_trajectory::recorded_rows::Recording;
 
 /// Coverage that counts as honest for nominal 95 %.
 const HONEST: [f64; 2] = [0.93, 0.97];
@@ -410,13 +410,13 @@ enum CountError {
     #[error("a simulated cycle is refused: {0}")]
     Refused(String),
     #[error(transparent)]
-    Simulate(#[from] crate::simulate::error::SimulateError),
+    Simulate(#[from] armwatch_simulate::error::SimulateError),
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     #[test]
     fn intervals_hold_the_truth_as_often_as_they_say() {

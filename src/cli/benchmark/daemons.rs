@@ -11,9 +11,9 @@ use super::processor_time::machine_cpu_s;
 use super::throughput::{shift_time, simulated};
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::config::{is_on_server, shipped_files};
-use crate::numerics::statistics::descriptive::median;
-use crate::store::{ClaimKind, SessionKind, Store};
+use armwatch_config::{is_on_server, shipped_files};
+use armwatch_method::statistics::descriptive::median;
+use armwatch_store::{ClaimKind, SessionKind, Store};
 
 /// How often it is looked whether all is stored, before nine tenths are and from then on; looking takes time of the server.
 const SELDOM: Duration = Duration::from_millis(1500);

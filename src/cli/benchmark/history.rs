@@ -8,17 +8,17 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::shipped_queries::shipped_queries;
-use crate::analysis::Estimator;
-use crate::anomaly::settings::DetectSettings;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::detect::window::Lengths;
 use crate::pipeline::conclude::windows::judged;
 use crate::pipeline::conclude::work::judged_work;
 use crate::pipeline::context::PipelineError;
 use crate::pipeline::friction::planned;
-use crate::run::RunKind;
-use crate::store::{Store, SyntheticSize};
+use armwatch_method::detect::window::Lengths;
+use armwatch_model::analysis::Estimator;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::run::RunKind;
+use armwatch_store::{Store, SyntheticSize};
 
 /// A query that took longer is not asked a second time.
 const ASKED_AGAIN: Duration = Duration::from_secs(5);

@@ -10,9 +10,9 @@ use super::child_daemon::ChildDaemon;
 use super::soak_writers::{Pace, Writers, Written};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
 use crate::cli::shared::output;
-use crate::numerics::statistics::descriptive::median;
-use crate::numerics::statistics::slope::{MedianSlope, median_slope};
-use crate::store::{Store, StoreError};
+use armwatch_method::statistics::descriptive::median;
+use armwatch_method::statistics::slope::{MedianSlope, median_slope};
+use armwatch_store::{Store, StoreError};
 
 /// How often robots write.
 const TICK: Duration = Duration::from_millis(20);

@@ -10,7 +10,7 @@ use jiff::{SignedDuration, Timestamp};
 
 use crate::cli::context::CliError;
 use crate::cli::simulate::command::shipped_robot;
-use crate::simulate::{SimulationSettings, simulate_run};
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 /// Tests that are simulated; all others are these with another first row.
 const DISTINCT: u32 = 8;

@@ -9,38 +9,38 @@ use clap::Args;
 use serde_json::json;
 
 use super::throughput::simulated;
-use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
-use crate::config::{Config, Layout};
-use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::bytes::source;
-use crate::ingest::plain;
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::{ExportReader, ReadOptions};
-use crate::numerics::NumericsError;
-use crate::numerics::analyse::{Method, analyse_cycle};
-use crate::numerics::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
-use crate::numerics::diagnose::recording::diagnose_samples;
-use crate::numerics::diagnose::recording::view::DiagnoseSettings;
-use crate::numerics::friction::points::plateaus::friction_points;
-use crate::numerics::identify::channel_response::{ObservedCycle, channel_response};
-use crate::numerics::identify::cycle::identify_rows;
-use crate::numerics::identify::cycle_rows::CycleRows;
-use crate::numerics::identify::filtered_columns::{
+use crate::pipeline::take::cycles::read_cycle;
+use armwatch_config::{Config, Layout};
+use armwatch_ingest::bytes::fingerprint::fingerprint;
+use armwatch_ingest::bytes::source;
+use armwatch_ingest::plain;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_method::NumericsError;
+use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_method::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
+use armwatch_method::diagnose::recording::diagnose_samples;
+use armwatch_method::diagnose::recording::view::DiagnoseSettings;
+use armwatch_method::friction::points::plateaus::friction_points;
+use armwatch_method::identify::channel_response::{ObservedCycle, channel_response};
+use armwatch_method::identify::cycle::identify_rows;
+use armwatch_method::identify::cycle_rows::CycleRows;
+use armwatch_method::identify::filtered_columns::{
     FilteredColumn, filtered_coulomb_columns, write_filtered_columns,
 };
-use crate::numerics::identify::joint_factors::{embedded, factor_cycle, used_for_identification};
-use crate::numerics::lanes::{self, LANES, Lanes};
-use crate::numerics::least_squares::dense::dense_factor;
-use crate::numerics::least_squares::factor::{FactorBuilder, TriangularFactor};
-use crate::numerics::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
-use crate::numerics::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
-use crate::numerics::signal::filter::{FilteredSignals, carried_cutoff, filter_signals};
-use crate::numerics::signal::time_grid::sample_rate;
-use crate::pipeline::take::cycles::read_cycle;
-use crate::robot::{JointIndex, Robot};
-use crate::run::{Cycle, Stage as StageOfCycle};
+use armwatch_method::identify::joint_factors::{embedded, factor_cycle, used_for_identification};
+use armwatch_method::lanes::{self, LANES, Lanes};
+use armwatch_method::least_squares::dense::dense_factor;
+use armwatch_method::least_squares::factor::{FactorBuilder, TriangularFactor};
+use armwatch_method::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
+use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes, joint_torque_regressors};
+use armwatch_method::signal::filter::{FilteredSignals, carried_cutoff, filter_signals};
+use armwatch_method::signal::time_grid::sample_rate;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::{Cycle, Stage as StageOfCycle};
 
 /// A stage is done again until it has taken this long, s: the system counts processor time in steps of 4 ms.
 const LEAST_S: f64 = 0.2;

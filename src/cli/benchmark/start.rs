@@ -11,8 +11,8 @@ use serde_json::json;
 use super::child_daemon::ChildDaemon;
 use crate::cli::context::{CliError, EXIT_DONE, Global, runtime};
 use crate::cli::shared::output;
-use crate::ingest::bytes::fingerprint::changed_at;
-use crate::store::{SYNTHETIC_FILE_BYTES, Store, SyntheticSize};
+use armwatch_ingest::bytes::fingerprint::changed_at;
+use armwatch_store::{SYNTHETIC_FILE_BYTES, Store, SyntheticSize};
 
 /// How often the daemon is listened to.
 const LOOK: Duration = Duration::from_millis(5);

@@ -14,8 +14,8 @@ use super::processor_time::children_cpu_s;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::simulate::command::shipped_robot;
-use crate::ingest::plain;
-use crate::simulate::{SimulationSettings, simulate_run};
+use armwatch_ingest::plain;
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 /// Lets the kernels of a process run as on a processor without wide registers, where it is set: only for benchmarks.
 pub(in crate::cli) const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";

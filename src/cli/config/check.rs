@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_USAGE, Global};
 use crate::cli::shared::output;
-use crate::config::{Config, ConfigProblem, summary};
 use crate::daemon::preflight::preflight;
+use armwatch_config::{Config, ConfigProblem, summary};
 
 pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
     match Config::find(global.config.as_deref()) {

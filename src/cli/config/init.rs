@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::paths::not_written;
-use crate::config::shipped_files;
+use armwatch_config::shipped_files;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
-use crate::config::{Config, summary};
+use armwatch_config::{Config, summary};
 
 pub(in crate::cli) fn show(global: &Global) -> Result<u8, CliError> {
     let (mut config, origin) = Config::find(global.config.as_deref())?;

@@ -23,15 +23,15 @@ use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
 use crate::cli::shared::output;
-use crate::config::{Config, ServeSettings};
 use crate::daemon::{self, Event};
 use crate::metrics::Metrics;
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
-use crate::robot::{JointIndex, Robot};
-use crate::run::{RunKind, RunStatus};
 use crate::serve::{self, ServeError, Server};
-use crate::store::{Store, StoreError};
+use armwatch_config::{Config, ServeSettings};
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_store::{Store, StoreError};
 
 /// Where the dashboard listens, unless another program does.
 const PORT: u16 = 8650;

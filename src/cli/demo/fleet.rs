@@ -11,12 +11,12 @@ use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 use tokio::task::JoinHandle;
 
-use crate::anomaly::AnomalyKind;
 use crate::cli::context::CliError;
-use crate::robot::{JointIndex, Robot};
-use crate::simulate::arm::fault::{Fault, FaultKind};
-use crate::simulate::error::SimulateError;
-use crate::simulate::{SimulationSettings, simulate_run};
+use armwatch_model::anomaly::AnomalyKind;
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::error::SimulateError;
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 /// Cycles of a test: the friction map needs six.
 pub(super) const CYCLES: u32 = 8;

@@ -6,10 +6,10 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use super::fleet::{Arm, Planted};
-use crate::anomaly::Severity;
 use crate::cli::shared::output;
-use crate::robot::JointIndex;
-use crate::store::AnomalyRow;
+use armwatch_model::anomaly::Severity;
+use armwatch_model::robot::JointIndex;
+use armwatch_store::AnomalyRow;
 
 /// An anomaly, as far as the comparison needs it.
 #[derive(Debug, Clone, PartialEq)]

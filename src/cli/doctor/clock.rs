@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use super::finding::Finding;
 use super::machine::Machine;
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "clock";
 

@@ -4,7 +4,7 @@ use std::time::{Duration, SystemTime};
 
 use super::finding::Finding;
 use super::machine::Machine;
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "copies";
 

@@ -3,8 +3,8 @@
 use jiff::Timestamp;
 
 use super::finding::Finding;
-use crate::config::{Config, is_on_server, shown_database};
-use crate::store::{HostRow, HostState, Store, StoreError};
+use armwatch_config::{Config, is_on_server, shown_database};
+use armwatch_store::{HostRow, HostState, Store, StoreError};
 
 const CHECK: &str = "database";
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::finding::Finding;
 use super::machine::{Machine, is_share};
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "shares";
 

@@ -6,7 +6,7 @@ use rustix::process::{Resource, getrlimit};
 
 use super::finding::Finding;
 use super::machine::Machine;
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "limits";
 

@@ -16,8 +16,8 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_USAGE, Global, runtime};
 use super::shared::output;
-use crate::config::{Config, ConfigProblem};
 use crate::daemon::preflight::preflight;
+use armwatch_config::{Config, ConfigProblem};
 use finding::{Finding, Level};
 use machine::Machine;
 

@@ -6,7 +6,7 @@ use rustix::fs::{Access, access};
 
 use super::finding::Finding;
 use super::machine::{Machine, nearest};
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "permissions";
 

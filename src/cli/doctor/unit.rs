@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::finding::Finding;
 use super::machine::Machine;
-use crate::config::Config;
+use armwatch_config::Config;
 
 const CHECK: &str = "unit";
 

@@ -8,23 +8,23 @@ use std::time::Duration;
 use jiff::Timestamp;
 use tokio_util::sync::CancellationToken;
 
-use crate::anomaly::{AnomalyKind, Severity};
 use crate::cli::context::{CliError, open_store, runtime};
-use crate::config::Config;
 use crate::evaluate::detectors::{Alarm, Detector};
 use crate::evaluate::fleet::DetectorScore;
 use crate::evaluate::recorded::{FRICTION_FORMS, JointUnit, RecordedRobot};
 use crate::evaluate::scenario::Scenario;
 use crate::evaluate::score::{Outcome, Truth, outcome};
 use crate::pipeline::context::{Pipeline, Retry};
-use crate::robot::{JointIndex, Robot, StandardParameters};
-use crate::simulate::arm::fault::{Fault, FaultKind};
-use crate::simulate::arm::friction::FrictionShape;
-use crate::simulate::plan::motion::PerJoint;
-use crate::simulate::run::record::record;
-use crate::simulate::run::recording::Clock;
-use crate::simulate::{SimulationSettings, recording_of_run, simulate_run};
-use crate::store::{AnomalyRow, Store};
+use armwatch_config::Config;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
+use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
+use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::friction::FrictionShape;
+use armwatch_simulate::plan::motion::PerJoint;
+use armwatch_simulate::run::record::record;
+use armwatch_simulate::run::recording::Clock;
+use armwatch_simulate::{SimulationSettings, recording_of_run, simulate_run};
+use armwatch_store::{AnomalyRow, Store};
 
 /// Share of its cycle that a contact lasts, see [`FaultKind::Contact`].
 const CONTACT_SHARE: f64 = 0.05;
@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn every_scenario_of_exports_has_its_fault_on_its_joint_from_its_test_on() {
-        let arm = crate::testing::er3a();
+        let arm = armwatch_testing::er3a();
         for scenario in Scenario::ALL.into_iter().filter(|of| of.has_exports()) {
             let drawn = RecordedRobot::draw(scenario, None, 6, 10, (1, 0));
             let arm = differing(&arm, &drawn.units);

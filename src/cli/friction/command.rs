@@ -8,20 +8,20 @@ use serde_json::json;
 
 use super::index;
 use super::index::JointIndexSeries;
-use crate::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::output;
 use crate::cli::shared::plot::{PlotFile, index_limits};
 use crate::cli::shared::result_file::{result_file, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
-use crate::numerics::analyse_run::warm_up_fits;
-use crate::numerics::friction::warm_up::warm_up_torque;
 use crate::report::figure::Figure;
 use crate::report::friction::{
     CycleFriction, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,
 };
-use crate::store::{RunRow, Store};
+use armwatch_method::analyse_run::warm_up_fits;
+use armwatch_method::friction::warm_up::warm_up_torque;
+use armwatch_model::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
+use armwatch_store::{RunRow, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

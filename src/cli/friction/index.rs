@@ -4,12 +4,12 @@ use serde_json::json;
 
 use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::output;
-use crate::numerics::statistics::descriptive::standard_deviation;
-use crate::numerics::statistics::distributions::normal_quantile;
-use crate::numerics::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
 use crate::report::figure::{Event, Figure, Standing};
 use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
-use crate::store::{IndexRow, ThermalSourceRow, time_in_views};
+use armwatch_method::statistics::descriptive::standard_deviation;
+use armwatch_method::statistics::distributions::normal_quantile;
+use armwatch_method::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
+use armwatch_store::{IndexRow, ThermalSourceRow, time_in_views};
 
 /// Indices of one joint of one robot, oldest run first.
 pub(in crate::cli) struct JointIndexSeries {
@@ -206,8 +206,8 @@ fn as_value(of_joint: &JointIndexSeries) -> serde_json::Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analysis::Estimate;
-    use crate::robot::JointIndex;
+    use armwatch_model::analysis::Estimate;
+    use armwatch_model::robot::JointIndex;
     use jiff::Timestamp;
 
     fn rows(joint: usize, runs: i64, value: impl Fn(i64) -> f64) -> Vec<IndexRow> {

@@ -3,8 +3,8 @@
 use clap::builder::PossibleValue;
 use clap::{ArgGroup, Args, ValueEnum};
 
-use crate::analysis::estimator_kind::EstimatorKind;
 use crate::cli::context::CliError;
+use armwatch_model::analysis::estimator_kind::EstimatorKind;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -4,21 +4,21 @@ use super::args::{IdentifyArgs, name_taken};
 use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
-use crate::analysis::estimator_kind::EstimatorKind;
-use crate::analysis::{Estimator, TorqueRmsd};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
-use crate::config::Config;
-use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{PooledEstimate, StackedEstimator};
-use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::{
     Candidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,
 };
 use crate::pipeline::stored::reestimate::{Choice, PooledOutcome, PooledResult, estimate_together};
-use crate::robot::JointIndex;
-use crate::store::{ParameterSet, Store};
+use armwatch_config::Config;
+use armwatch_method::least_squares::essential::EssentialSettings;
+use armwatch_method::pooled::estimate::{PooledEstimate, StackedEstimator};
+use armwatch_method::pooled::per_joint::PerJointEstimate;
+use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::{Estimator, TorqueRmsd};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{ParameterSet, Store};
 
 pub(in crate::cli) fn identify(global: &Global, args: &IdentifyArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
@@ -180,7 +180,7 @@ async fn rmsd_of_set(
 
 fn parameters_of<E>(
     views: &[(JointIndex, Result<PerJointEstimate, E>)],
-) -> Vec<(JointIndex, Vec<crate::analysis::IdentifiedParameter>)> {
+) -> Vec<(JointIndex, Vec<armwatch_model::analysis::IdentifiedParameter>)> {
     let of = |(joint, view): &(JointIndex, Result<PerJointEstimate, E>)| {
         Some((*joint, view.as_ref().ok()?.identification.parameters.clone()))
     };

@@ -13,8 +13,8 @@ use crate::cli::shared::output;
 use crate::cli::shared::selection::note_passed_over;
 use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::{Choice, reestimate};
-use crate::robot::ParameterId;
-use crate::store::{
+use armwatch_model::robot::ParameterId;
+use armwatch_store::{
     CycleView, ModelParameter, Reestimate, ReestimatedCycle, ReestimatedStatistics, RunRow, Store,
 };
 

@@ -4,17 +4,17 @@ use std::collections::{BTreeSet, HashMap};
 
 use serde_json::{Value, json};
 
-use crate::analysis::estimator_kind::EstimatorKind;
-use crate::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
 use crate::cli::shared::output;
-use crate::numerics::NumericsError;
-use crate::numerics::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
-use crate::numerics::pooled::estimate::{ErrorBasis, PooledEstimate};
-use crate::numerics::pooled::per_joint::PerJointEstimate;
 use crate::pipeline::stored::chosen_cycles::PooledCycles;
 use crate::pipeline::stored::reestimate::{PooledOutcome, PooledResult};
-use crate::robot::{JointIndex, ParameterId};
-use crate::store::ModelParameter;
+use armwatch_method::NumericsError;
+use armwatch_method::least_squares::conditioning::FLAGGED_RELATIVE_ERROR;
+use armwatch_method::pooled::estimate::{ErrorBasis, PooledEstimate};
+use armwatch_method::pooled::per_joint::PerJointEstimate;
+use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::{Identification, IdentifiedParameter, TorqueRmsd};
+use armwatch_model::robot::{JointIndex, ParameterId};
+use armwatch_store::ModelParameter;
 
 /// Everything there is to print.
 pub(in crate::cli) struct Report<'a> {

@@ -3,15 +3,15 @@
 use super::args::IdentifyArgs;
 use crate::cli::context::CliError;
 use crate::cli::shared::selection::find_set;
-use crate::config::Config;
-use crate::numerics::least_squares::prior::{Prior, PriorStrength};
-use crate::numerics::model::base_parameters::base_parameters;
-use crate::numerics::pooled::estimate::StackedEstimator;
-use crate::numerics::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, with_fraction};
 use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::Choice;
-use crate::robot::ParameterId;
-use crate::store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel};
+use armwatch_config::Config;
+use armwatch_method::least_squares::prior::{Prior, PriorStrength};
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::pooled::estimate::StackedEstimator;
+use armwatch_method::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, with_fraction};
+use armwatch_model::robot::ParameterId;
+use armwatch_store::{FactorsWanted, ParameterSet, SourceCycle, Store, StoredModel};
 
 /// The prior that the arguments name, and the cycles behind it.
 pub(in crate::cli) async fn prior_choice(
@@ -90,7 +90,7 @@ fn of_description(
 /// Values of a set; without a fraction their own standard errors say which are known better.
 fn of_set(args: &IdentifyArgs, set: &ParameterSet) -> Vec<(ParameterId, Prior)> {
     let parameters = &set.identification.parameters;
-    let own = |p: &crate::analysis::IdentifiedParameter| {
+    let own = |p: &armwatch_model::analysis::IdentifiedParameter| {
         (p.std_error > 0.0 && p.std_error.is_finite())
             .then_some((p.id, Prior { value: p.value, std: p.std_error }))
     };

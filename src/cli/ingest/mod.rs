@@ -19,15 +19,15 @@ use super::context::{
     CliError, EXIT_INTERNAL, EXIT_STOPPED, Global, open_store_until, require_database, runtime, shared,
 };
 use super::shared::{output, paths, reweight};
-use crate::analysis::finding::FindingKind;
 use crate::daemon;
-use crate::ingest::find::watch;
 use crate::pipeline::conclude::history::RUNS_AT_ONCE;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::look::replay;
-use crate::run::RunStatus;
-use crate::store::{EventKind, RunResult, SessionKind, StoreError};
+use armwatch_ingest::find::watch;
+use armwatch_model::analysis::finding::FindingKind;
+use armwatch_model::run::RunStatus;
+use armwatch_store::{EventKind, RunResult, SessionKind, StoreError};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

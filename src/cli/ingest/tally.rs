@@ -5,10 +5,10 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::words::lasting;
-use crate::anomaly::Severity;
 use crate::cli::context::{EXIT_DONE, EXIT_FOUND};
 use crate::cli::shared::output;
 use crate::pipeline::context::Outcome;
+use armwatch_model::anomaly::Severity;
 
 /// What became of all exports.
 #[derive(Debug, Default)]

@@ -8,8 +8,8 @@ use serde_json::json;
 use crate::cli::shared::output;
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::Outcome;
-use crate::robot::JointIndex;
-use crate::store::{EventKind, RunResult};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{EventKind, RunResult};
 
 /// `34 s`, `2 min 5 s`, `1 h 12 min`.
 pub(super) fn lasting(time: Duration) -> String {

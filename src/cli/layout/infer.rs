@@ -8,12 +8,12 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::paths;
 use crate::cli::shared::result_file::{refuse_database, refuse_source};
-use crate::config::{ConfigSource, read_robot};
-use crate::ingest::bytes::source;
-use crate::ingest::infer;
-use crate::ingest::infer::proposal::Hints;
-use crate::numerics::model::dynamics::gravity_torque;
-use crate::robot::Robot;
+use armwatch_config::{ConfigSource, read_robot};
+use armwatch_ingest::bytes::source;
+use armwatch_ingest::infer;
+use armwatch_ingest::infer::proposal::Hints;
+use armwatch_method::model::dynamics::gravity_torque;
+use armwatch_model::robot::Robot;
 
 /// Sample rates that may be given, Hz; those that a layout takes.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;

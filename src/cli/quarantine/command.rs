@@ -16,12 +16,12 @@ use crate::cli::quarantine::story::ExportState;
 use crate::cli::shared::output;
 use crate::cli::shared::said::said;
 use crate::cli::shared::user::user;
-use crate::config::Config;
 use crate::daemon;
-use crate::ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use crate::pipeline::context::Pipeline;
-use crate::run::RunStatus;
-use crate::store::{FaultState, QuarantineRow, Store};
+use armwatch_config::Config;
+use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
+use armwatch_model::run::RunStatus;
+use armwatch_store::{FaultState, QuarantineRow, Store};
 
 /// Time between two looks at what the daemon has made of an export.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
-use crate::ingest::excerpt::{Excerpt, excerpt};
-use crate::store::{Dismissal, FaultState, QuarantineRow, time_in_views};
+use armwatch_ingest::excerpt::{Excerpt, excerpt};
+use armwatch_store::{Dismissal, FaultState, QuarantineRow, time_in_views};
 
 /// Where the bytes of a quarantined run lie now.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::cli::context::CliError;
 use crate::cli::shared::rows::as_cli_error;
 use crate::report::page::{Block, Cell, PageTable};
-use crate::store::{Store, ViewRows};
+use armwatch_store::{Store, ViewRows};
 
 /// Most rows of a view that are asked for; a run of a day has fewer.
 const MOST_ROWS: usize = 1_000_000;

@@ -8,9 +8,9 @@ use jiff::Timestamp;
 use super::{browser, robot, run};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::result_file::{objection, write_lines};
-use crate::config::Config;
 use crate::report::page::Page;
-use crate::store::{RunRow, Store};
+use armwatch_config::Config;
+use armwatch_store::{RunRow, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -127,7 +127,7 @@ fn no_robot(name: &str, runs: &[RunRow]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::{RunKind, RunStatus};
+    use armwatch_model::run::{RunKind, RunStatus};
 
     fn run(run_id: i64, robot: &str) -> RunRow {
         RunRow {

@@ -5,15 +5,15 @@ use std::collections::BTreeSet;
 use jiff::Timestamp;
 
 use super::cells::{change, figure, percent};
-use crate::anomaly::Severity;
-use crate::anomaly::forecast::{Crossing, Forecast, Trend};
 use crate::cli::alerts::words;
 use crate::cli::shared::joints::{apart, named, reasons};
 use crate::cli::shared::life::standing;
 use crate::report::figure::{Level, Standing};
 use crate::report::page::{Block, Finding};
-use crate::robot::JointIndex;
-use crate::store::{AnomalyRow, FleetHealthRow, HealthStatus, SeriesRun};
+use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{AnomalyRow, FleetHealthRow, HealthStatus, SeriesRun};
 
 /// States of an anomaly that nobody has to look at any more.
 const SETTLED: [&str; 2] = ["resolved", "false_alarm"];

@@ -12,15 +12,15 @@ use crate::cli::context::CliError;
 use crate::cli::shared::joints::{named, reasons};
 use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::plot::{index_limits, rmsd_limits};
-use crate::config::Config;
-use crate::numerics::statistics::descriptive::{mean, median, standard_deviation};
 use crate::report::figure::day;
 use crate::report::friction_index::{IndexPanel, index_figure};
 use crate::report::page::{Block, Cell, Page, Section};
 use crate::report::rmsd::{RunRmsd, run_rmsd_figure};
-use crate::robot::JointIndex;
-use crate::run::{RunKind, RunStatus};
-use crate::store::{
+use armwatch_config::Config;
+use armwatch_method::statistics::descriptive::{mean, median, standard_deviation};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_store::{
     AnomalyRow, ConclusionFault, FaultState, HealthStatus, IndexRow, QuarantineRow, RunRow, SeriesRun, Store,
     ThermalSourceRow,
 };
@@ -516,7 +516,7 @@ fn alarms(of: &Stored<'_>) -> Section {
 }
 
 fn maintenance(of: &Stored<'_>) -> Section {
-    let row = |row: &crate::store::MaintenanceRow| {
+    let row = |row: &armwatch_store::MaintenanceRow| {
         vec![
             words(alerts::words::minute(row.work.at)),
             words(row.work.joint.map_or_else(|| "whole arm".to_owned(), |joint| format!("joint {joint}"))),

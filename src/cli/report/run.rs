@@ -7,22 +7,22 @@ use serde_json::Value;
 
 use super::cells::{count, figure, minute, number, percent, rows, table, text, whole, words};
 use super::findings::{is_unsettled, made, of_joints, of_run, open_alarms, sentence, worst_first};
-use crate::analysis::measurements::CyclePoint;
-use crate::analysis::{Decay, Estimate, FrictionPoint, Rmsd, RmsdScope, WarmUpFit};
 use crate::cli::alerts;
 use crate::cli::context::CliError;
 use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::plot::rmsd_limits;
 use crate::cli::shared::verification::verified_cycles;
-use crate::config::Config;
-use crate::numerics::analyse_run::warm_up_fits;
 use crate::report::friction::{CycleFriction, friction_figure, friction_speed_figure};
 use crate::report::page::{Block, Cell, Finding, Page, Section};
 use crate::report::residuals::{CycleResidual, residual_figure};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
-use crate::robot::JointIndex;
-use crate::run::{RunKind, RunStatus, Stage};
-use crate::store::{AnomalyRow, RunRow, Store};
+use armwatch_config::Config;
+use armwatch_method::analyse_run::warm_up_fits;
+use armwatch_model::analysis::measurements::CyclePoint;
+use armwatch_model::analysis::{Decay, Estimate, FrictionPoint, Rmsd, RmsdScope, WarmUpFit};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::{RunKind, RunStatus, Stage};
+use armwatch_store::{AnomalyRow, RunRow, Store};
 
 /// What is stored of a run.
 struct Stored {

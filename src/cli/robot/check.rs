@@ -9,10 +9,10 @@ use serde_json::json;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::read;
-use crate::config::read_robot;
-use crate::numerics::model::robot_check;
-use crate::numerics::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
-use crate::robot::Robot;
+use armwatch_config::read_robot;
+use armwatch_method::model::robot_check;
+use armwatch_method::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
+use armwatch_model::robot::Robot;
 
 /// Largest relative difference from reference data that agrees: reference tables carry twelve
 /// digits, and summing them over a chain loses two or three.

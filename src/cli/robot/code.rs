@@ -8,24 +8,24 @@ use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
 use super::sources::{described, recorded, source_lines};
-use crate::analysis::FrictionPoint;
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::paths::not_written;
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
-use crate::config::{Config, read_robot};
-use crate::numerics::model::base_parameters::base_parameters;
 use crate::pipeline::stored::chosen_cycles::{RunCycles, StoredError, identify_taken, take};
-use crate::robot::{
-    FrictionLaw, FrictionModel, Joint, JointIndex, NominalJoint, ParameterId, ParameterKind, Robot,
-};
 use crate::robot_code::code::TorqueCode;
 use crate::robot_code::language::{Language, SourceFile};
 use crate::robot_code::origin::{GENERATED_BY, Origin};
 use crate::robot_code::torque::ModelParameter;
 use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
 use crate::robot_code::warmth::{Warmth, scale_friction};
-use crate::store::{ParameterSet, SourceCycle, Store};
+use armwatch_config::{Config, read_robot};
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_model::analysis::FrictionPoint;
+use armwatch_model::robot::{
+    FrictionLaw, FrictionModel, Joint, JointIndex, NominalJoint, ParameterId, ParameterKind, Robot,
+};
+use armwatch_store::{ParameterSet, SourceCycle, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -7,12 +7,12 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read,
 use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, no_run};
-use crate::config::{Config, FleetEntry};
-use crate::numerics::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
 use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::drive_gain::stored_drive_gains;
-use crate::robot::StandardParameters;
-use crate::store::Store;
+use armwatch_config::{Config, FleetEntry};
+use armwatch_method::pooled::drive_gain::{GainEstimate, JointGain, Unseen};
+use armwatch_model::robot::StandardParameters;
+use armwatch_store::Store;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -6,9 +6,9 @@ use std::sync::Arc;
 use jiff::Timestamp;
 
 use crate::cli::context::CliError;
-use crate::config::Config;
-use crate::robot::Robot;
-use crate::store::{SourceCycle, Store, StoredModel};
+use armwatch_config::Config;
+use armwatch_model::robot::Robot;
+use armwatch_store::{SourceCycle, Store, StoredModel};
 
 /// The configured description that the cycles were analysed with.
 pub(super) fn described(config: &Config, model: &StoredModel) -> Result<Arc<Robot>, CliError> {

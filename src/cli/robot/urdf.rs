@@ -13,14 +13,15 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read,
 use crate::cli::shared::output;
 use crate::cli::shared::result_file::{result_file, write_lines};
 use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
-use crate::config::{Config, read_robot, straight_friction, urdf_text};
-use crate::numerics::physical::data_share::{BodyEstimate, Estimated};
-use crate::numerics::physical::fit::PhysicalFit;
-use crate::numerics::physical::uniform_bodies::BodySource;
 use crate::pipeline::stored::chosen_cycles::{RunCycles, take};
 use crate::pipeline::stored::physical::fit_bodies;
-use crate::robot::{JointIndex, Robot};
-use crate::store::{SourceCycle, Store};
+use crate::urdf_writer::{straight_friction, urdf_text};
+use armwatch_config::{Config, read_robot};
+use armwatch_method::physical::data_share::{BodyEstimate, Estimated};
+use armwatch_method::physical::fit::PhysicalFit;
+use armwatch_method::physical::uniform_bodies::BodySource;
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_store::{SourceCycle, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -7,9 +7,9 @@ use clap::{Args, ValueEnum};
 use super::position_columns::{POSITIONS, columns, names, no_positions};
 use super::programme::read;
 use crate::cli::context::CliError;
-use crate::robot::Robot;
-use crate::simulate::plan::points::{PointToPoint, Points};
-use crate::simulate::plan::trajectory::{ExcitationParts, FrictionPosture};
+use armwatch_model::robot::Robot;
+use armwatch_simulate::plan::points::{PointToPoint, Points};
+use armwatch_simulate::plan::trajectory::{ExcitationParts, FrictionPosture};
 
 /// Parts of a cycle beside rest and ways home.
 #[derive(Debug, Args)]
@@ -139,7 +139,7 @@ fn points(path: &Path, robot: &Robot) -> Result<Vec<Vec<f64>>, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a_of;
+    use armwatch_testing::er3a_of;
 
     #[test]
     fn points_are_read_in_their_units_and_mistakes_are_named() {

@@ -1,6 +1,6 @@
 //! Joints of a robot in words, and what is said of several of them, once.
 
-use crate::robot::JointIndex;
+use armwatch_model::robot::JointIndex;
 
 /// How a reason goes on with what earlier tests say of the joint; `numerics::detect` writes it last.
 const EARLIER: [&str; 3] = ["; known last: ", "; the latest result is of ", "; no test gave a result yet"];

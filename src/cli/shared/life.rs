@@ -2,13 +2,13 @@
 
 use jiff::Timestamp;
 
-use crate::anomaly::Severity;
 use crate::cli::context::CliError;
-use crate::numerics::statistics::distributions::normal_quantile;
 use crate::report::figure::{Event, EventKind, Level, Standing, day};
 use crate::report::friction_index::IndexPoint;
-use crate::robot::JointIndex;
-use crate::store::{AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
+use armwatch_method::statistics::distributions::normal_quantile;
+use armwatch_model::anomaly::Severity;
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
 
 /// What is known of the life of a robot.
 #[derive(Debug, Default)]

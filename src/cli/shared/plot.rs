@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::result_file::{objection, write_lines};
 use crate::cli::context::CliError;
-use crate::config::Config;
 use crate::report::figure::Figure;
 use crate::report::friction_index::IndexLimits;
 use crate::report::rmsd::RmsdLimits;
+use armwatch_config::Config;
 
 /// A picture's file, whose ending says what it is written as.
 #[derive(Debug, Clone, PartialEq, Eq)]

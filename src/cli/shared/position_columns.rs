@@ -1,6 +1,6 @@
 //! Columns of positions, velocities and accelerations in anybody's CSV files.
 
-use crate::robot::{JointKind, Robot};
+use armwatch_model::robot::{JointKind, Robot};
 
 /// What names of columns of positions, velocities and accelerations begin with, before the joint's number.
 pub(in crate::cli) const POSITIONS: [&str; 3] = ["pos_", "q_", "position_"];

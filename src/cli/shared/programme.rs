@@ -4,8 +4,8 @@ use std::path::Path;
 
 use super::paths::{metadata, not_read};
 use crate::cli::context::CliError;
-use crate::design::programme::Programme;
-use crate::robot::Robot;
+use armwatch_model::robot::Robot;
+use armwatch_trajectory::programme::Programme;
 
 /// Reads a programme that fits the arm.
 pub(in crate::cli) fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {

@@ -12,7 +12,7 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use super::output;
 use super::paths::not_written;
 use crate::cli::context::CliError;
-use crate::ingest::bytes::fingerprint::id_of;
+use armwatch_ingest::bytes::fingerprint::id_of;
 
 /// How a database in a file begins (SQLite, "Database File Format", 1.3).
 const DATABASE: &[u8] = b"SQLite format 3\0";

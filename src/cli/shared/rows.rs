@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::output;
 use crate::cli::context::CliError;
-use crate::store::{AskError, Table};
+use armwatch_store::{AskError, Table};
 
 /// Significant digits of numbers in a table; CSV and JSON have all.
 const DIGITS: usize = 6;

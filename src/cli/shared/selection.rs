@@ -3,13 +3,13 @@
 use std::collections::BTreeSet;
 
 use super::output;
-use crate::analysis::Estimator;
 use crate::cli::context::CliError;
 use crate::pipeline::stored::chosen_cycles::{
     Candidate, PassedOverCycle, RunCycles, StoredError, in_ranges, told, unit_identification,
 };
-use crate::run::{RunKind, RunStatus};
-use crate::store::{ParameterSet, RunRow, Store};
+use armwatch_model::analysis::Estimator;
+use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_store::{ParameterSet, RunRow, Store};
 
 /// Most cycles that a range may name: a test of a week at five minutes a cycle.
 const MAX_CYCLES: u32 = 2016;

@@ -1,7 +1,7 @@
 //! What is said of a robot that is not there.
 
 use crate::cli::context::CliError;
-use crate::store::Store;
+use armwatch_store::Store;
 
 /// Most robots that are listed in place of one that is not there.
 const LISTED: usize = 12;

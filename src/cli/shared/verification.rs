@@ -1,7 +1,7 @@
 //! How well each cycle of a run is explained by its own parameters, as it is stored.
 
 use crate::report::rmsd::CycleVerification;
-use crate::store::{Store, StoreError};
+use armwatch_store::{Store, StoreError};
 
 /// All cycles of a run, those without parameters with the reason.
 pub(in crate::cli) async fn verified_cycles(

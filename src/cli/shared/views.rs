@@ -4,7 +4,7 @@ use clap::builder::PossibleValuesParser;
 use serde_json::Value;
 
 use super::output;
-use crate::store::{PublicView, Table, ViewColumn, public_views};
+use armwatch_store::{PublicView, Table, ViewColumn, public_views};
 
 /// Characters of a line of words.
 const LINE: usize = 100;

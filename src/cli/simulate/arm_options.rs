@@ -3,12 +3,12 @@
 use clap::Args;
 
 use crate::cli::context::CliError;
-use crate::simulate::SimulationSettings;
-use crate::simulate::arm::friction::RippleOrder;
-use crate::simulate::arm::hall::{HallSettings, WorkingHours};
-use crate::simulate::arm::unit::UnitSpread;
-use crate::simulate::run::recording::{Heating, SensorSettings};
-use crate::simulate::run::servo::ServoSettings;
+use armwatch_simulate::SimulationSettings;
+use armwatch_simulate::arm::friction::RippleOrder;
+use armwatch_simulate::arm::hall::{HallSettings, WorkingHours};
+use armwatch_simulate::arm::unit::UnitSpread;
+use armwatch_simulate::run::recording::{Heating, SensorSettings};
+use armwatch_simulate::run::servo::ServoSettings;
 
 /// Link parameters of units differ by this part of what their friction differs by.
 const BODIES_OF_FRICTION: f64 = 0.05;

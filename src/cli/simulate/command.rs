@@ -19,15 +19,15 @@ use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::paths::not_written;
 use crate::cli::shared::programme::programme;
-use crate::config::{Config, read_layout, read_robot};
-use crate::robot::{JointIndex, Robot};
-use crate::simulate::arm::fault::{Fault, FaultKind};
-use crate::simulate::arm::friction::FrictionShape;
-use crate::simulate::arm::load::Load;
-use crate::simulate::error::SimulateError;
-use crate::simulate::run::recording::Clock;
-use crate::simulate::run::temperatures::{TemperatureColumns, TemperatureSettings};
-use crate::simulate::{SimulationSettings, simulate_run};
+use armwatch_config::{Config, read_layout, read_robot};
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::friction::FrictionShape;
+use armwatch_simulate::arm::load::Load;
+use armwatch_simulate::error::SimulateError;
+use armwatch_simulate::run::recording::Clock;
+use armwatch_simulate::run::temperatures::{TemperatureColumns, TemperatureSettings};
+use armwatch_simulate::{SimulationSettings, simulate_run};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

@@ -3,12 +3,12 @@
 use nalgebra::DMatrix;
 
 use crate::cli::context::CliError;
-use crate::config::{
+use armwatch_config::{
     Channel, Column, DecimalMark, Layout, StageCells, TemperatureUnit, TextEncoding, TimeSource,
 };
-use crate::robot::Robot;
-use crate::simulate::files::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
-use crate::simulate::run::temperatures::TemperatureColumns;
+use armwatch_model::robot::Robot;
+use armwatch_simulate::files::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
+use armwatch_simulate::run::temperatures::TemperatureColumns;
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
 /// in the order time, position, velocity, torque, stage, cycle, friction joint and level, and of the temperatures
@@ -180,12 +180,12 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
-    use crate::config::{read_layout, read_robot};
     use crate::pipeline::take::cycles::read_cycle;
-    use crate::run::{Samples, Stage};
-    use crate::simulate::plan::trajectory::ExcitationParts;
-    use crate::simulate::run::recording::Row;
-    use crate::simulate::{SimulationSettings, rows_of_run, simulate_run};
+    use armwatch_config::{read_layout, read_robot};
+    use armwatch_model::run::{Samples, Stage};
+    use armwatch_simulate::plan::trajectory::ExcitationParts;
+    use armwatch_simulate::run::recording::Row;
+    use armwatch_simulate::{SimulationSettings, rows_of_run, simulate_run};
 
     /// Numbers are written with every digit; motor sides and units cost some multiplications, and motor angles of a
     /// hundred turns have as many digits less.
@@ -208,7 +208,10 @@ mod tests {
     fn assert_same(name: &str, samples: &Samples, rows: &[Row], layout: &Layout) {
         assert!(samples.time.len() > 100 && samples.time.len() <= rows.len(), "{name}");
         let whole = samples.time.len() == rows.len();
-        assert!(whole || layout.stage.kind().run_kind() == crate::run::RunKind::Production, "{name}");
+        assert!(
+            whole || layout.stage.kind().run_kind() == armwatch_model::run::RunKind::Production,
+            "{name}"
+        );
         let rows = &rows[..samples.time.len()];
         let late = |row: &Row| row.time - rows[0].time;
         let off = samples.time.iter().zip(rows).map(|(time, row)| (time - samples.time[0] - late(row)).abs());

@@ -7,7 +7,7 @@ use jiff::tz::TimeZone;
 
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::simulate::{SimulationSettings, file_stem};
+use armwatch_simulate::{SimulationSettings, file_stem};
 
 /// Years that the name of an export may have: `ingest` takes no others.
 const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
@@ -74,8 +74,8 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::simulate::simulate_run;
-    use crate::testing::er3a;
+    use armwatch_simulate::simulate_run;
+    use armwatch_testing::er3a;
 
     fn settings() -> SimulationSettings {
         // without a friction stage: names are looked at, not rows

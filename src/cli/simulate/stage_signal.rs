@@ -3,9 +3,9 @@
 use clap::ValueEnum;
 
 use crate::cli::context::CliError;
-use crate::config::{Column, Config, FromMotion, Layout, OneHot, StageLevels, StageSource, StageWords};
-use crate::run::Stage;
-use crate::run::stage_rule::LevelSettings;
+use armwatch_config::{Column, Config, FromMotion, Layout, OneHot, StageLevels, StageSource, StageWords};
+use armwatch_model::run::Stage;
+use armwatch_model::run::stage_rule::LevelSettings;
 
 /// How a simulated export tells its stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::cli::context::{CliError, Global};
-use crate::config::read_robot;
-use crate::robot::Robot;
+use armwatch_config::read_robot;
+use armwatch_model::robot::Robot;
 
 /// The arm called `name`: a description's file, or a robot or model of the configuration.
 pub(super) fn arm(global: &Global, name: &str) -> Result<Robot, CliError> {

@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 use crate::cli::context::{CliError, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::trajectory::words::without_numbers;
-use crate::numerics::NumericsError;
-use crate::numerics::model::base_parameters::BaseParameters;
-use crate::numerics::trajectory::information::Information;
-use crate::numerics::trajectory::recorded_rows::Recording;
 use crate::pipeline::stored::run_information::run_information;
-use crate::robot::{FourierExcitation, Robot};
+use armwatch_method::NumericsError;
+use armwatch_method::model::base_parameters::BaseParameters;
+use armwatch_model::robot::{FourierExcitation, Robot};
+use armwatch_trajectory::information::Information;
+use armwatch_trajectory::recorded_rows::Recording;
 
 /// Durations that are tried, s, up to that of the motion that is asked for.
 const DURATIONS_S: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0];

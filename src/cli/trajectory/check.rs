@@ -13,8 +13,8 @@ use super::words::{nearness, print_nearness};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::{programme, read};
-use crate::numerics::trajectory::limits::{Limited, SampleCheck};
-use crate::robot::{JointIndex, Robot};
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_trajectory::limits::{Limited, SampleCheck};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

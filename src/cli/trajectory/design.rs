@@ -20,16 +20,16 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
 use crate::cli::shared::result_file::write_lines;
-use crate::design::programme::{BesideRecord, Programme, SearchRecord};
-use crate::design::search::{Budget, Earlier, Found, search};
-use crate::numerics::model::base_parameters::{BaseParameters, base_parameters};
-use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::trajectory::clearance::{Nearest, nearest_of_postures};
-use crate::numerics::trajectory::limits::MotionLimits;
-use crate::numerics::trajectory::prediction::{Conditioning, conditioning};
-use crate::numerics::trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
-use crate::numerics::trajectory::recorded_rows::Recording;
-use crate::robot::Robot;
+use armwatch_method::model::base_parameters::{BaseParameters, base_parameters};
+use armwatch_method::pooled::nominal_prior::nominal_base;
+use armwatch_model::robot::Robot;
+use armwatch_trajectory::clearance::{Nearest, nearest_of_postures};
+use armwatch_trajectory::limits::MotionLimits;
+use armwatch_trajectory::prediction::{Conditioning, conditioning};
+use armwatch_trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
+use armwatch_trajectory::programme::{BesideRecord, Programme, SearchRecord};
+use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::search::{Budget, Earlier, Found, search};
 
 /// Starts of a search where nothing else is asked for.
 const STARTS: u64 = 12;
@@ -37,7 +37,7 @@ const STARTS: u64 = 12;
 pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, CliError> {
     let robot = arm(global, &args.robot)?;
     args.check()?;
-    let refused = |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", args.robot));
+    let refused = |error: armwatch_method::NumericsError| CliError::Usage(format!("{}: {error}", args.robot));
     let base = base_parameters(&robot).map_err(refused)?;
     let limit = args.surroundings.limit(&robot)?;
     let recording = args.recording(&robot)?;
@@ -187,7 +187,7 @@ impl DesignArgs {
         recording: &Recording,
     ) -> Result<(Found, Precision), CliError> {
         let refused =
-            |error: crate::numerics::NumericsError| CliError::Usage(format!("{}: {error}", self.robot));
+            |error: armwatch_method::NumericsError| CliError::Usage(format!("{}: {error}", self.robot));
         let durations = Beside::durations(self.seconds);
         for (k, &duration) in durations.iter().enumerate() {
             let settings = SearchSettings { period: duration, ..settings.clone() };

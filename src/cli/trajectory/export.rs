@@ -12,8 +12,8 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::programme;
 use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
-use crate::numerics::trajectory::series::state_at;
-use crate::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_trajectory::series::state_at;
 
 /// Most rows of a file: a day at 1 kHz.
 const MAX_ROWS: f64 = 86_400_000.0;
@@ -147,7 +147,7 @@ fn interpolation_error(series: &FourierExcitation, step: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     /// Fourth derivatives of the motion times the fourth power of the step, by 384: sixteen times less for half the
     /// step.

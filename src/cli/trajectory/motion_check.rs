@@ -6,14 +6,10 @@ use super::torque::{TorqueUse, heating, peaks_beyond, torque_use};
 use super::words;
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::numerics::trajectory::clearance::{
-    ClearanceLimit, Nearest, nearest_of_postures, nearest_of_series,
-};
-use crate::numerics::trajectory::limits::{
-    Limited, SampleCheck, SampledMotion, broken_by_samples, broken_by_series,
-};
-use crate::numerics::trajectory::series::state_at;
-use crate::robot::{FourierExcitation, JointIndex, Robot};
+use armwatch_model::robot::{FourierExcitation, JointIndex, Robot};
+use armwatch_trajectory::clearance::{ClearanceLimit, Nearest, nearest_of_postures, nearest_of_series};
+use armwatch_trajectory::limits::{Limited, SampleCheck, SampledMotion, broken_by_samples, broken_by_series};
+use armwatch_trajectory::series::state_at;
 
 /// Instants a second at which torques are taken.
 const TORQUE_RATE_HZ: f64 = 1000.0;

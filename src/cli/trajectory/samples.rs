@@ -6,8 +6,8 @@ use crate::cli::context::CliError;
 use crate::cli::shared::position_columns::{
     ACCELERATIONS, POSITIONS, VELOCITIES, columns, names, no_positions,
 };
-use crate::numerics::trajectory::limits::SampledMotion;
-use crate::robot::Robot;
+use armwatch_model::robot::Robot;
+use armwatch_trajectory::limits::SampledMotion;
 
 /// Names of the time column.
 const TIMES: [&str; 3] = ["time_s", "time", "t"];
@@ -94,7 +94,7 @@ fn finest(step: f64, own: f64, rows: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     fn header() -> String {
         let joints: Vec<String> = (1..=6).map(|j| format!("pos_{j}")).collect();

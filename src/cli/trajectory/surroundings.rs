@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::cli::context::CliError;
-use crate::config::read_cell;
-use crate::numerics::trajectory::clearance::{Clearance, ClearanceLimit};
-use crate::robot::{Cell, Robot};
+use armwatch_config::read_cell;
+use armwatch_model::robot::{Cell, Robot};
+use armwatch_trajectory::clearance::{Clearance, ClearanceLimit};
 
 #[derive(Debug, Clone, Args)]
 pub(super) struct SurroundingsArgs {

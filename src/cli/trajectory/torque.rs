@@ -4,10 +4,10 @@ use serde_json::{Value, json};
 
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::numerics::model::base_parameters::base_parameters;
-use crate::numerics::model::dynamics::DynamicModel;
-use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::robot::{Joint, Robot};
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::model::dynamics::DynamicModel;
+use armwatch_method::pooled::nominal_prior::nominal_base;
+use armwatch_model::robot::{Joint, Robot};
 
 /// Rated torque of each joint, Nm (N), where the description has one: its own, or the motor's through the gear.
 pub(super) fn rated_torques(robot: &Robot) -> Vec<Option<f64>> {

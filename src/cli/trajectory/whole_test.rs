@@ -17,14 +17,14 @@ use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
 use crate::cli::shared::programme::programme;
 use crate::cli::shared::result_file::{refuse_source, result_file, write_lines};
-use crate::numerics::trajectory::limits::SampledMotion;
 use crate::report::figure::Figure;
 use crate::report::trajectory::motion_figure;
-use crate::robot::{JointIndex, Robot};
-use crate::run::Stage;
-use crate::simulate::plan::motion::MotionPiece;
-use crate::simulate::plan::still_posture::axis_tilt;
-use crate::simulate::plan::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::Stage;
+use armwatch_simulate::plan::motion::MotionPiece;
+use armwatch_simulate::plan::still_posture::axis_tilt;
+use armwatch_simulate::plan::trajectory::{CyclePlan, PlanSettings, Segment, plan_cycle};
+use armwatch_trajectory::limits::SampledMotion;
 
 /// Cycles of the source's test.
 const WHOLE_TEST: f64 = 24.0;

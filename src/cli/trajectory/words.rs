@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::numerics::NumericsError;
-use crate::numerics::trajectory::limits::{Breach, extremes};
-use crate::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_method::NumericsError;
+use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_trajectory::limits::{Breach, extremes};
 
 /// A broken limit in one sentence.
 pub(super) fn sentence(robot: &Robot, breach: &Breach) -> String {
@@ -87,7 +87,7 @@ const SPEED_TOLERANCE: f64 = 1e-3;
 
 /// The same for scripts.
 pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
-    let of_joint = |index: crate::robot::JointIndex| {
+    let of_joint = |index: armwatch_model::robot::JointIndex| {
         let (limits, found) = (&robot.joints[index.index()].limits, extremes(series, index.index()));
         json!({
             "joint": index.number(),
@@ -107,7 +107,7 @@ pub(super) fn nearness(robot: &Robot, series: &FourierExcitation) -> Value {
 
 /// Joints that stay below the part of their top speeds that was asked for, a sentence each.
 pub(super) fn slower(robot: &Robot, series: &FourierExcitation, share: f64) -> Vec<String> {
-    let of_joint = |index: crate::robot::JointIndex| {
+    let of_joint = |index: armwatch_model::robot::JointIndex| {
         let top = robot.joints[index.index()].limits.velocity;
         let reached = extremes(series, index.index()).speed.value.abs() / top;
         (reached < (1.0 - SPEED_TOLERANCE) * share).then(|| {
@@ -138,7 +138,7 @@ pub(super) fn without_numbers(arm: &str, series: &FourierExcitation, error: &Num
 mod tests {
     use super::*;
     use crate::cli::context::EXIT_USAGE;
-    use crate::testing::er3a;
+    use armwatch_testing::er3a;
 
     #[test]
     fn a_motion_that_is_too_short_is_to_be_longer() {

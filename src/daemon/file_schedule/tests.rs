@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::{Begun, Closing, FileSchedule, NextAttempt};
-use crate::ingest::find::watch::FoundFile;
-use crate::run::FileId;
+use armwatch_ingest::find::watch::FoundFile;
+use armwatch_model::run::FileId;
 
 const SETTLE: Duration = Duration::from_secs(3);
 

@@ -14,14 +14,14 @@ use std::collections::HashSet;
 
 use super::windows::{judged, release};
 use super::work::judged_work;
-use crate::numerics::analyse_run::warm_up_fits_on;
-use crate::numerics::detect::window::Lengths;
-use crate::numerics::friction::points::level_means::nearest_level;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
-use crate::run::RunKind;
-use crate::store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
+use armwatch_method::analyse_run::warm_up_fits_on;
+use armwatch_method::detect::window::Lengths;
+use armwatch_method::friction::points::level_means::nearest_level;
+use armwatch_model::run::RunKind;
+use armwatch_store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
 /// stays short.

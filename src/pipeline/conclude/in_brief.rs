@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::anomaly::peer::Peer;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::{Findings, RunSummary};
-use crate::numerics::detect::runs::detect_in_brief;
-use crate::store::{ConclusionTransaction, StoreError};
+use armwatch_method::detect::runs::detect_in_brief;
+use armwatch_model::anomaly::peer::Peer;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Findings, RunSummary};
+use armwatch_store::{ConclusionTransaction, StoreError};
 
 /// Rounds of reading after which all cycles are read, beside one for every so many tests: each round judges a thousand tests
 /// of which nothing is kept, and few rounds find out what baselines stand on.

@@ -5,7 +5,7 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use crate::store::{ClaimKind, StoreError};
+use armwatch_store::{ClaimKind, StoreError};
 
 /// What came of drawing conclusions.
 #[derive(Debug, Clone, PartialEq)]

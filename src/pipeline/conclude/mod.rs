@@ -6,3 +6,10 @@ pub mod isolation;
 pub mod open_test;
 pub mod windows;
 pub mod work;
+
+#[cfg(test)]
+mod briefs_tests;
+#[cfg(test)]
+mod test_database;
+#[cfg(test)]
+mod windows_tests;

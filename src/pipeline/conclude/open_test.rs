@@ -12,13 +12,13 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use super::isolation::panic_reason;
-use crate::analysis::measurements::RunMeasurements;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::{Anomaly, RunSummary};
-use crate::numerics::detect::runs::open_run::{UsualTests, detect_open};
-use crate::numerics::partial_run::first_cycles;
 use crate::pipeline::context::{Pipeline, PipelineError, Usual};
-use crate::store::OpenTest;
+use armwatch_method::detect::runs::open_run::{UsualTests, detect_open};
+use armwatch_method::partial_run::first_cycles;
+use armwatch_model::analysis::measurements::RunMeasurements;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Anomaly, RunSummary};
+use armwatch_store::OpenTest;
 
 /// Robots whose complete tests are kept for a test that is being written, a megabyte each at most.
 const MOST_KEPT: usize = 16;

@@ -6,14 +6,14 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::in_brief::detected;
-use crate::anomaly::peer::Peer;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::settled::Settled;
-use crate::anomaly::{Anomaly, Findings, RunSummary};
-use crate::numerics::detect::runs::window::basis;
-use crate::numerics::detect::window::{Lengths, is_over, next, put_together};
-use crate::run::RunKind;
-use crate::store::{ConclusionTransaction, StoreError};
+use armwatch_method::detect::runs::window::basis;
+use armwatch_method::detect::window::{Lengths, is_over, next, put_together};
+use armwatch_model::anomaly::peer::Peer;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::anomaly::{Anomaly, Findings, RunSummary};
+use armwatch_model::run::RunKind;
+use armwatch_store::{ConclusionTransaction, StoreError};
 
 /// What a history says, and what it took.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -1,19 +1,19 @@
 //! Findings from the logs of ordinary work of a robot, of which a window is read.
 
-use crate::numerics::detect::window::is_over;
-use crate::numerics::detect::window::next;
-use crate::numerics::detect::window::put_together;
+use armwatch_method::detect::window::is_over;
+use armwatch_method::detect::window::next;
+use armwatch_method::detect::window::put_together;
 use std::time::{Duration, Instant};
 
-use crate::analysis::Estimator;
-use crate::anomaly::Anomaly;
-use crate::anomaly::settings::DetectSettings;
-use crate::anomaly::settled::Settled;
-use crate::numerics::detect::production::detect_production;
-use crate::numerics::detect::production::window::{basis, work_logs};
-use crate::numerics::detect::window::Lengths;
-use crate::run::RunKind;
-use crate::store::{ConclusionTransaction, StoreError};
+use armwatch_method::detect::production::detect_production;
+use armwatch_method::detect::production::window::{basis, work_logs};
+use armwatch_method::detect::window::Lengths;
+use armwatch_model::analysis::Estimator;
+use armwatch_model::anomaly::Anomaly;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::run::RunKind;
+use armwatch_store::{ConclusionTransaction, StoreError};
 
 /// What logs say, and what it took.
 #[derive(Debug, Clone, PartialEq, Default)]

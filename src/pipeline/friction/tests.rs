@@ -7,17 +7,17 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use crate::analysis::{
+use crate::pipeline::context::Pipeline;
+use armwatch_config::Config;
+use armwatch_model::analysis::{
     CycleAnalysis, CycleFactors, CycleTemperatures, Estimator, FrictionPoint, GravityRemoval, JointSummary,
     RunAnalysis,
 };
-use crate::anomaly::Severity;
-use crate::config::Config;
-use crate::pipeline::context::Pipeline;
-use crate::robot::{JointIndex, Robot};
-use crate::run::{ContentHash, RunHeader, RunKind};
-use crate::store::{NewMaintenance, RunTotals, Store};
-use crate::testing::er3a;
+use armwatch_model::anomaly::Severity;
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::{ContentHash, RunHeader, RunKind};
+use armwatch_store::{NewMaintenance, RunTotals, Store};
+use armwatch_testing::er3a;
 
 const ROBOT: &str = "Left";
 const JOINTS: usize = 3;

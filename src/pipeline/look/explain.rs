@@ -7,23 +7,23 @@ use std::time::SystemTime;
 
 use jiff::Timestamp;
 
-use crate::analysis::{CycleAnalysis, CycleFactors};
-use crate::config::{Config, FleetEntry, Layout};
-use crate::ingest::bytes::source;
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::cell_reader::PassedOver;
-use crate::ingest::table::column_map::ColumnMap;
-use crate::ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
-use crate::numerics::analyse::Method;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{CycleWork, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
 use crate::pipeline::take::{decide, intake, record};
-use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle, Samples, Stage};
-use crate::store::{KnownRun, Store};
+use armwatch_config::{Config, FleetEntry, Layout};
+use armwatch_ingest::bytes::source;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::cell_reader::PassedOver;
+use armwatch_ingest::table::column_map::ColumnMap;
+use armwatch_ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
+use armwatch_method::analyse::Method;
+use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
+use armwatch_store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
 #[derive(Debug, Clone)]
@@ -237,7 +237,7 @@ impl Explainer {
         };
         let owned = path.to_owned();
         let hash =
-            tokio::task::spawn_blocking(move || crate::ingest::bytes::fingerprint::fingerprint(&owned))
+            tokio::task::spawn_blocking(move || armwatch_ingest::bytes::fingerprint::fingerprint(&owned))
                 .await?;
         let content = hash.ok().map(|(hash, _)| hash);
         let recognised = intake::recognise(&self.config, path, intake::file_time(path)).ok();

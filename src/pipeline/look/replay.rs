@@ -5,17 +5,17 @@ use std::sync::Arc;
 
 use tokio::task::JoinError;
 
-use crate::config::{Config, Layout};
-use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::rejection::Rejection;
-use crate::numerics::NumericsError;
-use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
-use crate::numerics::signal::filter::filter_signals;
 use crate::pipeline::take::cycles::read_cycle;
 use crate::pipeline::take::intake::source_state;
-use crate::robot::{ParameterId, Robot};
-use crate::run::Cycle;
-use crate::store::{CycleState, RunSource, Store, StoreError, description_hash};
+use armwatch_config::{Config, Layout};
+use armwatch_ingest::bytes::fingerprint::fingerprint;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_method::NumericsError;
+use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
+use armwatch_method::signal::filter::filter_signals;
+use armwatch_model::robot::{ParameterId, Robot};
+use armwatch_model::run::Cycle;
+use armwatch_store::{CycleState, RunSource, Store, StoreError, description_hash};
 
 /// Why a cycle cannot be looked at again.
 #[derive(Debug, thiserror::Error)]

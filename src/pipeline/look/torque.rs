@@ -1,12 +1,12 @@
 //! Torques of one cycle for a picture: read again from its export, as many rows as a screen shows.
 
 use super::replay::{Replay, ReplayError};
-use crate::analysis::{RmsdScope, TorqueRmsd};
-use crate::config::Config;
-use crate::numerics::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
-use crate::robot::{JointIndex, JointKind};
-use crate::run::Stage;
-use crate::store::Store;
+use armwatch_config::Config;
+use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
+use armwatch_model::analysis::{RmsdScope, TorqueRmsd};
+use armwatch_model::robot::{JointIndex, JointKind};
+use armwatch_model::run::Stage;
+use armwatch_store::Store;
 
 /// Measured and estimated torque of one cycle.
 #[derive(Debug, Clone, PartialEq)]
@@ -120,7 +120,7 @@ fn thinned(series: &TorqueSeries, joint: JointIndex, kind: JointKind, points: us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::identify::torque_series::JointTorqueSeries;
+    use armwatch_method::identify::torque_series::JointTorqueSeries;
 
     #[test]
     fn a_screen_shows_the_extremes_and_the_stages() {

@@ -7,11 +7,11 @@ use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 use tokio_util::sync::CancellationToken;
 
 use super::Reweighted;
-use crate::analysis::Estimator;
-use crate::config::Config;
 use crate::pipeline::context::{Outcome, Pipeline, Retry};
-use crate::simulate::{SimulationSettings, simulate_run};
-use crate::store::Store;
+use armwatch_config::Config;
+use armwatch_model::analysis::Estimator;
+use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_store::Store;
 
 /// Tests of one robot, with few short cycles: enough for a baseline.
 const TESTS: u32 = 4;
@@ -29,7 +29,7 @@ fn fleet() -> Fleet {
         first_start: "2026-01-05T08:47:00Z".parse().expect("a time"),
         ..SimulationSettings::default()
     };
-    let robot = crate::testing::er3a();
+    let robot = armwatch_testing::er3a();
     let export =
         |run| simulate_run(&robot, &settings, run, folder.path(), &mut |_| ()).expect("an export").export;
     let exports = (0..TESTS).map(export).collect();

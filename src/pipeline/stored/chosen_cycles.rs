@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use tokio::task::JoinError;
 
-use crate::analysis::{self, CycleFactors, IdentifiedParameter, TorqueRmsd};
-use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{FactorColumns, JointFactor, unpack};
-use crate::numerics::identify::verify::{StageSums, torque_rmsd};
-use crate::numerics::pooled::estimate::{StackedEstimator, estimate};
-use crate::numerics::pooled::pool::PooledFactors;
-use crate::numerics::signal::filter::independent_fraction;
-use crate::robot::JointIndex;
-use crate::store::{
+use armwatch_method::NumericsError;
+use armwatch_method::identify::joint_factors::{FactorColumns, JointFactor, unpack};
+use armwatch_method::identify::verify::{StageSums, torque_rmsd};
+use armwatch_method::pooled::estimate::{StackedEstimator, estimate};
+use armwatch_method::pooled::pool::PooledFactors;
+use armwatch_method::signal::filter::independent_fraction;
+use armwatch_model::analysis::{self, CycleFactors, IdentifiedParameter, TorqueRmsd};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{
     CycleState, FactorsGone, FactorsWanted, JoinedFactors, ParameterSet, SourceCycle, Store, StoreError,
     StoredCycle, StoredModel,
 };

@@ -3,12 +3,12 @@
 use super::chosen_cycles::{
     ChosenCycles, RunCycles, StoredError, chosen_cycles, independent_shares, merged, told,
 };
-use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
-use crate::numerics::model::base_parameters::base_parameters;
-use crate::numerics::pooled::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
-use crate::robot::{Robot, StandardParameters};
-use crate::store::{FactorsWanted, Store, StoredCycle};
+use armwatch_method::NumericsError;
+use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::pooled::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
+use armwatch_model::robot::{Robot, StandardParameters};
+use armwatch_store::{FactorsWanted, Store, StoredCycle};
 
 /// Drive gains of `robot` from runs `without` and `with` a load that is `load` about the frame of the last
 /// link.

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use super::chosen_cycles::{PooledCycles, StoredError};
-use crate::numerics::model::base_parameters::base_parameters;
-use crate::numerics::physical::fit::{PhysicalFit, physical_fit};
-use crate::robot::Robot;
+use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::physical::fit::{PhysicalFit, physical_fit};
+use armwatch_model::robot::Robot;
 
 /// Fits physically consistent parameters of all links to cycles taken together.
 ///

@@ -3,18 +3,18 @@
 use super::chosen_cycles::{
     PassedOverCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
 };
-use crate::analysis::IdentifiedParameter;
-use crate::analysis::estimator_kind::EstimatorKind;
-use crate::numerics::NumericsError;
-use crate::numerics::identify::joint_factors::FactorColumns;
-use crate::numerics::least_squares::conditioning::{Identifiability, identifiability};
-use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::pooled::estimate::{PooledEstimate, StackedEstimator, estimate, estimate_essential};
-use crate::numerics::pooled::per_joint::{PerJointEstimate, per_joint_estimates};
-use crate::numerics::pooled::pool::{PooledFactors, RowWeights};
-use crate::numerics::statistics::descriptive::parameter_statistics;
-use crate::robot::{JointIndex, ParameterId};
-use crate::store::{
+use armwatch_method::NumericsError;
+use armwatch_method::identify::joint_factors::FactorColumns;
+use armwatch_method::least_squares::conditioning::{Identifiability, identifiability};
+use armwatch_method::least_squares::essential::EssentialSettings;
+use armwatch_method::pooled::estimate::{PooledEstimate, StackedEstimator, estimate, estimate_essential};
+use armwatch_method::pooled::per_joint::{PerJointEstimate, per_joint_estimates};
+use armwatch_method::pooled::pool::{PooledFactors, RowWeights};
+use armwatch_method::statistics::descriptive::parameter_statistics;
+use armwatch_model::analysis::IdentifiedParameter;
+use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::robot::{JointIndex, ParameterId};
+use armwatch_store::{
     CycleView, FactorsWanted, Reestimate, ReestimatedCycle, ReestimatedStatistics, Store, StoredCycle,
     StoredModel,
 };

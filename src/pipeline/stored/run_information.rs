@@ -1,12 +1,12 @@
 //! What the motion of a stored run shows of an arm's parameters.
 
 use super::chosen_cycles::{ChosenCycles, RunCycles, StoredError, chosen_cycles};
-use crate::analysis::Motion;
-use crate::numerics::identify::joint_factors::{FactorColumns, unpack};
-use crate::numerics::model::base_parameters::BaseParameters;
-use crate::numerics::trajectory::information::Information;
-use crate::robot::Robot;
-use crate::store::{FactorsWanted, Store};
+use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
+use armwatch_method::model::base_parameters::BaseParameters;
+use armwatch_model::analysis::Motion;
+use armwatch_model::robot::Robot;
+use armwatch_store::{FactorsWanted, Store};
+use armwatch_trajectory::information::Information;
 
 /// What the rows of a run tell.
 #[derive(Debug, Clone)]

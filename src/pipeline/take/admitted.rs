@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::resume_point::ResumePoint;
-use crate::config::{Layout, WorkLimits};
 use crate::pipeline::open_rows::OpenRows;
-use crate::robot::Robot;
-use crate::run::{ContentHash, RunHeader};
+use armwatch_config::{Layout, WorkLimits};
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{ContentHash, RunHeader};
 
 /// Robot name of an export that names none.
 pub(in crate::pipeline) const UNKNOWN_ROBOT: &str = "unknown";

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::intake;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use crate::store::ClaimKind;
+use armwatch_store::ClaimKind;
 
 /// An export that no other daemon reads until it is released.
 #[derive(Debug)]

@@ -7,11 +7,11 @@ use sqlx::{Connection, SqliteConnection};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::config::Config;
 use crate::pipeline::context::{Outcome, Pipeline, Progress, Retry};
-use crate::simulate::{SimulationSettings, simulate_run};
-use crate::store::Store;
-use crate::testing::er3a;
+use armwatch_config::Config;
+use armwatch_simulate::{SimulationSettings, simulate_run};
+use armwatch_store::Store;
+use armwatch_testing::er3a;
 
 async fn pipeline(database: &Path) -> Pipeline {
     let store = Store::open(database).await.expect("a store");

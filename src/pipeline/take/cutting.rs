@@ -9,13 +9,13 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cycles::RowCutter;
 use super::resume::{self, ReadPositions};
-use crate::ingest::bytes::fingerprint::RunningHash;
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::Chunk;
-use crate::numerics::buffers::Buffers;
 use crate::pipeline::open_rows::OpenCycle;
-use crate::run::{ContentHash, ContentPrefix, Cycle};
-use crate::store::{ReadSoFar, StoredPoint};
+use armwatch_ingest::bytes::fingerprint::RunningHash;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::Chunk;
+use armwatch_method::buffers::Buffers;
+use armwatch_model::run::{ContentHash, ContentPrefix, Cycle};
+use armwatch_store::{ReadSoFar, StoredPoint};
 
 /// A cycle, and what it and those before it were read from.
 #[derive(Debug, Clone, PartialEq)]

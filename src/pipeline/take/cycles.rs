@@ -1,23 +1,23 @@
 //! The one way from an export to cycles as the analysis gets them.
 
-use crate::numerics::signal::channel_delay::take_delays;
+use armwatch_method::signal::channel_delay::take_delays;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use super::resume_point::ResumePoint;
-use crate::config::Layout;
-use crate::ingest::bytes::{fingerprint, source};
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::{ExportReader, ReadOptions};
-use crate::numerics::buffers::Buffers;
-use crate::numerics::segment::cycles::{CutterState, CycleCutter, SegmentError};
-use crate::numerics::segment::joint_side::JointSide;
-use crate::numerics::segment::stages::{FinderState, StageFinder};
-use crate::numerics::signal::time_grid::sample_rate;
-use crate::robot::Robot;
-use crate::run::channel_delays::ChannelDelays;
-use crate::run::stage_rule::StageRule;
-use crate::run::{ContentHash, Cycle, RawSamples, Samples};
+use armwatch_config::Layout;
+use armwatch_ingest::bytes::{fingerprint, source};
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_method::buffers::Buffers;
+use armwatch_method::segment::cycles::{CutterState, CycleCutter, SegmentError};
+use armwatch_method::segment::joint_side::JointSide;
+use armwatch_method::segment::stages::{FinderState, StageFinder};
+use armwatch_method::signal::time_grid::sample_rate;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::channel_delays::ChannelDelays;
+use armwatch_model::run::stage_rule::StageRule;
+use armwatch_model::run::{ContentHash, Cycle, RawSamples, Samples};
 
 /// First rows of an export that its sample rate is taken from. A fixed number, so that it does not depend
 /// on the pieces in which a growing file is read.
@@ -318,10 +318,10 @@ pub fn read_cycle(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::parse_layout;
-    use crate::numerics::identify::joint_factors::tests::cycle;
-    use crate::run::{Stage, StageReading};
-    use crate::testing::er3a;
+    use armwatch_config::parse_layout;
+    use armwatch_model::run::{Stage, StageReading};
+    use armwatch_testing::cycle::cycle;
+    use armwatch_testing::er3a;
 
     const NATIVE: &str = include_str!("../../../config/exports/native.toml");
 

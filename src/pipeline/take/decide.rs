@@ -1,10 +1,10 @@
 //! What becomes of an export, from what is known of it. Pure, so that a command that only looks decides as those
 //! that store.
 
-use crate::config::RewritePolicy;
-use crate::ingest::bytes::fingerprint;
-use crate::run::{ContentPrefix, RunStatus};
-use crate::store::KnownRun;
+use armwatch_config::RewritePolicy;
+use armwatch_ingest::bytes::fingerprint;
+use armwatch_model::run::{ContentPrefix, RunStatus};
+use armwatch_store::KnownRun;
 
 use crate::pipeline::context::Retry;
 
@@ -186,7 +186,7 @@ fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::ContentHash;
+    use armwatch_model::run::ContentHash;
 
     const READ: ContentPrefix = ContentPrefix { bytes: 9, hash: ContentHash([9; 32]) };
 

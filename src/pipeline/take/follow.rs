@@ -18,18 +18,18 @@ use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::Decision;
 use super::intake::Recognised;
 use super::{decide, intake, record, resume};
-use crate::config::FleetEntry;
-use crate::ingest::bytes::blocks::Passed;
-use crate::ingest::bytes::fingerprint::HashingReader;
-use crate::ingest::find::tail;
-use crate::ingest::find::tail::{Fate, Growing, Growth, Tail};
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::{ExportReader, ReadOptions, Step};
-use crate::numerics::buffers::Buffers;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
-use crate::run::{ContentHash, RunKind};
-use crate::store::{Identity, SourceState, StoreError};
+use armwatch_config::FleetEntry;
+use armwatch_ingest::bytes::blocks::Passed;
+use armwatch_ingest::bytes::fingerprint::HashingReader;
+use armwatch_ingest::find::tail;
+use armwatch_ingest::find::tail::{Fate, Growing, Growth, Tail};
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions, Step};
+use armwatch_method::buffers::Buffers;
+use armwatch_model::run::{ContentHash, RunKind};
+use armwatch_store::{Identity, SourceState, StoreError};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
 /// cycle is promised to be stored; ten looks a second cost a local disk nothing.

@@ -13,19 +13,19 @@ use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
 use super::{decide, record, resume};
-use crate::config::{Config, FleetEntry};
-use crate::ingest::bytes::blocks::Passed;
-use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::bytes::{fingerprint, source};
-use crate::ingest::find::archive::original_name;
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::{ExportReader, ReadOptions};
-use crate::ingest::table::start;
-use crate::numerics::buffers::Buffers;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
-use crate::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
-use crate::store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState, Store};
+use armwatch_config::{Config, FleetEntry};
+use armwatch_ingest::bytes::blocks::Passed;
+use armwatch_ingest::bytes::fingerprint::fingerprint;
+use armwatch_ingest::bytes::{fingerprint, source};
+use armwatch_ingest::find::archive::original_name;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_ingest::table::start;
+use armwatch_method::buffers::Buffers;
+use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
+use armwatch_store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState, Store};
 
 /// Whether an export needs reading.
 #[derive(Debug)]

@@ -8,17 +8,17 @@ use tokio::sync::mpsc;
 
 use super::admitted::{AdmittedExport, UNKNOWN_ROBOT};
 use super::cutting::ReadTotals;
-use crate::analysis::RunAnalysis;
-use crate::ingest::excerpt;
-use crate::ingest::rejection::Rejection;
 use crate::metrics::Stage;
-use crate::numerics::analyse::Method;
-use crate::numerics::analyse_run::analyse_run_on;
-use crate::numerics::friction::points::excitation::excitation_friction;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
-use crate::run::{RunHeader, RunKind};
-use crate::store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
+use armwatch_ingest::excerpt;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_method::analyse::Method;
+use armwatch_method::analyse_run::analyse_run_on;
+use armwatch_method::friction::points::excitation::excitation_friction;
+use armwatch_model::analysis::RunAnalysis;
+use armwatch_model::run::{RunHeader, RunKind};
+use armwatch_store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]

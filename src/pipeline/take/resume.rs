@@ -12,18 +12,18 @@ use tokio_util::sync::CancellationToken;
 
 use super::admitted::AdmittedExport;
 use super::cycles::{RowCutter, SAMPLE_RATE_ROWS};
-use crate::analysis::settings::AnalysisSettings;
-use crate::config::{Layout, WorkLimits};
-use crate::ingest::bytes::blocks::Passed;
-use crate::ingest::bytes::fingerprint;
-use crate::ingest::rejection::Rejection;
-use crate::ingest::table::reader::{ExportReader, ReadPosition};
-use crate::numerics::segment::stages::FinderState;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::take::resume_point::ResumePoint;
-use crate::robot::Robot;
-use crate::run::ContentHash;
-use crate::store::StoredPoint;
+use armwatch_config::{Layout, WorkLimits};
+use armwatch_ingest::bytes::blocks::Passed;
+use armwatch_ingest::bytes::fingerprint;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::reader::{ExportReader, ReadPosition};
+use armwatch_method::segment::stages::FinderState;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::ContentHash;
+use armwatch_store::StoredPoint;
 
 /// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
 const VERSION: u64 = 3;
@@ -154,12 +154,12 @@ fn check(written: &[u8], settings: &ContentHash) -> ContentHash {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ingest::table::cell::Decimal;
-    use crate::ingest::table::cell_reader::PreviousTime;
-    use crate::numerics::segment::cycles::CutterState;
-    use crate::numerics::segment::stages::{OutsideLevels, SignalState};
-    use crate::numerics::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};
-    use crate::run::Stage;
+    use armwatch_ingest::table::cell::Decimal;
+    use armwatch_ingest::table::cell_reader::PreviousTime;
+    use armwatch_method::segment::cycles::CutterState;
+    use armwatch_method::segment::stages::{OutsideLevels, SignalState};
+    use armwatch_method::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};
+    use armwatch_model::run::Stage;
 
     #[test]
     fn a_point_comes_back_bit_by_bit_and_one_of_another_version_is_none() {

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::ingest::table::reader::ReadPosition;
-use crate::numerics::segment::cycles::CutterState;
-use crate::numerics::segment::stages::FinderState;
-use crate::run::ContentHash;
+use armwatch_ingest::table::reader::ReadPosition;
+use armwatch_method::segment::cycles::CutterState;
+use armwatch_method::segment::stages::FinderState;
+use armwatch_model::run::ContentHash;
 
 /// Where reading goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

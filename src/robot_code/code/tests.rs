@@ -3,11 +3,11 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::config::parse_robot;
-use crate::numerics::model::kinematics::tests::{any_arm, numbers};
-use crate::robot::ParameterId;
 use crate::robot_code::vectors::ROUNDING;
-use crate::testing::er3a;
+use armwatch_config::parse_robot;
+use armwatch_model::robot::ParameterId;
+use armwatch_testing::arms::{any_arm, numbers};
+use armwatch_testing::er3a;
 
 fn origin() -> Origin {
     Origin {
@@ -84,13 +84,13 @@ fn names_become_identifiers_and_comments_stay_comments() {
 fn the_vectors_have_rest_and_slow_motion_and_stay_within_the_limits() {
     let robot = er3a();
     let vectors = TestVectors::of(&robot, &all(&robot, &[0.3; 200]));
-    let count = |is: &dyn Fn(&crate::numerics::model::base_parameters::JointState) -> bool| {
+    let count = |is: &dyn Fn(&armwatch_method::model::base_parameters::JointState) -> bool| {
         vectors.states.iter().filter(|state| is(state)).count()
     };
     assert_eq!(count(&|state| state.qd.iter().all(|v| *v == 0.0)), 80);
     assert_eq!(count(&|state| state.qd.iter().all(|v| v.abs() <= 0.02)), 160);
     assert_eq!(count(&|state| state.qd.iter().filter(|v| **v == 0.0).count() == 1), 80);
-    let within = |state: &crate::numerics::model::base_parameters::JointState| {
+    let within = |state: &armwatch_method::model::base_parameters::JointState| {
         let joints = robot.joints.iter().map(|joint| joint.limits).enumerate();
         joints.into_iter().all(|(j, limits)| {
             (limits.position_min..=limits.position_max).contains(&state.q[j])

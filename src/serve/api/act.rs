@@ -12,11 +12,11 @@ use utoipa::ToSchema;
 
 use super::number::number;
 use super::row::Row;
-use crate::robot::JointIndex;
 use crate::serve::access::Scope;
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{AlarmAction, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views};
+use armwatch_model::robot::JointIndex;
+use armwatch_store::{AlarmAction, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views};
 
 /// Most characters of a name or a reason.
 const LONGEST: usize = 1000;

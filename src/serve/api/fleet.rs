@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 use super::row::Row;
 use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{Counts, Store, Table, ViewRows, time_in_views};
+use armwatch_store::{Counts, Store, Table, ViewRows, time_in_views};
 
 /// Tests of a joint's history.
 const TESTS: u32 = 30;

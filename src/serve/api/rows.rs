@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::row::Row;
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::ViewRows;
+use armwatch_store::ViewRows;
 
 /// Rows of an answer, where the request does not say.
 const USUAL_LIMIT: usize = 1000;

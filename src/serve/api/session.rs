@@ -10,10 +10,10 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::config::shown_database;
 use crate::serve::access::Scope;
 use crate::serve::shared::Shared;
-use crate::store::time_in_views;
+use armwatch_config::shown_database;
+use armwatch_store::time_in_views;
 
 /// The program, and what this request may do
 #[derive(Debug, Serialize, ToSchema)]

@@ -17,7 +17,7 @@ use utoipa::ToSchema;
 
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use crate::store::{SqlAnswer, SqlError, SqlLimits, Table};
+use armwatch_store::{SqlAnswer, SqlError, SqlLimits, Table};
 
 /// Rows of an answer, where the question does not say.
 const USUAL_ROWS: usize = 1000;

@@ -15,9 +15,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::number::number;
 use crate::pipeline::look::replay::ReplayError;
 use crate::pipeline::look::torque::{CycleTorque, JointTorque, cycle_torque};
-use crate::robot::JointKind;
 use crate::serve::answer::{Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
+use armwatch_model::robot::JointKind;
 
 /// Rows of a joint, where the request does not say: more than the pixels of a plot.
 const USUAL_POINTS: usize = 1200;

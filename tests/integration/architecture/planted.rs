@@ -82,7 +82,7 @@ fn imports_of_another_room_are_seen_in_every_form() {
         "use crate::*;",
         "use super::store::Store;",
         "pub use crate::store::Store;",
-        "use armwatch::store::Store;",
+        "use armwatch_store::Store;",
         "fn f() { use crate::store::Store; }",
     ] {
         caught("simulate.rs", code, 1, "simulate names");
@@ -176,7 +176,7 @@ fn files_are_found_by_their_declarations() {
     ]);
     assert_eq!(unknown, ["attic.rs: room attic has no row in ARCHITECTURE.md"]);
     assert_eq!(
-        broken(&[("main.rs", "fn main() { armwatch::store::open(); }")]),
+        broken(&[("main.rs", "fn main() { armwatch_store::open(); }")]),
         ["main.rs:1: main names crate::store"]
     );
     assert!(broken(&[("simulate.rs", "\nfn f( {")])[0].starts_with("simulate.rs:2: "));

@@ -2,13 +2,13 @@
 
 use std::convert::Infallible;
 
-use armwatch::config::parse_robot;
-use armwatch::robot::{
+use armwatch_config::parse_robot;
+use armwatch_model::robot::{
     DhParameters, JointGeometry, NominalJoint, Robot, StandardParameters, Transform, UrdfOrigin, WarmUpShape,
 };
-use armwatch::run::{Samples, Stage};
-use armwatch::simulate::run::record::record;
-use armwatch::simulate::{SimulationSettings, recording_of_run};
+use armwatch_model::run::{Samples, Stage};
+use armwatch_simulate::run::record::record;
+use armwatch_simulate::{SimulationSettings, recording_of_run};
 
 /// An arm and how it is called in a failure.
 pub struct Arm {

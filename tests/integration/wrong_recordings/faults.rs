@@ -1,7 +1,7 @@
 //! What people and loggers get wrong, one thing at a time.
 
-use armwatch::robot::{DhParameters, GeometrySource, JointGeometry, Robot, Transform, UrdfOrigin};
-use armwatch::run::{Samples, Stage};
+use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot, Transform, UrdfOrigin};
+use armwatch_model::run::{Samples, Stage};
 
 use super::arms::shipped;
 
@@ -301,7 +301,8 @@ pub fn turned(rows: &mut [DhParameters], which: usize) -> Option<()> {
 }
 
 pub fn offset(robot: &Robot, joint: usize) -> Option<Robot> {
-    if robot.joint_count() <= joint || robot.joints[joint].kind == armwatch::robot::JointKind::Prismatic {
+    if robot.joint_count() <= joint || robot.joints[joint].kind == armwatch_model::robot::JointKind::Prismatic
+    {
         return None;
     }
     let turn = Transform::about_z(std::f64::consts::FRAC_PI_2);

@@ -8,9 +8,9 @@ use crate::cli::context::{CliError, Global};
 use crate::cli::shared::result_file::result_file;
 use crate::cli::trajectory::beside::BesideArgs;
 use crate::cli::trajectory::surroundings::SurroundingsArgs;
-use crate::numerics::detect::rate::budget::Budget;
-use crate::numerics::trajectory::problem::SeriesForm;
-use crate::robot::Robot;
+use armwatch_method::detect::rate::budget::Budget;
+use armwatch_model::robot::Robot;
+use armwatch_trajectory::problem::SeriesForm;
 
 /// Share of the top speeds that each joint reaches at least where the scaled condition number is searched: the columns
 /// of a joint that hardly moves can be scaled too, and tell nothing.

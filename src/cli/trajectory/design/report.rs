@@ -7,14 +7,14 @@ use crate::cli::shared::output;
 use crate::cli::trajectory::beside::{Beside, Precision};
 use crate::cli::trajectory::motion_check::MotionCheck;
 use crate::cli::trajectory::words::{nearness, print_nearness, without_numbers};
-use crate::design::programme::Programme;
-use crate::numerics::detect::rate::budget::Budget;
-use crate::numerics::model::base_parameters::BaseParameters;
-use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::statistics::distributions::{normal_probability, normal_quantile};
-use crate::numerics::trajectory::prediction::{Conditioning, Prediction, predict};
-use crate::numerics::trajectory::recorded_rows::Recording;
-use crate::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_method::detect::rate::budget::Budget;
+use armwatch_method::model::base_parameters::BaseParameters;
+use armwatch_method::pooled::nominal_prior::nominal_base;
+use armwatch_method::statistics::distributions::{normal_probability, normal_quantile};
+use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
+use armwatch_trajectory::prediction::{Conditioning, Prediction, predict};
+use armwatch_trajectory::programme::Programme;
+use armwatch_trajectory::recorded_rows::Recording;
 
 /// Probability that a test with the smallest change shows it.
 const DETECTION: f64 = 0.9;

@@ -1,21 +1,21 @@
 //! From options to what is searched.
 
 use super::options::{ColumnsArg, DesignArgs, ObjectiveArg};
-use crate::analysis::settings::AnalysisSettings;
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
 use crate::cli::trajectory::torque::rated_torques;
-use crate::numerics::least_squares::essential::EssentialSettings;
-use crate::numerics::model::base_parameters::BaseParameters;
-use crate::numerics::pooled::nominal_prior::nominal_base;
-use crate::numerics::trajectory::information::Information;
-use crate::numerics::trajectory::limits::{MotionLimits, Shares, TorqueLimits};
-use crate::numerics::trajectory::objective::Objective;
-use crate::numerics::trajectory::prediction::load_direction;
-use crate::numerics::trajectory::problem::SearchSettings;
-use crate::numerics::trajectory::recorded_rows::Recording;
-use crate::robot::{JointKind, ParameterKind, Robot};
-use crate::simulate::plan::excitation::fourier_excitation;
+use armwatch_method::least_squares::essential::EssentialSettings;
+use armwatch_method::model::base_parameters::BaseParameters;
+use armwatch_method::pooled::nominal_prior::nominal_base;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::{JointKind, ParameterKind, Robot};
+use armwatch_simulate::plan::excitation::fourier_excitation;
+use armwatch_trajectory::information::Information;
+use armwatch_trajectory::limits::{MotionLimits, Shares, TorqueLimits};
+use armwatch_trajectory::objective::Objective;
+use armwatch_trajectory::prediction::load_direction;
+use armwatch_trajectory::problem::SearchSettings;
+use armwatch_trajectory::recorded_rows::Recording;
 
 /// What stands for all parameters that a mass at the tool frame changes.
 const LOAD: &str = "load";
@@ -162,7 +162,7 @@ impl DesignArgs {
 
     /// Noise of each torque signal, where it is known.
     pub(super) fn noise(&self, robot: &Robot) -> Option<Vec<f64>> {
-        let of_joint = |joint: &crate::robot::Joint| {
+        let of_joint = |joint: &armwatch_model::robot::Joint| {
             let known = joint.nominal.as_ref().map(|nominal| nominal.torque_noise);
             self.noise_nm.or(known).filter(|noise| *noise > 0.0)
         };

@@ -8,19 +8,19 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::{decoded, encoded, settings_hash};
-use crate::analysis::settings::AnalysisSettings;
-use crate::config::{Layout, WorkLimits, parse_layout};
-use crate::ingest::bytes::fingerprint::fingerprint;
-use crate::ingest::table::reader::{ReadOptions, ReadPosition};
 use crate::pipeline::open_rows::OpenRows;
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
 use crate::pipeline::take::intake;
 use crate::pipeline::take::intake::header;
 use crate::pipeline::take::resume_point::ResumePoint;
-use crate::robot::Robot;
-use crate::run::{ContentHash, Cycle};
-use crate::testing::er3a;
+use armwatch_config::{Layout, WorkLimits, parse_layout};
+use armwatch_ingest::bytes::fingerprint::fingerprint;
+use armwatch_ingest::table::reader::{ReadOptions, ReadPosition};
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{ContentHash, Cycle};
+use armwatch_testing::er3a;
 
 const NATIVE: &str = include_str!("../../../../config/exports/native.toml");
 /// Rows per second.

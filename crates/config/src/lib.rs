@@ -1,0 +1,50 @@
+//! TOML files to settings, with every problem found at once.
+
+mod address;
+mod toml;
+mod alerts;
+pub mod robot;
+mod layout;
+mod daemon;
+mod settings;
+mod cluster;
+mod date_format;
+#[cfg(test)]
+mod fixtures;
+mod pattern;
+mod retention;
+mod serve;
+mod snapshot;
+mod source;
+mod summary;
+
+pub use self::address::{is_on_server, shown_database};
+pub use self::alerts::settings::{
+    Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
+    HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
+};
+pub use self::cluster::{ClusterSettings, host_name};
+pub use self::daemon::recognition::{RecogniseError, Recognised};
+pub use self::date_format::DateFormats;
+pub use self::layout::channels::{
+    Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
+    StartSource, TimeSource, TorqueQuantity,
+};
+pub use self::layout::column::{Column, JointColumns, ScaledColumn};
+pub use self::layout::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
+pub use self::layout::stage_source::{
+    FromMotion, OneHot, StageCells, StageKind, StageLevels, StageSignal, StageSource, StageWords,
+    WholeRecording, Windows,
+};
+pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, TemperatureUnit};
+pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
+pub use self::pattern::FilePatterns;
+pub use self::retention::RetentionSettings;
+pub use self::robot::cell_file::read_cell;
+pub use self::robot::robot_file::{parse_robot, read_robot};
+pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
+pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
+pub use self::snapshot::SnapshotSettings;
+pub use self::source::{ConfigSource, shipped_files};
+pub use self::summary::summary;
+pub use self::toml::problem::{ConfigErrors, ConfigProblem};

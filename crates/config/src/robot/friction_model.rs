@@ -1,0 +1,196 @@
+//! The friction columns of a description: those of the arm, and of joints that differ.
+
+use crate::toml::range::Limits;
+use crate::toml::table::{Table, Value};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, JointKind, LawKind};
+
+const MODEL: &str = "friction_model";
+const ASYMMETRIC: &str = "asymmetric";
+
+const RAD_S: Limits = Limits::above(0.0, 10.0, "rad/s");
+const M_S: Limits = Limits::above(0.0, 10.0, "m/s");
+
+/// Every law.
+static LAWS: [LawKind; FrictionLaw::KINDS.len()] = FrictionLaw::KINDS;
+
+/// What a table says of friction, each part where it says it.
+struct Given<'d> {
+    law: Option<&'static LawKind>,
+    /// Speeds with the laws that they belong to.
+    speeds: Vec<(&'static LawKind, Value<'d>, f64)>,
+    asymmetric: Option<bool>,
+}
+
+/// Reads the model of all joints at the root of a description.
+pub(crate) fn read_of_arm(root: &Table<'_>) -> Option<FrictionModel> {
+    let given = read(root, JointKind::Revolute)?;
+    resolved(root, JointKind::Revolute, &given, FrictionModel::POLYNOMIAL)
+}
+
+/// Reads what one joint has in place of the `arm`'s model; `Some(None)` where it says nothing.
+pub(crate) fn read_of_joint(
+    table: &Table<'_>,
+    kind: JointKind,
+    arm: FrictionModel,
+) -> Option<Option<FrictionModel>> {
+    let given = read(table, kind)?;
+    if given.law.is_none() && given.speeds.is_empty() && given.asymmetric.is_none() {
+        return Some(None);
+    }
+    resolved(table, kind, &given, arm).map(Some)
+}
+
+/// Key of the speed of a law in the table of a joint.
+fn speed_key(law: &LawKind, kind: JointKind) -> Option<&'static str> {
+    law.speed_keys.map(|[revolute, prismatic]| match kind {
+        JointKind::Revolute => revolute,
+        JointKind::Prismatic => prismatic,
+    })
+}
+
+fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
+    let limits = match kind {
+        JointKind::Revolute => RAD_S,
+        JointKind::Prismatic => M_S,
+    };
+    // every part is read before any fails, so that all problems are found at once
+    let law = table.optional(MODEL).map(|value| read_law(&value));
+    let speeds: Vec<_> = LAWS
+        .iter()
+        .filter_map(|law| Some((law, table.optional(speed_key(law, kind)?)?)))
+        .map(|(law, value)| value.number(&limits).map(|speed| (law, value, speed)))
+        .collect();
+    let asymmetric = table.optional(ASYMMETRIC).map(|value| value.boolean());
+    let law = match law {
+        Some(law) => Some(law?),
+        None => None,
+    };
+    let speeds = speeds.into_iter().collect::<Option<_>>()?;
+    let asymmetric = match asymmetric {
+        Some(asymmetric) => Some(asymmetric?),
+        None => None,
+    };
+    Some(Given { law, speeds, asymmetric })
+}
+
+/// Names in quotes, the last after "or".
+fn listed(names: impl Iterator<Item = &'static str>) -> String {
+    let quoted: Vec<String> = names.map(|name| format!("\"{name}\"")).collect();
+    match quoted.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => quoted.concat(),
+    }
+}
+
+fn read_law(value: &Value<'_>) -> Option<&'static LawKind> {
+    let given = value.text()?;
+    let found = LAWS.iter().find(|law| law.name == given);
+    if found.is_none() {
+        let names = listed(LAWS.iter().map(|law| law.name));
+        let about: Vec<&str> = LAWS.iter().map(|law| law.about).collect();
+        value.refuse(format!("must be {names}"), Some(about.join("; ")));
+    }
+    found
+}
+
+/// The model that is given, with `default` for what is not.
+fn resolved(
+    table: &Table<'_>,
+    kind: JointKind,
+    given: &Given<'_>,
+    default: FrictionModel,
+) -> Option<FrictionModel> {
+    let chosen = match given.law {
+        Some(law) => law,
+        None => LAWS.iter().find(|law| law.name == default.law.name())?,
+    };
+    let speed = given.speeds.iter().find(|(law, ..)| law.name == chosen.name).map(|(_, _, speed)| *speed);
+    let speed = speed.or(default.law.speed().filter(|_| default.law.name() == chosen.name));
+    if let (Some(key), None) = (speed_key(chosen, kind), speed) {
+        // notes that it is missing
+        let _ = table.required(key);
+        return None;
+    }
+    if let Some((law, value, _)) = given.speeds.iter().find(|(law, ..)| law.name != chosen.name) {
+        value.refuse(format!("only means something with {MODEL} = \"{}\"", law.name), None);
+        return None;
+    }
+    let law = (chosen.with_speed)(speed.unwrap_or_default());
+    let asymmetric = given.asymmetric.unwrap_or(default.asymmetric && chosen.has_directions);
+    if asymmetric && !chosen.has_directions {
+        let model = match law {
+            FrictionLaw::None => "the model \"none\"".to_owned(),
+            law => format!("the {} model", law.name()),
+        };
+        let others = listed(LAWS.iter().filter(|law| law.has_directions).map(|law| law.name));
+        let hint = format!("choose {MODEL} = {others}");
+        table.refuse(format!("asymmetric friction has no columns in {model}"), Some(hint));
+        return None;
+    }
+    Some(FrictionModel { law, asymmetric })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::robot::robot_file::parse_robot;
+    use armwatch_model::robot::{FrictionLaw, FrictionModel, Robot};
+
+    const ER3A: &str = include_str!("../../../../config/robots/er3a.toml");
+
+    /// The shipped arm with keys at its root and in the table of one joint, from 0.
+    fn with(root: &str, joint: usize, keys: &str) -> Result<Robot, String> {
+        // comments name the table too
+        let mut parts = ER3A.split("\n[[joint]]\n");
+        let root = if root.is_empty() { "friction_model = \"polynomial\"" } else { root };
+        let mut text = parts.next().expect("a root").replacen("friction_model = \"polynomial\"", root, 1);
+        for (at, part) in parts.enumerate() {
+            text.push_str("\n[[joint]]\n");
+            if at == joint {
+                text.push_str(&format!("{keys}\n"));
+            }
+            text.push_str(part);
+        }
+        parse_robot("a.toml", &text).map_err(|errors| errors.to_string())
+    }
+
+    #[test]
+    fn a_joint_may_have_a_law_and_a_smooth_speed_of_its_own() {
+        let smooth = |speed| FrictionModel { law: FrictionLaw::Smooth { speed }, asymmetric: false };
+        let robot =
+            with("friction_model = \"smooth\"\nsmooth_speed_rad_s = 0.03", 4, "smooth_speed_rad_s = 0.2");
+        let robot = robot.expect("no problems");
+        let models: Vec<FrictionModel> =
+            robot.joint_indices().map(|joint| robot.friction_of(joint)).collect();
+        let mut expected = vec![smooth(0.03); 6];
+        expected[4] = smooth(0.2);
+        assert_eq!(models, expected);
+
+        let robot =
+            with("", 2, "friction_model = \"viscous_coulomb\"\nasymmetric = true").expect("no problems");
+        let third = robot.joint_indices().nth(2).expect("six joints");
+        assert_eq!(
+            robot.friction_of(third),
+            FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: true }
+        );
+        assert_eq!(robot.friction, FrictionModel::POLYNOMIAL);
+        assert_eq!(robot.parameter_count(), 6 * 15);
+        let robot = with("", 2, "friction_model = \"none\"").expect("no problems");
+        assert_eq!(robot.parameter_count(), 6 * 15 - 4);
+    }
+
+    #[test]
+    fn what_a_joint_cannot_have_is_refused() {
+        for (root, keys, said) in [
+            ("", "smooth_speed_rad_s = 0.2", "only means something with friction_model = \"smooth\""),
+            ("", "friction_model = \"smooth\"", "smooth_speed_rad_s: is missing"),
+            ("", "asymmetric = true", "no columns in the polynomial model"),
+            ("", "friction_model = \"none\"\nasymmetric = true", "no columns in the model \"none\""),
+            ("", "friction_model = \"stribeck\"", "must be \"polynomial\""),
+            ("friction_model = \"smooth\"", "", "smooth_speed_rad_s: is missing"),
+            ("torque_sensors = \"axle\"", "", "must be \"motor\" or \"link\""),
+        ] {
+            let errors = with(root, 1, keys).expect_err(said);
+            assert!(errors.contains(said), "{keys}: {errors}");
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! URDF files to a chain of turning and sliding joints: fixed joints merged, axes along z.
+
+use std::collections::{HashMap, HashSet};
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::nominal::check_body;
+use armwatch_model::robot::{JointGeometry, JointKind, StandardParameters, Transform, UrdfOrigin};
+
+/// Range that stands in for the missing one of a continuous joint, rad: a full turn each way, which
+/// is what most controllers show of such an axis.
+const CONTINUOUS_RANGE: f64 = std::f64::consts::TAU;
+
+/// A chain read from a URDF file.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct UrdfChain {
+    /// Moving joints, base outwards.
+    pub joints: Vec<UrdfJoint>,
+    /// Frame of the tip link in the frame of the last joint.
+    pub end: Transform,
+}
+
+/// A moving joint and what hangs on it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct UrdfJoint {
+    pub name: String,
+    pub kind: JointKind,
+    pub geometry: JointGeometry,
+    pub position_min: f64,
+    pub position_max: f64,
+    pub velocity: f64,
+    /// Of the link and of all links fixed to it, about the joint's frame; `None` without mass.
+    pub inertial: Option<StandardParameters>,
+    /// Viscous friction, Nm s/rad.
+    pub damping: f64,
+    /// Coulomb friction, Nm.
+    pub friction: f64,
+}
+
+/// Reads the chain to `tip`, which must be given where moving joints branch.
+///
+/// The frame of a moving joint is its URDF frame turned by the smallest rotation that takes z to the
+/// joint's axis; the links behind are turned back. Links on fixed joints, and those on moving joints
+/// off the chain at position 0, are merged into the link that carries them.
+///
+/// # Errors
+///
+/// What is wrong with the file, in words for a person.
+pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, String> {
+    let tree = Tree::new(urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?)?;
+    let tip = tree.tip(tip)?;
+    let path = tree.path_to(&tip)?;
+    let on_path: HashSet<&str> = path.iter().map(|joint| joint.name.as_str()).collect();
+    let mut joints: Vec<UrdfJoint> = Vec::new();
+    // Frame of the current link in the frame of the last moving joint, or in the base.
+    let mut link = Transform::IDENTITY;
+    for joint in path {
+        let place = link.then(&pose(&joint.origin));
+        let Some(kind) = moving_kind(joint)? else {
+            link = place;
+            continue;
+        };
+        let turn = Transform::z_to(&unit_axis(joint)?);
+        link = turn.inverse();
+        let inertial = tree.body(&joint.child.link, &link, &on_path)?;
+        joints.push(read_joint(joint, kind, place.then(&turn), inertial)?);
+    }
+    if joints.is_empty() {
+        return Err(format!("no joint moves between the base and {tip}"));
+    }
+    Ok(UrdfChain { joints, end: link })
+}
+
+struct Tree {
+    robot: urdf_rs::Robot,
+    root: String,
+}
+
+impl Tree {
+    fn new(robot: urdf_rs::Robot) -> Result<Self, String> {
+        let mut parents: HashMap<&str, &str> = HashMap::new();
+        let links: HashSet<&str> = robot.links.iter().map(|link| link.name.as_str()).collect();
+        for joint in &robot.joints {
+            for end in [&joint.parent.link, &joint.child.link] {
+                if !links.contains(end.as_str()) {
+                    return Err(format!("joint {} names the link {end}, which there is not", joint.name));
+                }
+            }
+            if parents.insert(&joint.child.link, &joint.parent.link).is_some() {
+                return Err(format!(
+                    "link {} hangs on two joints: loops are not understood",
+                    joint.child.link
+                ));
+            }
+        }
+        let mut roots = robot.links.iter().filter(|link| !parents.contains_key(link.name.as_str()));
+        let root = match (roots.next(), roots.next()) {
+            (Some(root), None) => root.name.clone(),
+            (None, _) => return Err("has no base: every link hangs on another".into()),
+            (Some(a), Some(b)) => return Err(format!("has two bases, {} and {}", a.name, b.name)),
+        };
+        Ok(Self { robot, root })
+    }
+
+    fn children<'a>(&'a self, link: &'a str) -> impl Iterator<Item = &'a urdf_rs::Joint> {
+        self.robot.joints.iter().filter(move |joint| joint.parent.link == link)
+    }
+
+    /// The tip as asked for; else the only leaf, or the child of the last moving joint.
+    fn tip(&self, asked: Option<&str>) -> Result<String, String> {
+        if let Some(tip) = asked {
+            return match self.robot.links.iter().any(|link| link.name == tip) {
+                true => Ok(tip.to_owned()),
+                false => Err(format!("has no link {tip} for tip_link")),
+            };
+        }
+        let leaves: Vec<&str> = self
+            .robot
+            .links
+            .iter()
+            .map(|link| link.name.as_str())
+            .filter(|link| self.children(link).next().is_none())
+            .collect();
+        if let [leaf] = leaves[..] {
+            return Ok(leaf.to_owned());
+        }
+        let chains: Vec<Vec<&urdf_rs::Joint>> =
+            leaves.iter().map(|leaf| self.path_to(leaf)).collect::<Result<_, _>>()?;
+        let moving = |path: &[&urdf_rs::Joint]| -> Vec<String> {
+            path.iter()
+                .filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed)
+                .map(|joint| joint.name.clone())
+                .collect()
+        };
+        let longest = chains.iter().map(|path| moving(path)).max_by_key(Vec::len).unwrap_or_default();
+        if chains.iter().any(|path| !longest.starts_with(&moving(path))) {
+            return Err(format!(
+                "branches: say with tip_link which chain is meant, one of {}",
+                leaves.join(", ")
+            ));
+        }
+        let last = self.robot.joints.iter().find(|joint| Some(&joint.name) == longest.last());
+        Ok(last.map_or_else(|| self.root.clone(), |joint| joint.child.link.clone()))
+    }
+
+    /// Joints from the base to `link`.
+    fn path_to(&self, link: &str) -> Result<Vec<&urdf_rs::Joint>, String> {
+        let mut path = Vec::new();
+        let mut at = link;
+        while at != self.root {
+            // Every link but the root hangs on a joint; a ring of links would never end.
+            let joint = self.robot.joints.iter().find(|joint| joint.child.link == at);
+            let joint = joint.filter(|_| path.len() < self.robot.joints.len());
+            let joint =
+                joint.ok_or_else(|| format!("link {link} does not hang on the base {}", self.root))?;
+            path.push(joint);
+            at = &joint.parent.link;
+        }
+        path.reverse();
+        Ok(path)
+    }
+
+    /// Body of the link at the pose `place` with all that hangs on it off the chain.
+    fn body(
+        &self,
+        link: &str,
+        place: &Transform,
+        on_path: &HashSet<&str>,
+    ) -> Result<Option<StandardParameters>, String> {
+        let mut waiting = vec![(link.to_owned(), *place)];
+        let mut whole: Option<StandardParameters> = None;
+        while let Some((name, place)) = waiting.pop() {
+            if let Some(own) = self.own_body(&name)? {
+                let own = own.seen_from(&place);
+                whole = Some(whole.map_or(own, |sum| sum.joined(&own)));
+            }
+            for joint in self.children(&name) {
+                let fixed = joint.joint_type == urdf_rs::JointType::Fixed;
+                if fixed || !on_path.contains(joint.name.as_str()) {
+                    waiting.push((joint.child.link.clone(), place.then(&pose(&joint.origin))));
+                }
+            }
+        }
+        Ok(whole)
+    }
+
+    /// Inertial tag of a link about the link's frame.
+    fn own_body(&self, name: &str) -> Result<Option<StandardParameters>, String> {
+        let Some(link) = self.robot.links.iter().find(|link| link.name == name) else { return Ok(None) };
+        let (mass, i) = (link.inertial.mass.value, &link.inertial.inertia);
+        let inertia = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
+        if mass == 0.0 && inertia == Matrix3::zeros() {
+            return Ok(None);
+        }
+        let body = StandardParameters::from_centre_of_mass(mass, &Vector3::zeros(), &inertia);
+        let hint = "correct the inertial tag, or take it out: only the simulator and comparisons need it";
+        if !body.0.iter().all(|x| x.is_finite()) || mass <= 0.0 {
+            return Err(format!("link {name} has a mass of {mass} kg; {hint}"));
+        }
+        check_body(&body).map_err(|reason| format!("link {name}: {reason}; {hint}"))?;
+        Ok(Some(body.seen_from(&pose(&link.inertial.origin))))
+    }
+}
+
+fn pose(origin: &urdf_rs::Pose) -> Transform {
+    Transform::from_xyz_rpy(origin.xyz.0, origin.rpy.0)
+}
+
+/// How a joint moves; `None` for a fixed one.
+fn moving_kind(joint: &urdf_rs::Joint) -> Result<Option<JointKind>, String> {
+    use urdf_rs::JointType;
+    if joint.mimic.is_some() {
+        return Err(format!(
+            "joint {} mimics another: a joint without a motor of its own cannot be in the chain; choose another tip_link",
+            joint.name
+        ));
+    }
+    match joint.joint_type {
+        JointType::Fixed => Ok(None),
+        JointType::Revolute | JointType::Continuous => Ok(Some(JointKind::Revolute)),
+        JointType::Prismatic => Ok(Some(JointKind::Prismatic)),
+        JointType::Floating | JointType::Planar | JointType::Spherical => Err(format!(
+            "joint {} is {:?}: only revolute, continuous, prismatic and fixed joints can be in the chain",
+            joint.name, joint.joint_type
+        )
+        .to_lowercase()),
+    }
+}
+
+fn unit_axis(joint: &urdf_rs::Joint) -> Result<Vector3<f64>, String> {
+    let axis = Vector3::from(joint.axis.xyz.0);
+    let norm = axis.norm();
+    match norm.is_finite() && norm > 0.0 {
+        true => Ok(axis / norm),
+        false => Err(format!("joint {} has no direction of its axis", joint.name)),
+    }
+}
+
+fn read_joint(
+    joint: &urdf_rs::Joint,
+    kind: JointKind,
+    placement: Transform,
+    inertial: Option<StandardParameters>,
+) -> Result<UrdfJoint, String> {
+    let limit = &joint.limit;
+    let continuous = joint.joint_type == urdf_rs::JointType::Continuous;
+    let (position_min, position_max) = match continuous {
+        true => (-CONTINUOUS_RANGE, CONTINUOUS_RANGE),
+        false => (limit.lower, limit.upper),
+    };
+    let finite = [placement.translation.norm(), placement.rotation.norm()].iter().all(|x| x.is_finite());
+    if !finite {
+        return Err(format!("joint {} has an origin that is no number", joint.name));
+    }
+    let dynamics = joint.dynamics.clone().unwrap_or_default();
+    let origin = UrdfOrigin { xyz: joint.origin.xyz.0, rpy: joint.origin.rpy.0, axis: joint.axis.xyz.0 };
+    Ok(UrdfJoint {
+        name: joint.name.clone(),
+        kind,
+        geometry: JointGeometry::urdf(placement, origin),
+        position_min,
+        position_max,
+        velocity: limit.velocity,
+        inertial,
+        damping: dynamics.damping,
+        friction: dynamics.friction,
+    })
+}
+
+#[cfg(test)]
+mod tests;

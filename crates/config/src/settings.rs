@@ -1,0 +1,152 @@
+//! What the configuration says, read and checked.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::address::is_on_server;
+use super::alerts::settings::AlertSettings;
+use super::cluster::ClusterSettings;
+use super::date_format::DateFormats;
+use super::layout::channels::Layout;
+use super::pattern::{self, FilePatterns};
+use super::retention::RetentionSettings;
+use super::serve::{ClientSettings, ServeSettings};
+use super::snapshot::SnapshotSettings;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::robot::Robot;
+
+/// Everything the program is told, read and checked.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Database file, or the address of one on a server.
+    pub database: PathBuf,
+    /// What this daemon is among several on the database.
+    pub cluster: ClusterSettings,
+    /// Folders to watch and how.
+    pub watch: WatchSettings,
+    /// What the work may take.
+    pub limits: WorkLimits,
+    /// What is served over HTTP; `None`: nothing.
+    pub serve: Option<ServeSettings>,
+    /// Who may ask over HTTP, and how much.
+    pub clients: ClientSettings,
+    /// Where copies for readers are written; `None`: nowhere.
+    pub snapshot: Option<SnapshotSettings>,
+    /// How long factors of single cycles are kept.
+    pub retention: RetentionSettings,
+    /// Who is told of alarms.
+    pub alerts: AlertSettings,
+    /// How a file name gives robot and start time.
+    pub recognition: Recognition,
+    /// Which robots there are; the first entry whose pattern matches a robot's name is its own.
+    pub fleet: Vec<FleetEntry>,
+    /// How a cycle is analysed.
+    pub analysis: AnalysisSettings,
+    /// When a change counts as an anomaly.
+    pub detect: DetectSettings,
+}
+
+impl Config {
+    /// The database file; `None` where the database is on a server.
+    #[must_use]
+    pub fn database_file(&self) -> Option<&Path> {
+        (!is_on_server(&self.database)).then_some(&*self.database)
+    }
+
+    /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
+    /// files if there is one.
+    #[must_use]
+    pub fn robot_entry(&self, robot: &str) -> Option<&FleetEntry> {
+        let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot));
+        let for_all = entries.clone().find(|entry| entry.files.is_none());
+        for_all.or_else(|| entries.next())
+    }
+
+    /// The entry for an export of the robot called `robot`: the first whose patterns match its name and that
+    /// of the file.
+    #[must_use]
+    pub fn export_entry(&self, robot: &str, file_name: &str) -> Option<&FleetEntry> {
+        self.fleet.iter().find(|entry| {
+            let of_file = entry.files.as_ref().is_none_or(|files| files.matches(file_name));
+            of_file && pattern::matches(&entry.robots, robot)
+        })
+    }
+}
+
+/// Folders to watch.
+#[derive(Debug, Clone)]
+pub struct WatchSettings {
+    /// Folders, searched with their subfolders.
+    pub folders: Vec<PathBuf>,
+    /// Time between two scans.
+    pub scan_interval: Duration,
+    /// How long a file's size and modification time must stand still before it is taken as done.
+    pub settle: Duration,
+    /// Most exports that are read at once while they grow.
+    pub live_files: usize,
+    /// What becomes of a run whose file is written over with another content.
+    pub on_rewrite: RewritePolicy,
+    /// Folder that exports are moved to once they are stored; `None`: they stay.
+    pub archive: Option<PathBuf>,
+}
+
+/// What the work may take, whatever the exports are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WorkLimits {
+    /// Settled exports that are read at once: so many small ones and so many large ones.
+    pub backlog_files: usize,
+    /// From this size on disk an export is large, bytes.
+    pub large_file_bytes: u64,
+    /// Most bytes of an export after decompression.
+    pub export_bytes: u64,
+    /// Most rows of a cycle, which are in memory together.
+    pub cycle_rows: usize,
+    /// Rows of the open cycles of all exports that are being read, beyond which exports wait for each other.
+    pub open_rows: usize,
+}
+
+/// What becomes of a complete run whose file is written over with another content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RewritePolicy {
+    /// The new run takes its place; the old one is kept and takes no part in conclusions.
+    Supersede,
+    /// Both stand.
+    KeepBoth,
+}
+
+impl RewritePolicy {
+    /// Name as in the configuration.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Supersede => "supersede",
+            Self::KeepBoth => "keep_both",
+        }
+    }
+}
+
+/// How a file name gives robot and start time.
+#[derive(Debug, Clone)]
+pub struct Recognition {
+    /// Pattern over the file name with the named groups `robot` and, where given, `date` and `time`.
+    pub file_name: regex::Regex,
+    /// How date and time are written.
+    pub formats: DateFormats,
+    /// IANA time zone of date and time in file names.
+    pub time_zone: String,
+}
+
+/// Robots that share a description and a layout.
+#[derive(Debug, Clone)]
+pub struct FleetEntry {
+    /// Pattern over the whole robot name; `*` stands for any characters.
+    pub robots: String,
+    /// Patterns over the file name of an export, with its endings, of which one must match; `None` for all files.
+    pub files: Option<FilePatterns>,
+    /// The arm.
+    pub description: Arc<Robot>,
+    /// The layout of its exports.
+    pub layout: Arc<Layout>,
+}

@@ -1,0 +1,242 @@
+//! What a configuration amounts to, for people.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use crate::address::shown_database;
+use crate::alerts::settings::Route;
+use crate::layout::channels::{JointDelays, Layout};
+use crate::serve::{ClientSettings, Scope, ServeSettings};
+use crate::settings::{Config, FleetEntry};
+use crate::snapshot::SnapshotSettings;
+use armwatch_model::analysis::finding::FindingKind;
+use armwatch_model::robot::{JointKind, Robot, TorqueSensors};
+
+/// What was read and which settings are in force, with units, one topic a paragraph.
+#[must_use]
+pub fn summary(config: &Config) -> String {
+    let mut out = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{name:<25} {value}");
+    };
+    line("database", shown_database(&config.database));
+    if let Some(host) = &config.cluster.host {
+        line("host", format!("{host}, whose lease ends after {} of silence", seconds(config.cluster.lease)));
+    }
+    for folder in &config.watch.folders {
+        line("watched folder", folder.display().to_string());
+    }
+    line("scan interval", seconds(config.watch.scan_interval));
+    line("settling time of a file", seconds(config.watch.settle));
+    line("growing files at once", config.watch.live_files.to_string());
+    line("rewritten files", config.watch.on_rewrite.name().to_owned());
+    let archive = config.watch.archive.as_ref();
+    line("archive", archive.map_or_else(|| "off, exports stay".to_owned(), |to| to.display().to_string()));
+    let limits = &config.limits;
+    line(
+        "exports at once",
+        format!("{0} small and {0} large, from {1}", limits.backlog_files, size(limits.large_file_bytes)),
+    );
+    line("longest export", format!("{} after decompression", size(limits.export_bytes)));
+    line("longest cycle", format!("{} rows", limits.cycle_rows));
+    line("rows of open cycles", format!("{} rows", limits.open_rows));
+    line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
+    line("factors of tests", kept(config.retention.tests_days, "then removed"));
+    line("factors of ordinary work", kept(config.retention.production_days, "then joined, one a log"));
+    line("HTTP", config.serve.as_ref().map_or_else(|| "off".to_owned(), serve));
+    if config.serve.is_some() {
+        line("HTTP clients", clients(&config.clients));
+    }
+    for route in &config.alerts.routes {
+        line(&format!("alarms, route {}", route.name), alert_route(route));
+    }
+    line("file names", config.recognition.file_name.to_string());
+    line("date and time in them", config.recognition.formats.wanted());
+    line("time zone of file names", config.recognition.time_zone.clone());
+    for entry in &config.fleet {
+        let files = entry.files.as_ref().map(|files| format!(", files {files}")).unwrap_or_default();
+        line(&format!("robot {}{files}", entry.robots), fleet_entry(entry));
+    }
+    let analysis = &config.analysis;
+    line("low-pass cut-off", format!("{} Hz", analysis.cutoff));
+    line("reference speed", format!("{} of the largest", percent(analysis.reference_speed_fraction)));
+    line("estimator", analysis.estimator.name().to_owned());
+    let accepted: Vec<&str> = FindingKind::ALL
+        .iter()
+        .filter(|kind| analysis.accept.contains(**kind))
+        .map(|kind| kind.name())
+        .collect();
+    if !accepted.is_empty() {
+        line("accepted findings", accepted.join(", "));
+    }
+    let detect = &config.detect;
+    line("baseline", format!("{} runs", detect.baseline_runs));
+    let levels =
+        |warning, critical| format!("warning from {}, critical from {}", percent(warning), percent(critical));
+    line("friction drift", levels(detect.drift_warning, detect.drift_critical));
+    line("false alarms", format!("{} a robot and year", detect.false_alarms_per_robot_year));
+    if let Some(sigma) = detect.drift_sigma {
+        line("drift significance", format!("{sigma} standard deviations, whatever the rate"));
+    }
+    line("oscillation", format!("{} times the baseline's swing", detect.oscillation_ratio));
+    line("overdue", format!("after {} usual intervals without a test", detect.overdue_factor));
+    line("relative RMSD", levels(detect.accuracy_warning, detect.accuracy_critical));
+    out
+}
+
+fn snapshot(snapshot: &SnapshotSettings) -> String {
+    format!("{}, at most every {}", snapshot.file.display(), seconds(snapshot.interval))
+}
+
+fn kept(days: Option<f64>, then: &str) -> String {
+    match days {
+        Some(1.0) => format!("kept for 1 day, {then}"),
+        Some(days) => format!("kept for {days} days, {then}"),
+        None => "kept for ever".to_owned(),
+    }
+}
+
+/// A size as people write it: `64 MiB`, `1.5 GiB`, `1000 bytes`.
+fn size(bytes: u64) -> String {
+    let units = [(1_u64 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
+    match units.into_iter().find(|(unit, _)| bytes >= *unit) {
+        Some((unit, name)) if bytes.is_multiple_of(unit) => format!("{} {name}", bytes / unit),
+        Some((unit, name)) => format!("{:.1} {name}", bytes as f64 / unit as f64),
+        None => format!("{bytes} bytes"),
+    }
+}
+
+fn serve(serve: &ServeSettings) -> String {
+    let token = match &serve.token_file {
+        Some(file) => format!("token in {}", file.display()),
+        None => "no token file".to_owned(),
+    };
+    let upload = match &serve.upload {
+        Some(upload) => format!(
+            "uploads to {}, {} at most, {} at once, {} idle, {} in all",
+            upload.spool.display(),
+            size(upload.max_bytes),
+            upload.at_once,
+            seconds(upload.idle_timeout),
+            seconds(upload.total_timeout)
+        ),
+        None => "no uploads".to_owned(),
+    };
+    format!("{}; {token}; {upload}", serve.listen)
+}
+
+fn clients(clients: &ClientSettings) -> String {
+    let scopes = |of: &[Scope]| of.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
+    let requests = match clients.requests_per_s {
+        0.0 => "any number of requests".to_owned(),
+        most => format!("{most} requests a second of one address"),
+    };
+    let token = |token: &crate::serve::TokenSettings| {
+        format!("; token {} in {} may {}", token.name, token.file.display(), scopes(&token.scopes))
+    };
+    format!("{requests}{}", clients.tokens.iter().map(token).collect::<String>())
+}
+
+fn alert_route(route: &Route) -> String {
+    let quiet = route.quiet.map(|quiet| {
+        format!(", quiet from {} to {}", quiet.from.strftime("%H:%M"), quiet.to.strftime("%H:%M"))
+    });
+    let digest = route.digest_at.map(|at| format!(", daily at {}", at.strftime("%H:%M")));
+    format!(
+        "{} to {}, from {} on{}{}",
+        route.receiver.name(),
+        route.receiver.target(),
+        route.severity.name(),
+        quiet.unwrap_or_default(),
+        digest.unwrap_or_default()
+    )
+}
+
+fn fleet_entry(entry: &FleetEntry) -> String {
+    format!("{}; {}", arm(&entry.description), layout(&entry.layout))
+}
+
+fn arm(robot: &Robot) -> String {
+    let sliding = robot.joints.iter().filter(|joint| joint.kind == JointKind::Prismatic).count();
+    let kinds = match sliding {
+        0 => String::new(),
+        _ => format!(" ({sliding} sliding)"),
+    };
+    let nominal = robot.joints.iter().filter(|joint| joint.nominal.is_some()).count();
+    let excitation = if robot.excitation.is_some() { "an excitation" } else { "no excitation" };
+    let sensors = match robot.torque_sensors {
+        TorqueSensors::Motor => "",
+        TorqueSensors::Link => ", torque sensors at the links",
+    };
+    format!(
+        "{} with {} joints{kinds}, {} speed levels, nominal parameters of {nominal} joints, {excitation}{sensors}",
+        robot.model,
+        robot.joint_count(),
+        robot.speed_levels.len(),
+    )
+}
+
+fn layout(layout: &Layout) -> String {
+    let velocity = if layout.velocity.is_some() { "velocity recorded" } else { "velocity derived" };
+    let bad = layout.rows.skip_bad;
+    let rows = if bad > 0 { format!(", up to {bad} bad rows passed over") } else { String::new() };
+    let late = layout.torque.delay != JointDelays::default()
+        || layout.velocity.as_ref().is_some_and(|velocity| velocity.delay != JointDelays::default());
+    let late = if late { ", delays taken off" } else { "" };
+    let start = layout.start.as_ref().map(|start| format!(", start from column {}", start.column));
+    format!("layout {}, {velocity}{rows}{late}{}", layout.name, start.unwrap_or_default())
+}
+
+fn seconds(duration: Duration) -> String {
+    format!("{} s", duration.as_secs_f64())
+}
+
+/// A fraction in percent, without the digits that binary fractions add.
+fn percent(fraction: f64) -> String {
+    format!("{} %", (fraction * 1e5).round() / 1e3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentages_are_round_where_the_file_has_round_numbers() {
+        let shown: Vec<_> = [0.05, 0.15, 0.6, 1.0, 0.07, 0.0125].map(percent).into();
+        assert_eq!(shown, ["5 %", "15 %", "60 %", "100 %", "7 %", "1.25 %"]);
+    }
+
+    #[test]
+    fn the_shipped_summary_names_every_setting_with_its_unit() {
+        let text = summary(&Config::shipped().expect("no problems"));
+        for expected in [
+            "database                  armwatch.db",
+            "watched folder            inbox",
+            "scan interval             5 s",
+            "settling time of a file   3 s",
+            "growing files at once     32",
+            "rewritten files           supersede",
+            "archive                   off, exports stay",
+            "exports at once           2 small and 2 large, from 64 MiB",
+            "longest export            64 GiB after decompression",
+            "longest cycle             1000000 rows",
+            "factors of tests          kept for 120 days, then removed",
+            "factors of ordinary work  kept for 7 days, then joined, one a log",
+            "HTTP                      off",
+            "alarms, route log         log to the log, from info on",
+            "time zone of file names   UTC",
+            "robot *                   er3a with 6 joints, 6 speed levels, nominal parameters of 6 joints, an excitation; layout native, velocity recorded",
+            "low-pass cut-off          12 Hz",
+            "reference speed           60 % of the largest",
+            "estimator                 weighted",
+            "baseline                  5 runs",
+            "friction drift            warning from 5 %, critical from 15 %",
+            "false alarms              1 a robot and year",
+            "oscillation               3 times the baseline's swing",
+            "relative RMSD             warning from 10 %, critical from 15 %",
+        ] {
+            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
+        }
+    }
+}

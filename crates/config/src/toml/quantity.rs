@@ -1,0 +1,160 @@
+//! Quantities that a file may give in one of several units, the unit being the end of the key:
+//! `alpha_deg` or `alpha_rad`. Exactly one of them is given.
+
+use std::f64::consts::PI;
+
+use super::range::Limits;
+use super::table::{Table, Value};
+use armwatch_model::robot::JointKind;
+
+/// A unit and what is permitted in it.
+pub(crate) struct Unit {
+    /// End of the key.
+    suffix: &'static str,
+    to_si: f64,
+    limits: Limits,
+}
+
+/// The units of a quantity, for joints that turn and for joints that slide.
+pub(crate) struct Units {
+    revolute: [Unit; 2],
+    prismatic: [Unit; 1],
+}
+
+/// Factor from degrees to radians; the one that `f64::to_radians` uses.
+const DEG: f64 = PI / 180.0;
+
+/// An angle of the geometry, up to a full turn.
+pub(crate) const TURN: Units = Units {
+    revolute: [
+        Unit { suffix: "deg", to_si: DEG, limits: Limits::within(360.0, "deg") },
+        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(6.3, "rad") },
+    ],
+    prismatic: [Unit { suffix: "m", to_si: 1.0, limits: Limits::within(10.0, "m") }],
+};
+
+/// A position; last joints of some arms turn many times.
+pub(crate) const POSITION: Units = Units {
+    revolute: [
+        Unit { suffix: "deg", to_si: DEG, limits: Limits::within(3600.0, "deg") },
+        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(62.84, "rad") },
+    ],
+    prismatic: [Unit { suffix: "m", to_si: 1.0, limits: Limits::within(100.0, "m") }],
+};
+
+/// A largest speed; above zero.
+pub(crate) const VELOCITY: Units = Units {
+    revolute: [
+        Unit { suffix: "deg_s", to_si: DEG, limits: Limits::above(0.0, 6000.0, "deg/s") },
+        Unit { suffix: "rad_s", to_si: 1.0, limits: Limits::above(0.0, 105.0, "rad/s") },
+    ],
+    prismatic: [Unit { suffix: "m_s", to_si: 1.0, limits: Limits::above(0.0, 50.0, "m/s") }],
+};
+
+/// A speed, which may be zero.
+pub(crate) const SPEED: Units = Units {
+    revolute: [
+        Unit { suffix: "deg_s", to_si: DEG, limits: Limits::between(0.0, 6000.0, "deg/s") },
+        Unit { suffix: "rad_s", to_si: 1.0, limits: Limits::between(0.0, 105.0, "rad/s") },
+    ],
+    prismatic: [Unit { suffix: "m_s", to_si: 1.0, limits: Limits::between(0.0, 50.0, "m/s") }],
+};
+
+/// A largest acceleration; above zero.
+pub(crate) const ACCELERATION: Units = Units {
+    revolute: [
+        Unit { suffix: "deg_s2", to_si: DEG, limits: Limits::above(0.0, 1e5, "deg/s^2") },
+        Unit { suffix: "rad_s2", to_si: 1.0, limits: Limits::above(0.0, 1746.0, "rad/s^2") },
+    ],
+    prismatic: [Unit { suffix: "m_s2", to_si: 1.0, limits: Limits::above(0.0, 1000.0, "m/s^2") }],
+};
+
+/// A largest jerk; above zero.
+pub(crate) const JERK: Units = Units {
+    revolute: [
+        Unit { suffix: "deg_s3", to_si: DEG, limits: Limits::above(0.0, 1e7, "deg/s^3") },
+        Unit { suffix: "rad_s3", to_si: 1.0, limits: Limits::above(0.0, 174_600.0, "rad/s^3") },
+    ],
+    prismatic: [Unit { suffix: "m_s3", to_si: 1.0, limits: Limits::above(0.0, 1e5, "m/s^3") }],
+};
+
+/// A value with the unit it was given in.
+pub(crate) struct Given<'d> {
+    /// In SI: rad, m, s.
+    pub si: f64,
+    /// As it stands in the file.
+    pub raw: f64,
+    /// End of the key it was given under, such as `deg`.
+    pub unit: &'static str,
+    /// Where it stands.
+    pub value: Value<'d>,
+}
+
+/// The quantity whose keys begin with `stem`, of a joint that turns or slides.
+pub(crate) fn quantity<'t, 'd>(
+    table: &'t Table<'d>,
+    stem: &str,
+    kind: JointKind,
+    units: &'t Units,
+) -> Quantity<'t, 'd> {
+    let units: &[Unit] = match kind {
+        JointKind::Revolute => &units.revolute,
+        JointKind::Prismatic => &units.prismatic,
+    };
+    Quantity { table, keys: units.iter().map(|unit| format!("{stem}_{}", unit.suffix)).collect(), units }
+}
+
+/// See [`quantity`].
+pub(crate) struct Quantity<'t, 'd> {
+    table: &'t Table<'d>,
+    keys: Vec<String>,
+    units: &'t [Unit],
+}
+
+impl<'d> Quantity<'_, 'd> {
+    /// The value, which must be given.
+    pub fn required(&self) -> Option<Given<'d>> {
+        let (i, value) = self.table.one_of(&self.keys())?;
+        self.in_unit(i, value)
+    }
+
+    /// The value, if given; the inner `None` is a wrong one.
+    pub fn optional(&self) -> Option<Option<Given<'d>>> {
+        let (i, value) = self.table.at_most_one_of(&self.keys())?;
+        Some(self.in_unit(i, value))
+    }
+
+    fn in_unit(&self, i: usize, value: Value<'d>) -> Option<Given<'d>> {
+        let unit = &self.units[i];
+        let raw = value.number_or_hint(&unit.limits, |raw| self.other_unit(i, raw))?;
+        Some(Given { si: raw * unit.to_si, raw, unit: unit.suffix, value })
+    }
+
+    /// Where a number makes no sense in its own unit but does in another, that one may be meant.
+    fn other_unit(&self, i: usize, raw: f64) -> Option<String> {
+        let (key, _) = self
+            .keys
+            .iter()
+            .zip(self.units)
+            .enumerate()
+            .find(|(k, (_, unit))| *k != i && unit.limits.admit(raw))?
+            .1;
+        Some(format!("did you mean {key} = {raw}?"))
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        self.keys.iter().map(String::as_str).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degrees_become_the_same_radians_as_everywhere() {
+        for degrees in [-140.0_f64, 0.1, 75.0, 510.0] {
+            assert_eq!(degrees * DEG, degrees.to_radians());
+        }
+    }
+}

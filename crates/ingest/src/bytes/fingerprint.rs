@@ -1,0 +1,222 @@
+//! Content identity: one export twice is one run, whatever its name.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
+
+/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is.
+///
+/// Reads in pieces; memory does not grow with the file.
+///
+/// # Errors
+/// Whatever opening or reading gives; [`io::ErrorKind::InvalidInput`] for anything that is not a
+/// regular file, since a pipe would block for ever.
+pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(regular_file(path)?)?;
+    Ok(identity(&hasher))
+}
+
+/// The first `bytes` bytes of a file; `None` if it has fewer.
+///
+/// # Errors
+/// As [`fingerprint`].
+pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(regular_file(path)?.take(bytes))?;
+    let (hash, read) = identity(&hasher);
+    Ok((read == bytes).then_some(ContentPrefix { bytes, hash }))
+}
+
+/// No bytes, which every file begins with.
+#[must_use]
+pub fn nothing() -> ContentPrefix {
+    ContentPrefix { bytes: 0, hash: of_bytes(b"") }
+}
+
+/// Number of the file that `metadata` is of.
+#[must_use]
+pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
+    FileId { device: metadata.dev(), inode: metadata.ino() }
+}
+
+/// When a file was last written, or else changed in any way: a copy may bring the time of modification of another
+/// file with it, and not that of its own change. A file system without such times leaves only the size to tell a change.
+#[must_use]
+pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
+    let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+    let (Ok(seconds), Ok(nanoseconds)) = (metadata.ctime().try_into(), metadata.ctime_nsec().try_into())
+    else {
+        return modified;
+    };
+    modified.max(SystemTime::UNIX_EPOCH + Duration::new(seconds, nanoseconds))
+}
+
+/// Identity of a few bytes that stand for a file whose content cannot be read.
+#[must_use]
+pub fn of_bytes(bytes: &[u8]) -> ContentHash {
+    ContentHash(*blake3::hash(bytes).as_bytes())
+}
+
+/// Opens `path` for reading if it is a regular file or a symbolic link to one.
+///
+/// # Errors
+/// As [`fingerprint`].
+pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
+    // Looked at before opening, since opening a pipe waits for its writer; and after, since the
+    // name may have changed hands in between.
+    refuse_special(&std::fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    refuse_special(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Hashes what passes through, so that a file is hashed by the very read that parses it.
+#[derive(Debug)]
+pub struct HashingReader<R> {
+    inner: R,
+    hash: RunningHash,
+}
+
+impl<R: Read> HashingReader<R> {
+    /// Wraps `inner`; the second value gives the hash of what was read from it so far.
+    #[must_use]
+    pub fn new(inner: R) -> (Self, RunningHash) {
+        let hash = RunningHash(Arc::default());
+        (Self { inner, hash: hash.clone() }, hash)
+    }
+}
+
+impl<R: Read> Read for HashingReader<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        if let Some(read) = buffer.get(..count) {
+            self.hash.0.lock().unwrap_or_else(PoisonError::into_inner).update(read);
+        }
+        Ok(count)
+    }
+}
+
+/// Hash of what a [`HashingReader`] has read so far. Equal to [`fingerprint`] once the reader is at
+/// its end, unless the file changed meanwhile.
+#[derive(Debug, Clone)]
+pub struct RunningHash(Arc<Mutex<blake3::Hasher>>);
+
+impl RunningHash {
+    /// Hash and number of bytes so far.
+    #[must_use]
+    pub fn so_far(&self) -> (ContentHash, u64) {
+        identity(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// What was read so far, as the beginning of a content.
+    #[must_use]
+    pub fn prefix(&self) -> ContentPrefix {
+        let (hash, bytes) = self.so_far();
+        ContentPrefix { bytes, hash }
+    }
+
+    /// Number of bytes so far.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).count()
+    }
+}
+
+fn identity(hasher: &blake3::Hasher) -> (ContentHash, u64) {
+    (ContentHash(*hasher.finalize().as_bytes()), hasher.count())
+}
+
+fn refuse_special(metadata: &std::fs::Metadata) -> io::Result<()> {
+    if metadata.is_file() {
+        return Ok(());
+    }
+    let what = if metadata.is_dir() { "a folder" } else { "a special file (pipe, socket or device)" };
+    Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{what}, not a regular file")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// BLAKE3 of the empty input, from the algorithm's published test vectors.
+    const EMPTY: &str = "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262";
+
+    #[test]
+    fn names_do_not_matter_and_bytes_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        std::fs::write(path("a.csv"), "time\n1\n").unwrap();
+        std::fs::write(path("b.csv"), "time\n1\n").unwrap();
+        std::fs::write(path("c.csv"), "time\n2\n").unwrap();
+        std::fs::write(path("empty.csv"), "").unwrap();
+        let print = |name: &str| fingerprint(&path(name)).unwrap();
+        assert_eq!(print("a.csv"), print("b.csv"));
+        assert_ne!(print("a.csv").0, print("c.csv").0);
+        assert_eq!(print("a.csv").1, 7);
+        assert_eq!((print("empty.csv").0.to_string(), print("empty.csv").1), (EMPTY.to_owned(), 0));
+    }
+
+    #[test]
+    fn hash_on_the_side_is_the_hash_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, "0123456789".repeat(100_000)).unwrap();
+        let (mut reader, hash) = HashingReader::new(File::open(&path).unwrap());
+        std::io::copy(&mut reader.by_ref().take(77), &mut std::io::sink()).unwrap();
+        assert_ne!(hash.so_far(), fingerprint(&path).unwrap());
+        std::io::copy(&mut reader, &mut std::io::sink()).unwrap();
+        assert_eq!(hash.so_far(), fingerprint(&path).unwrap());
+    }
+
+    #[test]
+    fn a_prefix_is_the_file_that_was_shorter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, "time\n1\n").unwrap();
+        let (hash, bytes) = fingerprint(&path).unwrap();
+        let shorter = ContentPrefix { bytes, hash };
+        std::fs::write(&path, "time\n1\n2\n").unwrap();
+        assert_eq!(prefix(&path, 7).unwrap(), Some(shorter));
+        assert_ne!(prefix(&path, 8).unwrap().map(|p| p.hash), Some(hash));
+        assert_eq!(prefix(&path, 10).unwrap(), None);
+        assert_eq!(prefix(&path, 0).unwrap(), Some(nothing()));
+    }
+
+    /// As `cp -p` and `rsync -t` do.
+    #[test]
+    fn a_file_that_takes_the_time_of_another_has_changed_all_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let long_ago = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        let written = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            File::options().write(true).open(&path).unwrap().set_modified(long_ago).unwrap();
+            let metadata = std::fs::metadata(&path).unwrap();
+            assert_eq!(metadata.modified().unwrap(), long_ago);
+            changed_at(&metadata)
+        };
+        let first = written("1");
+        // the clock of a file system has a grain of milliseconds
+        let patience = SystemTime::now() + Duration::from_secs(10);
+        while written("2") == first {
+            assert!(SystemTime::now() < patience, "its time of change stands still");
+        }
+        let ahead = SystemTime::now() + Duration::from_secs(3600);
+        File::options().write(true).open(&path).unwrap().set_modified(ahead).unwrap();
+        assert_eq!(changed_at(&std::fs::metadata(&path).unwrap()), ahead);
+    }
+
+    #[test]
+    fn a_folder_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = fingerprint(folder.path()).unwrap_err();
+        assert_eq!(error.to_string(), "a folder, not a regular file");
+        assert!(fingerprint(&folder.path().join("none")).is_err());
+    }
+}

@@ -1,0 +1,270 @@
+//! Moving an export that is stored to another folder: copied, synced and read again before its source goes.
+//!
+//! The one place where a source is removed. Cut short anywhere, it is begun again without harm: a copy without
+//! its name is thrown away, and a copy with its name is found when the source is looked at again.
+
+use std::borrow::Cow;
+use std::ffi::{OsStr, OsString};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use super::tail::DONE_MARK;
+use crate::bytes::fingerprint::{HashingReader, fingerprint, id_of, regular_file};
+use armwatch_model::run::ContentHash;
+
+/// Folder of copies that are not whole, inside the archive.
+const PARTIAL: &str = ".partial";
+
+/// Names tried for exports of one name and other content.
+const MOST_NAMES: usize = 3;
+
+/// Digits of its hash that tell an export from another one of its name, times the number of the attempt.
+const DIGITS: usize = 8;
+
+/// What became of a source.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Archived {
+    /// It lies here now, and nowhere else.
+    At(PathBuf),
+    /// It is another content than that which is stored, or changed meanwhile: it stays.
+    Changed,
+}
+
+/// Moves the export at `source`, which holds `content`, to `archive`, below the sub-folder `below`. A file of
+/// this name with another content is left alone: the export then carries the beginning of its hash in its
+/// name.
+///
+/// # Errors
+/// Those of the file system; the source is there then.
+pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Path) -> io::Result<Archived> {
+    let before = regular_file(source)?.metadata()?;
+    // from the root on, or the folder around the archive could have no name
+    let archive = &std::path::absolute(archive)?;
+    let folder = archive.join(below);
+    fs::create_dir_all(&folder)?;
+    let name = source.file_name().unwrap_or_default();
+    let Some(target) = place(&folder, name, content, |partial| copy(source, partial, content), archive)?
+    else {
+        return Ok(Archived::Changed);
+    };
+    // what was written to the source since it was read must not be lost
+    let now = fs::metadata(source)?;
+    let is_same = id_of(&now) == id_of(&before)
+        && now.len() == before.len()
+        && now.modified().ok() == before.modified().ok()
+        && fingerprint(source)?.0 == *content;
+    if !is_same {
+        return Ok(Archived::Changed);
+    }
+    fs::remove_file(source)?;
+    remove_mark(source)?;
+    if let Some(parent) = source.parent() {
+        File::open(parent)?.sync_all()?;
+    }
+    Ok(Archived::At(target))
+}
+
+/// Finds or makes the copy in `folder`; `None` where `copy` says that the source is another content.
+fn place(
+    folder: &Path,
+    name: &OsStr,
+    content: &ContentHash,
+    copy: impl Fn(&Path) -> io::Result<bool>,
+    archive: &Path,
+) -> io::Result<Option<PathBuf>> {
+    for attempt in 0..MOST_NAMES {
+        let target = folder.join(name_of(name, content, attempt));
+        match fingerprint(&target) {
+            // left by an attempt that was cut short before the source went, or by a copy of it
+            Ok((found, _)) if found == *content => {
+                File::open(&target)?.sync_all()?;
+                return Ok(Some(target));
+            }
+            Ok(_) => continue,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        fs::create_dir_all(archive.join(PARTIAL))?;
+        let partial = archive.join(PARTIAL).join(content.to_string());
+        if !copy(&partial)? {
+            fs::remove_file(&partial)?;
+            return Ok(None);
+        }
+        fs::rename(&partial, &target)?;
+        File::open(folder)?.sync_all()?;
+        if let Some(parent) = folder.parent() {
+            // the folder itself may be new
+            File::open(parent)?.sync_all()?;
+        }
+        return Ok(Some(target));
+    }
+    let taken = format!("{} has other contents under every name tried", folder.display());
+    Err(io::Error::new(io::ErrorKind::AlreadyExists, taken))
+}
+
+/// Copies and syncs, and reads the copy again; whether it is the content.
+fn copy(source: &Path, partial: &Path, content: &ContentHash) -> io::Result<bool> {
+    let original = regular_file(source)?;
+    let modified = original.metadata()?.modified();
+    let (mut reader, hash) = HashingReader::new(original);
+    let mut file = File::create(partial)?;
+    io::copy(&mut reader, &mut file)?;
+    if let Ok(modified) = modified {
+        // a recording's start may be known from it alone
+        file.set_modified(modified)?;
+    }
+    file.sync_all()?;
+    drop(file);
+    Ok(hash.so_far().0 == *content && fingerprint(partial)?.0 == *content)
+}
+
+/// The name as it is, then with more and more of the hash before its endings.
+fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
+    if attempt == 0 {
+        return name.to_owned();
+    }
+    let text = name.to_string_lossy();
+    let stem_end = text.to_ascii_lowercase().rfind(".csv").unwrap_or(text.len());
+    let (stem, endings) = text.split_at(stem_end);
+    let hash: String = content.to_string().chars().take(DIGITS * attempt).collect();
+    format!("{stem}~{hash}{endings}").into()
+}
+
+/// The name of an export without what [`archive`] has put into it.
+#[must_use]
+pub fn original_name(name: &str) -> Cow<'_, str> {
+    let stem_end = name.to_ascii_lowercase().rfind(".csv").unwrap_or(name.len());
+    let (stem, endings) = name.split_at(stem_end);
+    let is_hash = |text: &str| {
+        (1..MOST_NAMES).any(|attempt| text.len() == DIGITS * attempt)
+            && text.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    match stem.rsplit_once('~') {
+        Some((original, hash)) if is_hash(hash) => Cow::Owned(format!("{original}{endings}")),
+        _ => Cow::Borrowed(name),
+    }
+}
+
+/// Takes away the mark that said that the source was done.
+fn remove_mark(source: &Path) -> io::Result<()> {
+    let mut mark = source.as_os_str().to_owned();
+    mark.push(DONE_MARK);
+    match fs::remove_file(&mark) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bytes::fingerprint::of_bytes;
+
+    const NAME: &str = "R00_20260105_0847.csv.gz";
+
+    struct Folders(tempfile::TempDir);
+
+    impl Folders {
+        fn new() -> Self {
+            let folders = Self(tempfile::tempdir().unwrap());
+            fs::create_dir_all(folders.path("inbox")).unwrap();
+            folders
+        }
+
+        fn path(&self, name: &str) -> PathBuf {
+            self.0.path().join(name)
+        }
+
+        fn source(&self, bytes: &[u8]) -> PathBuf {
+            let path = self.path("inbox").join(NAME);
+            fs::write(&path, bytes).unwrap();
+            path
+        }
+
+        fn archive(&self, source: &Path, content: &[u8]) -> io::Result<Archived> {
+            archive(source, &of_bytes(content), &self.path("archive"), Path::new("line 1"))
+        }
+
+        fn target(&self) -> PathBuf {
+            self.path("archive/line 1").join(NAME)
+        }
+    }
+
+    #[test]
+    fn a_source_is_moved_with_its_time_and_its_mark_goes() {
+        let folders = Folders::new();
+        let source = folders.source(b"one");
+        let modified = fs::metadata(&source).unwrap().modified().unwrap();
+        fs::write(folders.path(&format!("inbox/{NAME}.done")), "").unwrap();
+        assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::At(folders.target()));
+        assert_eq!(fs::read(folders.target()).unwrap(), b"one");
+        assert_eq!(fs::metadata(folders.target()).unwrap().modified().unwrap(), modified);
+        assert_eq!(fs::read_dir(folders.path("inbox")).unwrap().count(), 0);
+        assert_eq!(fs::read_dir(folders.path("archive/.partial")).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn cut_short_anywhere_it_is_begun_again() {
+        let folders = Folders::new();
+        // in the copy
+        fs::create_dir_all(folders.path("archive/.partial")).unwrap();
+        let half = folders.path("archive/.partial").join(of_bytes(b"one").to_string());
+        fs::write(&half, b"on").unwrap();
+        let source = folders.source(b"one");
+        assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::At(folders.target()));
+        assert!(!half.exists());
+        // between copy and removal
+        let source = folders.source(b"one");
+        assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::At(folders.target()));
+        assert!(!source.exists());
+        assert_eq!(fs::read_dir(folders.path("archive/line 1")).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn another_content_of_the_name_is_left_alone() {
+        let folders = Folders::new();
+        folders.archive(&folders.source(b"one"), b"one").unwrap();
+        let Archived::At(second) = folders.archive(&folders.source(b"two"), b"two").unwrap() else {
+            panic!("it was not moved")
+        };
+        assert_eq!(original_name(&second.file_name().unwrap().to_string_lossy()), NAME);
+        for name in [NAME, "R00~left_20260105_0847.csv", "R00~1a2b3c4.csv", "R00~1A2B3C4D.csv", "~"] {
+            assert_eq!(original_name(name), name);
+        }
+        let begin = &of_bytes(b"two").to_string()[..8];
+        assert_eq!(second, folders.path(&format!("archive/line 1/R00_20260105_0847~{begin}.csv.gz")));
+        assert_eq!(
+            (fs::read(folders.target()).unwrap(), fs::read(second).unwrap()),
+            (b"one".into(), b"two".into())
+        );
+    }
+
+    #[test]
+    fn a_source_that_is_not_what_was_stored_stays() {
+        let folders = Folders::new();
+        let source = folders.source(b"one and more");
+        assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);
+        assert_eq!(fs::read(&source).unwrap(), b"one and more");
+        assert!(!folders.target().exists());
+        // the copy is there from before; the source has grown since
+        folders.archive(&folders.source(b"one"), b"one").unwrap();
+        let source = folders.source(b"one and more");
+        assert_eq!(folders.archive(&source, b"one").unwrap(), Archived::Changed);
+        assert!(source.exists());
+    }
+
+    #[test]
+    fn other_file_systems_and_folders_that_cannot_be_written_are_no_danger() {
+        let folders = Folders::new();
+        let source = folders.source(b"one");
+        fs::write(folders.path("archive"), "a file").unwrap();
+        assert!(folders.archive(&source, b"one").is_err());
+        assert!(source.exists());
+        // memory, on most machines another file system
+        let Ok(elsewhere) = tempfile::tempdir_in("/dev/shm") else { return };
+        let moved = archive(&source, &of_bytes(b"one"), elsewhere.path(), Path::new("")).unwrap();
+        assert_eq!(moved, Archived::At(elsewhere.path().join(NAME)));
+        assert!(!source.exists());
+    }
+}

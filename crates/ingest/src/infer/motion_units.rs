@@ -1,0 +1,119 @@
+//! Units of positions, velocities and time: from the names of the columns, else from how the numbers move.
+
+use super::head::Head;
+use super::joints::{Found, Joints};
+use super::units::{Choice, Figures, Known, Slope};
+use super::{names, units};
+use armwatch_model::robot::Robot;
+
+pub(super) struct Slopes {
+    pub(super) overall: Option<Slope>,
+    /// Of each joint.
+    pub(super) each: Vec<Option<Slope>>,
+}
+
+pub(super) fn slopes(joints: &Joints<'_>, time: Option<&[f64]>) -> Slopes {
+    let (Some(position), Some(velocity)) = (&joints.position, &joints.velocity) else {
+        return Slopes { overall: None, each: Vec::new() };
+    };
+    let each = position.values.iter().zip(&velocity.values);
+    Slopes {
+        overall: units::joint_slope(&position.values, &velocity.values, time),
+        each: each.map(|(position, velocity)| units::slope(position, velocity, time)).collect(),
+    }
+}
+
+/// Units that were found, and what they were found by.
+pub(super) struct Units {
+    pub(super) choices: Vec<Choice>,
+    pub(super) known: Known,
+    pub(super) figures: Figures,
+    /// Positions are beyond the arm's limits in any unit.
+    pub(super) beyond_limits: bool,
+}
+
+pub(super) fn decide_units(
+    head: &Head,
+    joints: &Joints<'_>,
+    time: Option<(usize, &[f64])>,
+    slopes: &Slopes,
+    robot: Option<&Robot>,
+) -> Units {
+    let unit = |found: &Option<Found<'_>>, allowed: &[units::Unit]| {
+        let said = found.as_ref()?.said.unit?;
+        allowed.iter().find(|(name, _)| *name == said).map(|(name, _)| *name)
+    };
+    let of_time = time.and_then(|(column, _)| {
+        let column = &head.columns[column];
+        let said = names::said(&column.name, &column.under).unit;
+        if column.timestamps {
+            Some("s")
+        } else {
+            said.filter(|said| units::TIME.iter().any(|(u, _)| u == said))
+        }
+    });
+    let known = Known {
+        position: unit(&joints.position, &units::POSITION),
+        velocity: unit(&joints.velocity, &units::VELOCITY),
+        time: of_time,
+    };
+    let most = |found: &Found<'_>| units::largest(found.values.iter().copied().flatten());
+    let limit = |robot: &Robot| {
+        let limits = robot.joints.iter().map(|joint| &joint.limits);
+        limits.fold(0.0_f64, |most, limit| most.max(limit.position_min.abs()).max(limit.position_max.abs()))
+    };
+    let mut figures = Figures {
+        position: joints.position.as_ref().map_or(0.0, most),
+        velocity: joints.velocity.as_ref().map(most),
+        step: time.and_then(|(_, values)| units::median_step(values)),
+        slope: slopes.overall,
+        limit: robot.map(limit),
+        is_motor: joints.position.as_ref().is_some_and(|found| found.said.is_motor),
+    };
+    let choices = units::choices(known, figures);
+    if choices.is_empty() && !figures.is_motor && robot.is_some() {
+        figures.is_motor = true;
+        let choices = units::choices(known, figures);
+        let beyond_limits = !choices.is_empty();
+        return Units { choices, known, figures, beyond_limits };
+    }
+    Units { choices, known, figures, beyond_limits: false }
+}
+
+impl Units {
+    pub(super) fn choice(&self) -> Option<Choice> {
+        self.choices.first().copied()
+    }
+
+    /// Why a unit is what it is, where the name does not say.
+    pub(super) fn by_numbers(&self) -> String {
+        let Some(Choice { position, velocity, time }) = self.choice() else { return String::new() };
+        match (self.figures.slope, self.figures.velocity) {
+            (Some(slope), _) => format!(
+                "velocity is {:.4} times the change of position over that of time (in {:.0} % of places): as {} over \
+                 {} and {} would be; positions reach {:.4}",
+                slope.ratio.abs(),
+                100.0 * slope.agreement,
+                velocity.0,
+                position.0,
+                time.0,
+                self.figures.position
+            ),
+            (None, _) => format!("positions reach {:.4}", self.figures.position),
+        }
+    }
+}
+
+impl Units {
+    /// Other units of position that would go as well, said behind the reason for the first.
+    pub(super) fn alternatives(&self) -> String {
+        let Some(first) = self.choice() else { return String::new() };
+        let mut others: Vec<&str> = self.choices.iter().map(|choice| choice.position.0).collect();
+        others.retain(|unit| *unit != first.position.0);
+        others.dedup();
+        match others.is_empty() {
+            true => String::new(),
+            false => format!("; {} would go as well and is less usual", others.join(" or ")),
+        }
+    }
+}

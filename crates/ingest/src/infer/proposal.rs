@@ -1,0 +1,28 @@
+//! What a proposal is made from and what it is.
+
+use armwatch_model::robot::Robot;
+
+/// Torques `[n]`, Nm (N), that hold an arm against gravity at joint positions `[n]`, rad (m).
+pub type GravityTorques = fn(&Robot, &[f64]) -> Option<Vec<f64>>;
+
+/// What is known beforehand.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Hints<'a> {
+    /// The arm, whose number of joints and limits help to decide.
+    pub robot: Option<&'a Robot>,
+    /// Torques that hold the arm against gravity at joint positions, Nm (N); `None` for an arm without masses.
+    pub gravity_torques: Option<GravityTorques>,
+    /// Rows per second, Hz, for exports without time.
+    pub sample_rate: Option<f64>,
+}
+
+/// A proposed layout.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Proposed {
+    /// Text of the layout file.
+    pub toml: String,
+    /// Questions that are left in it; with any, it does not load yet.
+    pub questions: usize,
+    /// Rows that were looked at.
+    pub rows: usize,
+}

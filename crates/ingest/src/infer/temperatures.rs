@@ -1,0 +1,106 @@
+//! Columns of temperatures: of motors, one a joint, and of the hall.
+
+use super::head::Head;
+use super::joints::{columns_key, reference};
+use super::names::{self, Group, Kind, Said};
+use super::section::{Section, TomlKey, quoted};
+use armwatch_config::TemperatureUnit;
+
+/// Values that are believed when a unit is told by them, whatever the unit: codes of open sensors lie beyond.
+const BELIEVED: std::ops::RangeInclusive<f64> = -60.0..=480.0;
+
+/// Values from here on are kelvins: motors at 200 degC burn, and winters of 200 K are none.
+const KELVINS: f64 = 220.0;
+
+/// Halls from here on are told in degrees Fahrenheit: nobody works at 50 degC.
+const FAHRENHEIT_HALL: f64 = 50.0;
+
+/// What was found, and the columns that it stands in.
+#[derive(Debug, Default)]
+pub(super) struct Temperatures {
+    pub(super) sections: Vec<Section>,
+    pub(super) columns: Vec<usize>,
+}
+
+/// Temperatures of an export of an arm with `count` joints; columns for which `taken` holds are something else.
+pub(super) fn temperatures(head: &Head, count: usize, taken: impl Fn(usize) -> bool) -> Temperatures {
+    let mut found = Temperatures::default();
+    if !head.header {
+        return found;
+    }
+    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
+    let said_of = |group: &Group| {
+        let under = head.columns[group.columns[0]].under.as_str();
+        names::said(&group.template, under)
+    };
+    let motors = names::groups(&names)
+        .into_iter()
+        .filter(|group| {
+            count > 0 && group.columns.len() >= count && !group.columns.iter().any(|at| taken(*at))
+        })
+        .map(|group| {
+            let said = said_of(&group);
+            (group, said)
+        })
+        .filter(|(_, said)| said.kind == Some(Kind::Temperature) && !said.is_target && !said.is_electronics)
+        .min_by_key(|(_, said)| !said.is_motor);
+    if let Some((group, said)) = motors {
+        let (name, value) = columns_key(&group, count, &names);
+        let columns = &group.columns[..count];
+        let keys = vec![
+            TomlKey::decided(name, value).because("the name says that they are temperatures, one a joint"),
+            unit_key(head, columns, said, false),
+        ];
+        found.sections.push(Section { title: Some("motor_temperature"), comments: Vec::new(), keys });
+        found.columns.extend(columns);
+    }
+    let said = |at: &usize| names::said(&head.columns[*at].name, &head.columns[*at].under);
+    let hall = (0..head.columns.len()).filter(|at| !taken(*at) && !found.columns.contains(at)).find(|at| {
+        let said = said(at);
+        said.kind == Some(Kind::Temperature) && said.is_hall && !said.is_target && !said.is_electronics
+    });
+    if let Some(at) = hall {
+        let keys = vec![
+            TomlKey::decided("column", reference(&names, at))
+                .because("the name says that it is the hall's temperature"),
+            unit_key(head, &[at], said(&at), true),
+        ];
+        found.sections.push(Section { title: Some("ambient_temperature"), comments: Vec::new(), keys });
+        found.columns.push(at);
+    }
+    found
+}
+
+/// The unit by its name, else by the numbers.
+fn unit_key(head: &Head, columns: &[usize], said: Said, is_hall: bool) -> TomlKey {
+    if let Some(unit) = TemperatureUnit::ALL.into_iter().find(|unit| Some(unit.name()) == said.unit) {
+        return TomlKey::decided("unit", quoted(unit.name())).because("the name gives it");
+    }
+    let mut values: Vec<f64> = columns
+        .iter()
+        .flat_map(|at| &head.columns[*at].numbers)
+        .copied()
+        .filter(|v| BELIEVED.contains(v))
+        .collect();
+    values.sort_by(f64::total_cmp);
+    let Some(median) = values.get(values.len() / 2).copied() else {
+        return TomlKey::decided("unit", quoted("degC")).because("no number tells it; this is the usual one");
+    };
+    let unit = match median {
+        median if median >= KELVINS => TemperatureUnit::Kelvin,
+        median if is_hall && median >= FAHRENHEIT_HALL => TemperatureUnit::Fahrenheit,
+        _ => TemperatureUnit::Celsius,
+    };
+    let reason = format!(
+        "by the numbers, {:.1} to {:.1}, half of them below {median:.1}",
+        values.first().copied().unwrap_or(median),
+        values.last().copied().unwrap_or(median)
+    );
+    let doubt = match (unit, is_hall) {
+        (TemperatureUnit::Celsius, false) if median >= FAHRENHEIT_HALL => {
+            "; degF would go as well and is less usual"
+        }
+        _ => "",
+    };
+    TomlKey::decided("unit", quoted(unit.name())).because(&(reason + doubt))
+}

@@ -1,0 +1,24 @@
+//! The world to samples: folders are watched and scanned, settled exports are opened, identified by
+//! content and read into [`armwatch_model::run::Samples`] in SI, or turned away with a
+//! [`rejection::Rejection`].
+//!
+//! [`find`] says which files there are and when a writer has finished. [`bytes`] identifies an export by its content,
+//! opens plain, compressed and growing ones, and cuts UTF-8 at line ends. [`table`] finds header and columns, reads rows
+//! with polars, or cell by cell where polars would guess, and turns columns into SI. [`infer`] proposes a layout for
+//! exports that have none. [`excerpt`] shows the place where an export was not understood.
+//!
+//! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
+//! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
+//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd,
+//! encoding_rs or blake3.
+
+pub mod bytes;
+pub mod find;
+pub mod table;
+pub mod excerpt;
+pub mod infer;
+pub mod plain;
+pub mod rejection;
+
+#[cfg(test)]
+mod fixture;

@@ -1,0 +1,407 @@
+//! Reading a block cell by cell: slower than polars, and sure of every line and column.
+//!
+//! It decides what polars would guess at: blanks around numbers, quotes, a file's last line. And
+//! it names the first bad cell of a block that polars did not take.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::channels::RawColumns;
+use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::fields::fields;
+use super::{cell, channels};
+use crate::bytes::blocks::{Block, is_blank, narrow, nul};
+use crate::rejection::Rejection;
+use armwatch_model::run::RawSamples;
+
+/// What a file is that ends before its first row is whole.
+pub(crate) const CUT: &str = "last line is cut";
+pub(crate) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
+const CELL_REMEDY: &str = "export again or correct the cell";
+const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
+
+/// The time of the last row of the block before.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PreviousTime {
+    /// In the export's unit, for messages.
+    pub recorded: f64,
+    /// In s.
+    pub seconds: f64,
+}
+
+/// Reads a block whose last line is known to be whole.
+///
+/// # Errors
+/// A rejection of the first cell, in line and then column order, that is not understood.
+pub fn read(
+    block: &Block,
+    map: &ColumnMap,
+    previous: Option<PreviousTime>,
+    path: &Path,
+) -> Result<RawSamples, Rejection> {
+    read_passing_over(block, map, previous, path, 0).map(|(samples, _)| samples)
+}
+
+/// Bad rows that were passed over.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PassedOver {
+    /// How many.
+    pub rows: u64,
+    /// What was wrong with the first of them.
+    pub first: Option<Box<Rejection>>,
+}
+
+impl PassedOver {
+    /// Counts later ones too.
+    pub(crate) fn add(&mut self, later: Self) {
+        self.rows += later.rows;
+        self.first = self.first.take().or(later.first);
+    }
+}
+
+/// As [`read`], passing over `most` bad rows at most: rows with another number of fields than columns, and rows with
+/// a cell that is empty or not understood. A row whose time does not rise, in which two stages go on, or that
+/// repeats the header is no bad row: what is wrong there is the recording.
+///
+/// Where rows are counted instead of timed, a row that is passed over takes its time.
+///
+/// # Errors
+/// As [`read`], of the first bad row beyond `most`.
+pub fn read_passing_over(
+    block: &Block,
+    map: &ColumnMap,
+    previous: Option<PreviousTime>,
+    path: &Path,
+    most: u64,
+) -> Result<(RawSamples, PassedOver), Rejection> {
+    let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
+    let mut row = Row { map, path, columns: &mut columns, previous, passes_over: most > 0, kept: Vec::new() };
+    let mut passed = PassedOver::default();
+    // rows before each row that is kept, those passed over included
+    let mut places: Vec<usize> = Vec::new();
+    for (place, (bytes, number)) in lines(&block.bytes).zip(block.first_line..).enumerate() {
+        match row.read(bytes) {
+            Ok(()) => places.push(place),
+            Err(rejection) if rejection.is_bad_row && passed.rows < most => {
+                let first = Some(Box::new(rejection.at_line(number)));
+                passed.add(PassedOver { rows: 1, first });
+            }
+            Err(rejection) => return Err(rejection.at_line(number)),
+        }
+    }
+    let mut samples = channels::samples(columns, map, previous.map(|p| p.seconds)).ok_or_else(|| {
+        Rejection::of_file(path, "numbers that cannot be read reliably", CELL_REMEDY)
+            .at_line(block.first_line)
+    })?;
+    if let TimeColumn::Counted(rate) = map.time
+        && passed.rows > 0
+    {
+        samples.time = channels::counted(places, rate, previous.map(|p| p.seconds));
+    }
+    Ok((samples, passed))
+}
+
+/// The rejection of a row that is bad by itself; what others say is wrong with the recording.
+fn of_row(rejection: Rejection) -> Rejection {
+    Rejection { is_bad_row: true, ..rejection }
+}
+
+/// Whether a line has fewer fields than a row needs.
+#[must_use]
+pub(crate) fn is_short(line: &[u8], map: &ColumnMap) -> bool {
+    !line.contains(&0)
+        && std::str::from_utf8(line)
+            .is_ok_and(|text| fields(text, map.delimiter).take(map.least_fields).count() < map.least_fields)
+}
+
+/// What a last line without a line end is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LastLine {
+    /// All its cells are whole.
+    Whole,
+    /// It reads well, but its last number may have had further digits.
+    Doubtful,
+    /// It has too few fields, or its last cell is empty or not understood: the writer did not get to its end.
+    Cut,
+}
+
+/// Judges the last line of a file that does not end with a line end.
+///
+/// A line with too few fields, or with a last cell that is empty or no number, is cut: leaving it out is harmless,
+/// since nothing follows it. With all fields it is whole if no longer number could stand in its last cell, as in a column of stages 0
+/// to 3 or one that is not needed. Else it is doubtful, since `-12.34` may be the beginning of
+/// `-12.345`: leaving out one row of a recording is harmless, a wrong torque is not.
+///
+/// # Errors
+/// A rejection of a line that is no text.
+pub fn judge_last_line(
+    line: &[u8],
+    number: u64,
+    map: &ColumnMap,
+    path: &Path,
+) -> Result<LastLine, Rejection> {
+    if line.contains(&0) {
+        return Err(nul(path).at_line(number));
+    }
+    let text = match std::str::from_utf8(line) {
+        Ok(text) => text,
+        // Without a length the text ends inside a character.
+        Err(error) if error.error_len().is_none() => return Ok(LastLine::Cut),
+        Err(_) => return Err(narrow(path, line).at_line(number)),
+    };
+    let cells: Vec<&str> = fields(text, map.delimiter).collect();
+    let last = map.least_fields.saturating_sub(1);
+    let (Some(cell), Some(role)) = (cells.get(last), map.roles.get(last)) else { return Ok(LastLine::Cut) };
+    let reads = match channels::is_text(*role, map) {
+        true => channels::word_number(cell, map).is_some(),
+        // an empty cell of a temperature is none, not a cut one
+        false => {
+            *role == Role::Ignored || role.temperature_unit().is_some() || value(cell, *role, map).is_ok()
+        }
+    };
+    if !reads {
+        return Ok(LastLine::Cut);
+    }
+    if cells.len() > map.least_fields {
+        return Ok(LastLine::Whole);
+    }
+    Ok(if channels::may_continue(cell, *role, map) { LastLine::Doubtful } else { LastLine::Whole })
+}
+
+/// The lines of a block without their line feeds.
+pub(crate) fn lines(bytes: &[u8]) -> impl DoubleEndedIterator<Item = &[u8]> {
+    bytes.split_inclusive(|byte| *byte == b'\n').map(|line| line.strip_suffix(b"\n").unwrap_or(line))
+}
+
+struct Row<'a> {
+    map: &'a ColumnMap,
+    path: &'a Path,
+    columns: &'a mut RawColumns,
+    previous: Option<PreviousTime>,
+    /// Whether a bad row is passed over: then it is looked at to its end, so that a wrong time in it counts as one
+    /// of its bad cells.
+    passes_over: bool,
+    /// The row's numbers by column, until all of it is understood.
+    kept: Vec<(usize, f64)>,
+}
+
+impl Row<'_> {
+    fn rejection(&self, reason: impl Into<Box<str>>) -> Rejection {
+        Rejection::of_file(self.path, reason, CELL_REMEDY)
+    }
+
+    /// Reads a row; nothing of one with a fault is kept.
+    fn read(&mut self, line: &[u8]) -> Result<(), Rejection> {
+        let text = self.text(line).map_err(of_row)?;
+        self.refuse_wrong_shape(text)?;
+        let map = self.map;
+        let is_exclusive = map.stage_source.kind().is_exclusive();
+        let mut stage_on: Option<usize> = None;
+        let mut of_recording: Option<Rejection> = None;
+        let mut time = None;
+        self.kept.clear();
+        for (column, cell) in fields(text, map.delimiter).enumerate() {
+            let role = map.roles.get(column).copied().unwrap_or(Role::Ignored);
+            if role == Role::Ignored {
+                continue;
+            }
+            let named =
+                |rejection: Rejection| rejection.in_column(map.names.get(column).map_or("", String::as_str));
+            let value = self.number(cell, role).map_err(|rejection| of_row(named(rejection)))?;
+            let mut refused = None;
+            if role == Role::Time {
+                match self.next_time(value, cell) {
+                    Ok(next) => time = Some(next),
+                    Err(rejection) => refused = Some(named(rejection)),
+                }
+            }
+            if is_exclusive && matches!(role, Role::Stage(_)) && value != 0.0 {
+                refused = self.refuse_second_stage(stage_on.replace(column), column).err();
+            }
+            match refused {
+                Some(rejection) if !self.passes_over => return Err(rejection),
+                refused => of_recording = of_recording.or(refused),
+            }
+            self.kept.push((column, value));
+        }
+        if let Some(rejection) = of_recording {
+            return Err(rejection);
+        }
+        self.previous = time.or(self.previous);
+        for (column, value) in self.kept.drain(..) {
+            if let Some(values) = self.columns.get_mut(column) {
+                values.push(value);
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a row in which two stages go on.
+    fn refuse_second_stage(&self, first: Option<usize>, second: usize) -> Result<(), Rejection> {
+        let Some(first) = first else { return Ok(()) };
+        let name = |column: usize| self.map.names.get(column).map_or("", String::as_str);
+        let mut rejection = self.rejection(format!("two stages at once: {} is on too", name(first)));
+        rejection.remedy =
+            "export again with one stage at a time, or name other columns in the layout's [stage] section"
+                .into();
+        Err(rejection.in_column(name(second)))
+    }
+
+    fn text<'t>(&self, line: &'t [u8]) -> Result<&'t str, Rejection> {
+        if line.contains(&0) {
+            return Err(nul(self.path));
+        }
+        std::str::from_utf8(line).map_err(|error| {
+            let before = String::from_utf8_lossy(line.get(..error.valid_up_to()).unwrap_or_default());
+            let column = fields(&before, self.map.delimiter).count().saturating_sub(1);
+            let name = self.map.names.get(column).map_or("", String::as_str);
+            narrow(self.path, line).in_column(name)
+        })
+    }
+
+    fn refuse_wrong_shape(&self, text: &str) -> Result<(), Rejection> {
+        let names = &self.map.names;
+        let (mut count, mut as_header, mut empty_beyond) = (0, true, true);
+        for cell in fields(text, self.map.delimiter) {
+            match names.get(count) {
+                Some(name) => as_header &= name == cell,
+                // Further fields are those of delimiters at the end of the line.
+                None => empty_beyond &= cell.is_empty(),
+            }
+            count += 1;
+        }
+        let is_header = as_header && count >= names.len();
+        let fits = count >= self.map.least_fields && empty_beyond;
+        if fits && !is_header {
+            return Ok(());
+        }
+        let mut rejection = if text.bytes().all(is_blank) {
+            self.rejection("blank line between rows")
+        } else if is_header {
+            self.rejection("repeated header: two exports in one file")
+        } else {
+            let size = if count < names.len() { "short" } else { "long" };
+            self.rejection(format!("line too {size}: {count} fields, the header has {}", names.len()))
+        };
+        rejection.remedy = "export again; each line needs one field for each column".into();
+        Err(if is_header { rejection } else { of_row(rejection) })
+    }
+
+    fn number(&self, cell: &str, role: Role) -> Result<f64, Rejection> {
+        let refused = |reason: String| self.rejection(reason).with_value(cell);
+        if channels::is_text(role, self.map) {
+            return channels::word_number(cell, self.map).ok_or_else(|| {
+                let mut rejection = refused(self.map.stage_source.kind().words_wanted());
+                rejection.remedy = STAGE_REMEDY.into();
+                rejection
+            });
+        }
+        if role.temperature_unit().is_some() {
+            return Ok(channels::temperature(cell, self.map.decimal));
+        }
+        if cell.is_empty() {
+            return Err(self.rejection("empty cell"));
+        }
+        let refused = |reason: String| self.rejection(reason).with_value(cell);
+        let value = value(cell, role, self.map).map_err(|no| {
+            let mut rejection = refused(no.reason.into());
+            no.remedy.into_iter().for_each(|remedy| rejection.remedy = remedy.into());
+            rejection
+        })?;
+        if let Some(reason) = channels::refusal(value, role, self.map) {
+            let mut rejection = refused(reason);
+            if matches!(role, Role::Stage(_)) {
+                rejection.remedy = STAGE_REMEDY.into();
+            }
+            return Err(rejection);
+        }
+        Ok(value)
+    }
+
+    fn next_time(&self, value: f64, cell: &str) -> Result<PreviousTime, Rejection> {
+        let seconds = self.scaled_time(value);
+        let recorded = match self.map.time {
+            TimeColumn::Recorded(_) => cell::number(cell, self.map.decimal).unwrap_or(value),
+            _ => value,
+        };
+        if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
+            return Err(self.time_does_not_rise(before, seconds, recorded).with_value(cell));
+        }
+        Ok(PreviousTime { recorded, seconds })
+    }
+
+    /// A time in s, converted exactly as [`channels::samples`] converts it.
+    fn scaled_time(&self, value: f64) -> f64 {
+        let factor = self.map.to_si.time;
+        let counts = match self.map.time {
+            TimeColumn::Wrapping { period, .. } => {
+                let origin = self.map.time_origin.map_or(0.0, cell::Decimal::to_f64);
+                let previous = self.previous.map(|before| before.seconds / factor + origin);
+                channels::counted_on(value, period, previous) - origin
+            }
+            _ => value,
+        };
+        counts * factor
+    }
+
+    fn time_does_not_rise(&self, before: PreviousTime, seconds: f64, recorded: f64) -> Rejection {
+        let backwards = before.seconds > seconds;
+        let last = match self.map.time {
+            TimeColumn::Stamped { .. } => "the time".to_owned(),
+            // of the row before a block only the count that goes on is known
+            TimeColumn::Wrapping { .. } => "the count".to_owned(),
+            _ => without_rounding(before.recorded).to_string(),
+        };
+        let mut rejection = self.rejection(if backwards {
+            format!("earlier than {last} in the row before: time runs backwards")
+        } else {
+            format!("not later than {last} in the row before: time stands still")
+        });
+        let anew = || began_anew(before.recorded, recorded).filter(|_| backwards);
+        rejection.remedy = match (&self.map.time, anew()) {
+            (TimeColumn::Wrapping { period, .. }, _) => {
+                format!("check wraps_at = {period} under [time]: the counter must begin anew there").into()
+            }
+            (_, Some(period)) => {
+                format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
+            }
+            (_, None) => "export the recording again in one piece, with a finer time if needed".into(),
+        };
+        rejection
+    }
+}
+
+/// A time that was converted to seconds and back, as it was recorded.
+fn without_rounding(recorded: f64) -> f64 {
+    format!("{recorded:.13e}").parse().unwrap_or(recorded)
+}
+
+/// The period of a counter of 16, 31 or 32 bits that was near its end and is near its beginning.
+fn began_anew(before: f64, after: f64) -> Option<u64> {
+    let near = |period: u64| {
+        let period = period as f64;
+        before < period && before > 0.99 * period && (0.0..0.01 * period).contains(&after)
+    };
+    [1 << 16, 1 << 31, 1 << 32].into_iter().find(|period| near(*period))
+}
+
+/// The number in a cell; of a time, from that of the first row on, a date and time in s.
+fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
+    match (role, map.time) {
+        (Role::Time, TimeColumn::Stamped { origin, .. }) => stamped(cell, origin).ok_or(cell::NoNumber {
+            reason: "not a date and time",
+            remedy: Some("export times as 2026-03-01T08:00:00.004, or give [time] another unit"),
+        }),
+        (Role::Time, TimeColumn::Recorded(_)) => match map.time_origin {
+            Some(origin) => cell::number_since(cell, map.decimal, origin),
+            None => cell::number(cell, map.decimal),
+        },
+        _ => cell::number(cell, map.decimal),
+    }
+}
+
+/// Seconds from `origin`, ns from 1970, to a date and time.
+pub(crate) fn stamped(cell: &str, origin: i64) -> Option<f64> {
+    Some(cell::timestamp(cell)?.checked_sub(origin)? as f64 * 1e-9)
+}

@@ -1,0 +1,574 @@
+//! Which column of an export is which channel: the header against a layout, by name, or by number where
+//! the layout says so.
+
+use std::path::Path;
+
+use super::cell::{self, Decimal};
+use super::fields::fields;
+use crate::rejection::Rejection;
+use armwatch_config::{
+    Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TimeSource,
+};
+use armwatch_model::robot::{JointIndex, Robot};
+
+/// Most column names listed in a message.
+const LISTED_COLUMNS: usize = 40;
+
+/// Most columns of an export, as many as layouts can number: each is a column of every block that is read.
+pub const MAX_COLUMNS: usize = 10_000;
+
+/// What a column of the export is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Not needed; its cells are not looked at.
+    Ignored,
+    /// Time.
+    Time,
+    /// Position of a joint.
+    Position(JointIndex),
+    /// Velocity of a joint.
+    Velocity(JointIndex),
+    /// Torque of a joint.
+    Torque(JointIndex),
+    /// Stage signal: its column of this place, from 0.
+    Stage(usize),
+    /// Cycle counter.
+    Cycle,
+    /// Joint under friction test.
+    FrictionJoint,
+    /// Speed level of the friction test.
+    FrictionLevel,
+    /// Temperature of a joint's motor. A cell that holds no number is no measurement.
+    MotorTemperature(JointIndex, TemperatureUnit),
+    /// Temperature of the hall, likewise.
+    AmbientTemperature(TemperatureUnit),
+}
+
+impl Role {
+    /// Unit of a temperature; `None` of everything else.
+    #[must_use]
+    pub fn temperature_unit(self) -> Option<TemperatureUnit> {
+        match self {
+            Self::MotorTemperature(_, unit) | Self::AmbientTemperature(unit) => Some(unit),
+            _ => None,
+        }
+    }
+}
+
+/// Where each channel stands in an export, and in which unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ColumnMap {
+    /// Separator between columns.
+    pub delimiter: u8,
+    /// What stands before the decimals of a number.
+    pub decimal: DecimalMark,
+    /// Names in the export's order, trimmed.
+    pub names: Vec<String>,
+    /// Role of each column, in the export's order.
+    pub roles: Vec<Role>,
+    /// Where time stands.
+    pub time: TimeColumn,
+    /// Number that times in a column of numbers count from, that of the first row; `None` before it is seen.
+    pub time_origin: Option<Decimal>,
+    /// Fields that each row must have: all up to the last column that has a name or is needed.
+    pub least_fields: usize,
+    /// Column index of each joint's position; empty where none are recorded.
+    pub position: Vec<usize>,
+    /// Column index of each joint's velocity, where recorded.
+    pub velocity: Option<Vec<usize>>,
+    /// Column index of each joint's torque.
+    pub torque: Vec<usize>,
+    /// Column indices of the stage signal, in the order of its columns.
+    pub stage: Vec<usize>,
+    /// Column index of the cycle counter, where recorded.
+    pub cycle: Option<usize>,
+    /// Column indices of friction joint and speed level, where both are recorded.
+    pub friction: Option<FrictionColumns>,
+    /// Column index of each joint's motor temperature, where recorded, `[n]`.
+    pub motor_temperature: Vec<Option<usize>>,
+    /// Column index of the hall's temperature, where recorded.
+    pub ambient_temperature: Option<usize>,
+    /// Factors to SI.
+    pub to_si: Factors,
+    /// Meaning of the stage signal's columns.
+    pub stage_source: StageSource,
+    /// Channels recorded on the motor's side.
+    pub motor_side: MotorSide,
+    /// Largest speed level; 0 if the description names none, then any is taken.
+    pub levels: usize,
+}
+
+/// Where the time of a row comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TimeColumn {
+    /// The column of this index.
+    Recorded(usize),
+    /// The column of this index, which begins anew.
+    Wrapping {
+        /// Column index.
+        column: usize,
+        /// One more than its largest value, in its unit.
+        period: f64,
+    },
+    /// Dates and times in the column of this index.
+    Stamped {
+        /// Column index.
+        column: usize,
+        /// Moment that times count from, ns from 1970.
+        origin: i64,
+    },
+    /// The number of the row at this sample rate, Hz.
+    Counted(f64),
+}
+
+impl TimeColumn {
+    /// Column index, where there is one.
+    #[must_use]
+    pub fn column(self) -> Option<usize> {
+        match self {
+            Self::Recorded(column) | Self::Wrapping { column, .. } | Self::Stamped { column, .. } => {
+                Some(column)
+            }
+            Self::Counted(_) => None,
+        }
+    }
+}
+
+/// Column indices of the friction signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrictionColumns {
+    /// Joint under test.
+    pub joint: usize,
+    /// Speed level.
+    pub level: usize,
+}
+
+/// Factors from the export's units to SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Factors {
+    /// To s.
+    pub time: f64,
+    /// To rad (m), a joint's each, `[n]`.
+    pub position: Vec<f64>,
+    /// To rad/s (m/s), `[n]`.
+    pub velocity: Vec<f64>,
+    /// To Nm (N), currents and percentages of rated torque included, `[n]`.
+    pub torque: Vec<f64>,
+}
+
+impl ColumnMap {
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.torque.len()
+    }
+}
+
+/// Finds the layout's columns in the header line of an export of `robot`.
+///
+/// Order does not matter and unknown columns are ignored. Names are trimmed, quotes around them are
+/// taken off. Velocities may be absent altogether, unless a column is spelled almost like them;
+/// cycle, friction joint and level are used if they are there, the last two only together; so are temperatures,
+/// each for itself.
+///
+/// # Errors
+/// A rejection at line 1: no header, a column twice, another number of joints than the robot has,
+/// no stage signal, or a missing column with its nearest spelling.
+pub fn map_columns(
+    header: &str,
+    layout: &Layout,
+    robot: &Robot,
+    path: &Path,
+) -> Result<ColumnMap, Rejection> {
+    if fields(header, layout.delimiter).nth(MAX_COLUMNS).is_some() {
+        let reason = format!("a header of more than {MAX_COLUMNS} columns");
+        return Err(Rejection::of_file(path, reason, "check the delimiter of the layout").at_line(1));
+    }
+    let names: Vec<String> = match layout.header {
+        true => fields(header, layout.delimiter).map(str::to_owned).collect(),
+        false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
+    };
+    let factors =
+        layout.factors(robot).map_err(|misfit| Rejection::of_file(path, misfit.problem, misfit.remedy))?;
+    let search = Search { names: &names, layout, robot, path };
+    if layout.header {
+        search.refuse_missing_header()?;
+        search.refuse_foreign_delimiter()?;
+        search.refuse_joint_count()?;
+    }
+
+    let time = match &layout.time {
+        TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.column)?),
+        TimeSource::Counter { column, wraps_at } => {
+            TimeColumn::Wrapping { column: search.needed(&column.column)?, period: *wraps_at }
+        }
+        TimeSource::Timestamp(column) => TimeColumn::Stamped { column: search.needed(column)?, origin: 0 },
+        TimeSource::SampleRate(rate) => TimeColumn::Counted(*rate),
+    };
+    let position = search.needed_by_joint(&layout.position)?;
+    let velocity = match &layout.velocity {
+        Some(column) if search.is_recorded(column) => Some(search.needed_by_joint(column)?),
+        _ => None,
+    };
+    let torque = search.needed_by_joint(&layout.torque)?;
+    let stage_columns = layout.stage.kind().columns();
+    let stage =
+        stage_columns.into_iter().map(|column| search.stage(column)).collect::<Result<Vec<_>, _>>()?;
+    let cycle = search.optional(layout.cycle.as_ref())?;
+    let joint = search.optional(layout.friction_joint.as_ref())?;
+    let level = search.optional(layout.friction_level.as_ref())?;
+    let friction = joint.zip(level).map(|(joint, level)| FrictionColumns { joint, level });
+
+    let motor_temperature = search.motor_temperatures()?;
+    let ambient = layout.ambient_temperature.as_ref();
+    let ambient_temperature = search.optional(ambient.map(|ambient| &ambient.column))?;
+
+    let mut roles = vec![Role::Ignored; names.len()];
+    let mut twice = None;
+    let mut assign = |column: usize, role: Role| {
+        if let Some(slot) = roles.get_mut(column) {
+            if *slot != Role::Ignored {
+                twice = Some(column);
+            }
+            *slot = role;
+        }
+    };
+    time.column().into_iter().for_each(|column| assign(column, Role::Time));
+    for joint in robot.joint_indices() {
+        position.get(joint.index()).into_iter().for_each(|column| assign(*column, Role::Position(joint)));
+        assign(torque[joint.index()], Role::Torque(joint));
+        if let Some(velocity) = &velocity {
+            assign(velocity[joint.index()], Role::Velocity(joint));
+        }
+    }
+    for (joint, column) in robot.joint_indices().zip(&motor_temperature) {
+        if let (Some(column), Some(motor)) = (column, &layout.motor_temperature) {
+            assign(*column, Role::MotorTemperature(joint, motor.unit));
+        }
+    }
+    if let (Some(column), Some(ambient)) = (ambient_temperature, ambient) {
+        assign(column, Role::AmbientTemperature(ambient.unit));
+    }
+    stage.iter().enumerate().for_each(|(place, column)| assign(*column, Role::Stage(place)));
+    cycle.into_iter().for_each(|column| assign(column, Role::Cycle));
+    if let Some(friction) = friction {
+        assign(friction.joint, Role::FrictionJoint);
+        assign(friction.level, Role::FrictionLevel);
+    }
+    // Names in the layout differ, but a number may mean the column that another key names.
+    if let Some(column) = twice {
+        return Err(search
+            .rejection(
+                "a column that is read as two things",
+                format!("correct the numbers of columns in layout \"{}\"", layout.name),
+            )
+            .in_column(&names[column]));
+    }
+    let needed = |(name, role): (&String, &Role)| !name.is_empty() || *role != Role::Ignored;
+    let least_fields = names.iter().zip(&roles).rposition(needed).map_or(0, |last| last + 1);
+    Ok(ColumnMap {
+        delimiter: layout.delimiter,
+        decimal: layout.text.decimal,
+        least_fields,
+        names,
+        roles,
+        time,
+        time_origin: None,
+        position,
+        velocity,
+        torque,
+        stage,
+        cycle,
+        friction,
+        motor_temperature,
+        ambient_temperature,
+        to_si: Factors {
+            time: layout.time.to_si(),
+            position: factors.position,
+            velocity: factors.velocity,
+            torque: factors.torque,
+        },
+        stage_source: layout.stage.clone(),
+        motor_side: layout.motor_side,
+        levels: robot.speed_levels.len(),
+    })
+}
+
+/// What every question to the header needs.
+struct Search<'a> {
+    names: &'a [String],
+    layout: &'a Layout,
+    robot: &'a Robot,
+    path: &'a Path,
+}
+
+impl Search<'_> {
+    fn rejection(&self, reason: impl Into<Box<str>>, remedy: impl Into<Box<str>>) -> Rejection {
+        Rejection::of_file(self.path, reason, remedy).at_line(1)
+    }
+
+    fn listed(&self) -> String {
+        let shown: Vec<&str> = self.names.iter().take(LISTED_COLUMNS).map(String::as_str).collect();
+        let more = self.names.len().saturating_sub(LISTED_COLUMNS);
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        format!("{}{more}", shown.join(", "))
+    }
+
+    fn refuse_missing_header(&self) -> Result<(), Rejection> {
+        let mut cells = self.names.iter().filter(|name| !name.is_empty()).peekable();
+        if cells.peek().is_some() && !cells.all(|name| cell::number(name, self.layout.text.decimal).is_ok()) {
+            return Ok(());
+        }
+        Err(self.rejection(
+            "no header line: the first line holds only numbers",
+            format!("export with a line of column names as layout \"{}\" gives them", self.layout.name),
+        ))
+    }
+
+    fn refuse_foreign_delimiter(&self) -> Result<(), Rejection> {
+        let [only] = self.names else { return Ok(()) };
+        let found = [(',', "comma"), (';', "semicolon"), ('\t', "tab"), ('|', "bar")];
+        match found.iter().find(|(sign, _)| only.contains(*sign)) {
+            Some((_, name)) => Err(self.rejection(
+                format!("a header separated by {name}, not by {:?}", char::from(self.layout.delimiter)),
+                format!("set the delimiter of layout \"{}\"", self.layout.name),
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Joints are counted by their position columns; an arm with fewer or more is another arm.
+    fn refuse_joint_count(&self) -> Result<(), Rejection> {
+        let JointColumns::Pattern(pattern) = &self.layout.position.columns else { return Ok(()) };
+        let Some((before, after)) = pattern.split_once("{joint}") else { return Ok(()) };
+        let numbers = self.names.iter().filter_map(|name| {
+            name.strip_prefix(before)?.strip_suffix(after)?.parse::<usize>().ok().filter(|n| *n > 0)
+        });
+        let found = numbers.max().unwrap_or(0);
+        let joints = self.robot.joint_count();
+        // Fewer positions than joints is a missing column if the torques are all there.
+        let torque_of = |joint: usize| {
+            self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some())
+        };
+        if found == 0 || found == joints || (found < joints && torque_of(joints)) {
+            return Ok(());
+        }
+        Err(self.rejection(
+            format!(
+                "wrong joint count: the export has positions for {found} joints, the description of {} has {joints}",
+                self.robot.model
+            ),
+            "give this robot the description and layout of its model in the configuration",
+        ))
+    }
+
+    fn find(&self, column: &Column) -> Option<usize> {
+        match column {
+            Column::Name(name) => self.names.iter().position(|n| n == name),
+            Column::Number(number) => number.checked_sub(1).filter(|at| *at < self.names.len()),
+        }
+    }
+
+    /// A column that may be absent but, if it goes by name, not be there twice.
+    fn optional(&self, column: Option<&Column>) -> Result<Option<usize>, Rejection> {
+        let Some(column) = column else { return Ok(None) };
+        if let Column::Name(name) = column
+            && self.names.iter().filter(|n| *n == name).count() > 1
+        {
+            return Err(self
+                .rejection("a column that is there twice", "export each column once")
+                .in_column(name));
+        }
+        Ok(self.find(column))
+    }
+
+    fn needed(&self, column: &Column) -> Result<usize, Rejection> {
+        self.optional(Some(column))?.ok_or_else(|| {
+            let remedy = match column {
+                Column::Name(name) => {
+                    let nearest =
+                        self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+                    format!(
+                        "{nearest}correct the export or layout \"{}\"; the export has {}",
+                        self.layout.name,
+                        self.listed()
+                    )
+                }
+                Column::Number(_) => format!(
+                    "correct the numbers of columns in layout \"{}\"; the export has {} columns",
+                    self.layout.name,
+                    self.names.len()
+                ),
+            };
+            self.rejection("missing column", remedy).in_column(&column.to_string())
+        })
+    }
+
+    fn needed_by_joint(&self, channel: &Channel) -> Result<Vec<usize>, Rejection> {
+        self.columns(channel).map(|column| self.needed(&column)).collect()
+    }
+
+    /// Columns of the motors' temperatures, of the joints that have one.
+    fn motor_temperatures(&self) -> Result<Vec<Option<usize>>, Rejection> {
+        let columns = self.layout.motor_temperature.as_ref().map(|motor| &motor.columns);
+        (1..=self.robot.joint_count())
+            .map(|joint| self.optional(columns.and_then(|columns| columns.of_joint(joint)).as_ref()))
+            .collect()
+    }
+
+    /// The channel's columns, one a joint.
+    fn columns<'c>(&self, channel: &'c Channel) -> impl Iterator<Item = Column> + use<'c> {
+        (1..=self.robot.joint_count()).filter_map(|joint| channel.columns.of_joint(joint))
+    }
+
+    fn stage(&self, column: &Column) -> Result<usize, Rejection> {
+        self.optional(Some(column))?.ok_or_else(|| {
+            let name = column.to_string();
+            let nearest = self.nearest(&name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
+            let remedy = format!(
+                "{nearest}name the column that tells excitation, friction and warming apart, and its values, \
+                 as the stage signal of layout \"{}\"; the export has {}",
+                self.layout.name,
+                self.listed()
+            );
+            self.rejection("no stage signal: the column is missing", remedy).in_column(&name)
+        })
+    }
+
+    /// Whether the export means to have these columns: one is there, or one is spelled almost so.
+    fn is_recorded(&self, channel: &Channel) -> bool {
+        self.columns(channel).any(|column| {
+            let name = column.to_string();
+            self.find(&column).is_some() || self.nearest(&name).is_some_and(|n| edit_distance(n, &name) <= 1)
+        })
+    }
+
+    /// The spelling nearest to `name` among columns that the layout does not name itself.
+    fn nearest(&self, name: &str) -> Option<&str> {
+        let distance = |other: &str| edit_distance(other, name);
+        self.names
+            .iter()
+            .filter(|other| !other.is_empty() && !self.is_named(other))
+            .min_by_key(|other| distance(other))
+            .filter(|other| distance(other) <= name.chars().count() / 2)
+            .map(String::as_str)
+    }
+
+    fn is_named(&self, name: &str) -> bool {
+        let layout = self.layout;
+        let time = layout.time.column();
+        let is = |column: &Column| matches!(column, Column::Name(named) if named == name);
+        let single = [time, layout.cycle.as_ref()]
+            .into_iter()
+            .chain([layout.friction_joint.as_ref(), layout.friction_level.as_ref()]);
+        let joints = [Some(&layout.position), layout.velocity.as_ref(), Some(&layout.torque)];
+        let ambient = layout.ambient_temperature.as_ref().map(|ambient| &ambient.column);
+        let motors = layout.motor_temperature.as_ref().into_iter().flat_map(|motor| {
+            (1..=self.robot.joint_count()).filter_map(|joint| motor.columns.of_joint(joint))
+        });
+        single.chain([ambient]).flatten().any(is)
+            || motors.into_iter().any(|column| is(&column))
+            || layout.stage.kind().columns().into_iter().any(is)
+            || joints.into_iter().flatten().any(|channel| self.columns(channel).any(|column| is(&column)))
+    }
+}
+
+/// Levenshtein distance, case aside.
+fn edit_distance(a: &str, b: &str) -> usize {
+    strsim::levenshtein(&a.to_lowercase(), &b.to_lowercase())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixture::native;
+    use armwatch_testing::er3a;
+
+    const HEADER: &str = "time,pos_1,pos_2,pos_3,pos_4,pos_5,pos_6,vel_1,vel_2,vel_3,vel_4,vel_5,vel_6,\
+                          trq_1,trq_2,trq_3,trq_4,trq_5,trq_6,stage,cycle,joint,level";
+
+    fn mapped(header: &str) -> Result<ColumnMap, Rejection> {
+        map_columns(header, &native(), &er3a(), Path::new("a.csv"))
+    }
+
+    #[test]
+    fn columns_are_found_by_name_wherever_they_stand() {
+        let straight = mapped(HEADER).unwrap();
+        let backwards: Vec<&str> = HEADER.split(',').rev().collect();
+        let reversed = mapped(&backwards.join(",")).unwrap();
+        assert_eq!((straight.time, reversed.time), (TimeColumn::Recorded(0), TimeColumn::Recorded(22)));
+        assert_eq!(straight.position, [1, 2, 3, 4, 5, 6]);
+        assert_eq!(reversed.position, [21, 20, 19, 18, 17, 16]);
+        let mut roles = reversed.roles.clone();
+        roles.reverse();
+        assert_eq!(roles, straight.roles);
+        assert!(!roles.contains(&Role::Ignored));
+    }
+
+    #[test]
+    fn twice_is_only_wrong_for_columns_that_are_needed() {
+        assert!(mapped(&format!("{HEADER},note,note,,")).is_ok());
+        for name in ["time", "trq_6", "stage", "level"] {
+            let rejection = mapped(&format!("{HEADER},{name}")).unwrap_err();
+            assert_eq!(&*rejection.reason, "a column that is there twice");
+            assert_eq!(rejection.column.as_deref(), Some(name));
+        }
+    }
+
+    #[test]
+    fn half_a_friction_signal_is_none() {
+        let map = mapped(&HEADER.replace(",level", "")).unwrap();
+        assert_eq!((map.friction, map.cycle), (None, Some(20)));
+    }
+
+    #[test]
+    fn one_missing_velocity_is_missing_and_all_of_them_are_not_recorded() {
+        let rejection = mapped(&HEADER.replace(",vel_4", "")).unwrap_err();
+        assert_eq!((&*rejection.reason, rejection.column.as_deref()), ("missing column", Some("vel_4")));
+        let without: Vec<&str> = HEADER.split(',').filter(|name| !name.starts_with("vel_")).collect();
+        assert_eq!(mapped(&without.join(",")).unwrap().velocity, None);
+    }
+
+    #[test]
+    fn one_missing_position_is_missing_and_not_another_arm() {
+        for joint in 1..=6 {
+            let rejection = mapped(&HEADER.replace(&format!(",pos_{joint}"), "")).unwrap_err();
+            assert_eq!(&*rejection.reason, "missing column");
+            assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
+        }
+    }
+
+    #[test]
+    fn edit_distances() {
+        for (a, b, distance) in [("", "", 0), ("abc", "", 3), ("kitten", "sitting", 3), ("Vel", "vel", 0)] {
+            assert_eq!(edit_distance(a, b), distance);
+            assert_eq!(edit_distance(b, a), distance);
+        }
+    }
+
+    #[test]
+    fn columns_by_number_ignore_names_and_must_be_there_once() {
+        let mut layout = native();
+        layout.torque.columns = JointColumns::Each((14..=19).map(Column::Number).collect());
+        let renamed = HEADER.replace("trq_", "Drehmoment A").replace(",stage", ",stage,note,note");
+        let map = |layout: &Layout| map_columns(&renamed, layout, &er3a(), Path::new("a.csv"));
+        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18]);
+        layout.torque.columns = JointColumns::Each([13, 14, 15, 16, 17, 18].map(Column::Number).into());
+        let rejection = map(&layout).unwrap_err();
+        assert_eq!(
+            (&*rejection.reason, rejection.column.as_deref()),
+            ("a column that is read as two things", Some("vel_6"))
+        );
+        layout.torque.columns = JointColumns::Each([14, 15, 16, 17, 18, 40].map(Column::Number).into());
+        let rejection = map(&layout).unwrap_err();
+        assert_eq!((&*rejection.reason, rejection.column.as_deref()), ("missing column", Some("40")));
+    }
+
+    #[test]
+    fn currents_without_a_gain_are_refused_before_any_row() {
+        let mut layout = native();
+        layout.torque_quantity = armwatch_config::TorqueQuantity::Current;
+        let rejection = map_columns(HEADER, &layout, &er3a(), Path::new("a.csv")).unwrap_err();
+        assert!(rejection.reason.contains("drive_gain_nm_a of joint 1"), "{rejection}");
+    }
+}

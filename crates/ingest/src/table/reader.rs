@@ -1,0 +1,505 @@
+//! The rows of an export, chunk by chunk, with the place of whatever is not understood.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::cell::Decimal;
+use super::cell_reader::{LastLine, PassedOver, PreviousTime};
+use super::column_map::{ColumnMap, TimeColumn, map_columns};
+use super::polars_reader::Parser;
+use super::preamble::Header;
+use super::{cell_reader, channels, preamble};
+use crate::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
+use crate::bytes::encoding::Found;
+use crate::rejection::Rejection;
+use armwatch_config::Layout;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::RawSamples;
+
+/// Lines below a line that is no header in which a header is looked for, to say how many to skip.
+const MOST_LINES_ABOVE_HEADER: usize = 100;
+
+/// How an export is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Bytes of a block.
+    pub block_bytes: usize,
+    /// Threads that polars may use for one block. With 1, parallelism comes from reading several
+    /// exports or blocks at once. polars' own pool bounds the sum (`POLARS_MAX_THREADS`).
+    pub threads: usize,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { block_bytes: BLOCK_BYTES, threads: 1 }
+    }
+}
+
+/// Consecutive rows of an export.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chunk {
+    /// The rows, in SI.
+    pub samples: RawSamples,
+    /// Line of the first row in the decompressed file, from 1.
+    pub first_line: u64,
+    /// Where the reader stood before them.
+    pub position: ReadPosition,
+}
+
+/// Where a reader stands before a row: with it, another reader of the same export goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ReadPosition {
+    /// Line of the row in the decompressed file, from 1.
+    pub line: u64,
+    /// Its first byte in the decompressed file, from 0.
+    pub byte: u64,
+    /// Rows before it.
+    pub rows: u64,
+    /// Bad rows before it that were passed over, beyond those.
+    pub rows_skipped: u64,
+    /// Time of the row before, as recorded and counted on.
+    pub previous: Option<PreviousTime>,
+    /// Number that times count from, in the export's unit, where time is a column of numbers.
+    pub origin: Option<Decimal>,
+    /// Moment that dates and times count from, ns from 1970, where they do.
+    pub moment: Option<i64>,
+}
+
+/// What an export gives next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Rows.
+    Rows(Box<Chunk>),
+    /// No whole row now; the file may still grow.
+    Waiting,
+    /// No more rows.
+    End,
+}
+
+/// A last line that was left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Its number in the decompressed file, from 1.
+    pub line: u64,
+    /// Why, as a clause about "the last line".
+    pub reason: &'static str,
+}
+
+/// Of a last line that reads well and has no line end.
+const MAY_BE_CUT: &str = "has no line end and its last number may be cut";
+
+/// Of a last line that has too few fields, or whose last cell is not understood.
+const IS_CUT: &str = "has too few fields or ends inside a cell";
+
+/// The rows of an export, chunk by chunk. Ends after the first rejection.
+///
+/// An export without rows gives a rejection, so at least one item comes.
+#[derive(Debug)]
+pub struct ExportReader<R> {
+    blocks: Blocks<R>,
+    parser: Parser,
+    path: PathBuf,
+    /// Line of the header; `None` without one.
+    header_line: Option<u64>,
+    previous: Option<PreviousTime>,
+    /// Whether it is known what times count from.
+    has_moment: bool,
+    /// Most bad rows that are passed over.
+    most_bad: u64,
+    passed_over: PassedOver,
+    /// A line with too few fields, of which it is not known yet whether it is the last.
+    held: Option<Block>,
+    left_out: Option<LeftOut>,
+    /// A rejection that follows the rows given last.
+    fault: Option<Rejection>,
+    rows: u64,
+    done: bool,
+}
+
+impl<R: Read> ExportReader<R> {
+    /// Reads the header. `path` is for messages only.
+    ///
+    /// # Errors
+    /// A rejection of the file or its header, as [`preamble::read`] and [`map_columns`] give it.
+    pub fn new(
+        reader: R,
+        path: &Path,
+        layout: &Layout,
+        robot: &Robot,
+        options: ReadOptions,
+    ) -> Result<Self, Rejection> {
+        let read = Self::of_growing(reader, path, layout, robot, options)?;
+        read.ok_or_else(|| Rejection::of_file(path, "an empty file", cell_reader::CUT_REMEDY))
+    }
+
+    /// As [`ExportReader::new`], of a file that may still grow: `None` as long as its header has no
+    /// line end; also of an empty file.
+    ///
+    /// # Errors
+    /// As [`ExportReader::new`].
+    pub fn of_growing(
+        reader: R,
+        path: &Path,
+        layout: &Layout,
+        robot: &Robot,
+        options: ReadOptions,
+    ) -> Result<Option<Self>, Rejection> {
+        let mut blocks = Blocks::new(reader, options.block_bytes, layout.text.encoding);
+        let Some(header) = preamble::read(&mut blocks, layout, path)? else { return Ok(None) };
+        Self::with_header(blocks, &header, path, layout, robot, options).map(Some)
+    }
+
+    fn with_header(
+        mut blocks: Blocks<R>,
+        header: &Header,
+        path: &Path,
+        layout: &Layout,
+        robot: &Robot,
+        options: ReadOptions,
+    ) -> Result<Self, Rejection> {
+        let map =
+            map_columns(&header.text, layout, robot, path).map_err(|rejection| match rejection.line {
+                Some(_) => {
+                    let rejection = rejection.at_line(header.line);
+                    let is_header = |line: &str| map_columns(line, layout, robot, path).is_ok();
+                    match layout.header.then(|| header_below(&mut blocks, path, is_header)).flatten() {
+                        Some(line) => rejection.with_header_at(line),
+                        None => rejection,
+                    }
+                }
+                None => rejection,
+            })?;
+        Ok(Self {
+            blocks,
+            header_line: layout.header.then_some(header.line),
+            parser: Parser::new(map, options.threads),
+            path: path.to_owned(),
+            previous: None,
+            has_moment: false,
+            most_bad: layout.rows.skip_bad,
+            passed_over: PassedOver::default(),
+            held: None,
+            left_out: None,
+            fault: None,
+            rows: 0,
+            done: false,
+        })
+    }
+
+    /// Where each channel stands.
+    #[must_use]
+    pub fn columns(&self) -> &ColumnMap {
+        self.parser.map()
+    }
+
+    /// How the file writes its text, as far as it was read.
+    #[must_use]
+    pub fn encoding(&self) -> Found {
+        self.blocks.encoding()
+    }
+
+    /// Rows given so far.
+    #[must_use]
+    pub fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// The last line, where it was left out because the writer did not get to its end; see
+    /// [`cell_reader::judge_last_line`].
+    #[must_use]
+    pub fn left_out(&self) -> Option<LeftOut> {
+        self.left_out
+    }
+
+    /// The bad rows that were passed over so far; the first of them is unknown where another reader met it.
+    #[must_use]
+    pub fn passed_over(&self) -> &PassedOver {
+        &self.passed_over
+    }
+
+    /// Passes over rows, a block of them at most, on the way to `position`, where a reader of the same export stood.
+    /// To be called before the first [`ExportReader::step`], until it says [`Passed::There`]; with
+    /// [`Passed::Elsewhere`] the export is another one, and this reader is of no use.
+    ///
+    /// # Errors
+    /// A rejection of a file that cannot be read so far.
+    pub fn pass_to(&mut self, position: &ReadPosition) -> Result<Passed, Rejection> {
+        let passed = self.blocks.pass_to(position.line, position.byte, &self.path)?;
+        if passed == Passed::There {
+            (self.rows, self.previous) = (position.rows, position.previous);
+            self.passed_over.rows = position.rows_skipped;
+            self.parser.count_from_number(position.origin);
+            self.has_moment = true;
+            position.moment.into_iter().for_each(|moment| self.parser.count_from_moment(moment));
+        }
+        Ok(passed)
+    }
+
+    fn position_before(&self, block: &Block) -> ReadPosition {
+        ReadPosition {
+            line: block.first_line,
+            byte: block.first_byte,
+            rows: self.rows,
+            rows_skipped: self.passed_over.rows,
+            previous: self.previous,
+            origin: self.parser.map().time_origin,
+            moment: self.parser.counted_from(),
+        }
+    }
+
+    /// The next rows. To be asked again after [`Step::Waiting`], and no more after [`Step::End`] or a
+    /// rejection.
+    ///
+    /// # Errors
+    /// A rejection of the first line that is not understood, after the rows before it.
+    pub fn step(&mut self) -> Result<Step, Rejection> {
+        if let Some(fault) = self.fault.take() {
+            return Err(fault);
+        }
+        loop {
+            let mut block = match self.blocks.next_block(&self.path)? {
+                Next::Block(block) => block,
+                Next::Later => return Ok(Step::Waiting),
+                Next::End => return self.end(),
+            };
+            // what follows a short line says that it was not the last one
+            if let Some(held) = self.held.take() {
+                self.take_rows(held)?;
+            }
+            match block.unterminated {
+                true => self.judge_end(&mut block)?,
+                false => self.hold_short_line(&mut block),
+            }
+            if block.bytes.is_empty() {
+                continue;
+            }
+            let (first_line, position) = (block.first_line, self.position_before(&block));
+            let samples = self.take_rows(block)?;
+            if !samples.is_empty() {
+                return Ok(Step::Rows(Box::new(Chunk { samples, first_line, position })));
+            }
+        }
+    }
+
+    /// The rows of a block, counted. A fault behind some of them comes with the next step.
+    fn take_rows(&mut self, block: Block) -> Result<RawSamples, Rejection> {
+        if !self.has_moment {
+            self.has_moment = self.parser.count_from(&block);
+        }
+        let left = self.most_bad.saturating_sub(self.passed_over.rows);
+        let read = self.parser.read_passing_over(&block, self.previous, &self.path, left);
+        // rows that are counted count all lines
+        let lines = match self.parser.map().time {
+            TimeColumn::Counted(_) => line_count(&block.bytes),
+            _ => 0,
+        };
+        let (samples, passed) = match read {
+            Ok(read) => {
+                self.blocks.give_back(block.bytes);
+                read
+            }
+            Err(rejection) => {
+                let rejection = self.placed(rejection, &block);
+                self.rows_before(block, rejection, left)?
+            }
+        };
+        self.note_time(&samples, lines);
+        self.rows += samples.rows() as u64;
+        self.passed_over.add(passed);
+        Ok(samples)
+    }
+
+    /// The rejection of a line of `block` with its place in the file, and with what a first line of words means.
+    fn placed(&self, mut rejection: Rejection, block: &Block) -> Rejection {
+        let Some(line) = rejection.line else { return rejection };
+        let before = start_of_line(block, line).and_then(|at| block.bytes.get(..at)).unwrap_or_default();
+        rejection = rejection.at_byte(block.first_byte + block.encoding.bytes_in_file(before));
+        if self.header_line.is_some_and(|header| header + 1 == line) && &*rejection.reason == "not a number" {
+            rejection.remedy =
+                "if this line gives units or types, set skip_after_header = 1 in the layout".into();
+            return rejection;
+        }
+        rejection.remedy = self.with_skip_bad(&rejection).into();
+        rejection
+    }
+
+    /// The remedy of a bad row, with the setting that passes over such rows.
+    fn with_skip_bad(&self, rejection: &Rejection) -> String {
+        let remedy = &rejection.remedy;
+        match (rejection.is_bad_row, self.most_bad) {
+            (false, _) => remedy.to_string(),
+            (true, 0) => {
+                format!(
+                    "{remedy}; or let a few such rows be passed over: skip_bad = 10 under [rows] in the layout"
+                )
+            }
+            (true, most) => format!(
+                "{remedy}; as many bad rows as skip_bad = {most} under [rows] of the layout permits were passed over \
+                 before it"
+            ),
+        }
+    }
+
+    /// The rows of a block before its fault, which comes with the next chunk: what is given does not
+    /// depend on where blocks end.
+    ///
+    /// # Errors
+    /// The rejection itself where no row stands before it.
+    fn rows_before(
+        &mut self,
+        mut block: Block,
+        rejection: Rejection,
+        most: u64,
+    ) -> Result<(RawSamples, PassedOver), Rejection> {
+        let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
+        let Some(end) = end else { return Err(rejection) };
+        block.bytes.truncate(end);
+        let read = self.parser.read_passing_over(&block, self.previous, &self.path, most);
+        match read {
+            Ok((samples, passed)) if !samples.is_empty() => {
+                self.fault = Some(rejection);
+                Ok((samples, passed))
+            }
+            _ => Err(rejection),
+        }
+    }
+
+    /// Takes the last line of a block off where it has too few fields: whether it is the file's last shows later.
+    fn hold_short_line(&mut self, block: &mut Block) {
+        let last = cell_reader::lines(&block.bytes).next_back().unwrap_or_default();
+        if !cell_reader::is_short(last, self.parser.map()) {
+            return;
+        }
+        let start = block.bytes.len().saturating_sub(last.len() + 1);
+        let bytes = block.bytes.split_off(start);
+        self.held = Some(Block {
+            first_line: block.first_line + line_count(&block.bytes),
+            first_byte: block.first_byte + block.encoding.bytes_in_file(&block.bytes),
+            bytes,
+            encoding: block.encoding,
+            unterminated: false,
+        });
+    }
+
+    /// Takes the last line of a file without line end off its block where it may be cut.
+    fn judge_end(&mut self, block: &mut Block) -> Result<(), Rejection> {
+        let lines = line_count(&block.bytes);
+        let number = block.first_line + lines.saturating_sub(1);
+        let last = cell_reader::lines(&block.bytes).next_back().unwrap_or_default();
+        let length = last.len() + 1;
+        let reason = match cell_reader::judge_last_line(last, number, self.parser.map(), &self.path)? {
+            LastLine::Whole => return Ok(()),
+            LastLine::Doubtful => MAY_BE_CUT,
+            LastLine::Cut => IS_CUT,
+        };
+        self.leave_out(number, reason);
+        block.bytes.truncate(block.bytes.len().saturating_sub(length));
+        Ok(())
+    }
+
+    fn leave_out(&mut self, line: u64, reason: &'static str) {
+        tracing::warn!(path = %self.path.display(), line, "the last line {reason}; the row is left out");
+        self.left_out = Some(LeftOut { line, reason });
+    }
+
+    fn end(&mut self) -> Result<Step, Rejection> {
+        if let Some(held) = self.held.take() {
+            self.leave_out(held.first_line, IS_CUT);
+        }
+        if self.rows > 0 {
+            if self.passed_over.rows > 0 {
+                self.remark_passed_over();
+            }
+            return Ok(Step::End);
+        }
+        if let Some(first) = self.passed_over.first.take() {
+            return Err(*first);
+        }
+        if let Some(LeftOut { line, .. }) = self.left_out {
+            return Err(
+                Rejection::of_file(&self.path, cell_reader::CUT, cell_reader::CUT_REMEDY).at_line(line)
+            );
+        }
+        let reason = "a header and no rows";
+        Err(Rejection::of_file(&self.path, reason, "export again, with the recording in it"))
+    }
+
+    fn remark_passed_over(&self) {
+        let first = self.passed_over.first.as_ref().map(|first| first.sentence()).unwrap_or_default();
+        let (path, rows) = (self.path.display(), self.passed_over.rows);
+        tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
+    }
+
+    /// Notes the last time of a block of `lines` lines.
+    fn note_time(&mut self, samples: &RawSamples, lines: u64) {
+        let (before, map) = (self.previous, self.parser.map());
+        if let Some(last) = samples.time.last() {
+            let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
+            self.previous = Some(PreviousTime { recorded: last / map.to_si.time + origin, seconds: *last });
+        }
+        // counted rows go on behind the last line, also where it was passed over
+        if let TimeColumn::Counted(rate) = map.time
+            && let Some(last) = usize::try_from(lines).ok().and_then(|lines| lines.checked_sub(1))
+            && self.fault.is_none()
+        {
+            let times = channels::counted([last], rate, before.map(|before| before.seconds));
+            self.previous =
+                times.first().map(|seconds| PreviousTime { recorded: *seconds, seconds: *seconds });
+        }
+    }
+}
+
+/// The line further down that holds the names of columns, where `is_header` says so of one of the next lines.
+fn header_below<R: Read>(
+    blocks: &mut Blocks<R>,
+    path: &Path,
+    is_header: impl Fn(&str) -> bool,
+) -> Option<u64> {
+    // line by line, so that it does not depend on how much was read
+    for _ in 0..MOST_LINES_ABOVE_HEADER {
+        let line = blocks.next_line(path).ok()??;
+        if is_header(&line.text) {
+            return Some(line.number);
+        }
+    }
+    None
+}
+
+/// Where a line of a block begins.
+fn start_of_line(block: &Block, line: u64) -> Option<usize> {
+    match line.checked_sub(block.first_line)? {
+        0 => Some(0),
+        lines => {
+            let ends = block.bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\n');
+            ends.map(|(at, _)| at + 1).nth(usize::try_from(lines).ok()?.checked_sub(1)?)
+        }
+    }
+}
+
+impl<R: Read> Iterator for ExportReader<R> {
+    type Item = Result<Chunk, Rejection>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.done {
+            return None;
+        }
+        let item = match self.step() {
+            Ok(Step::Rows(chunk)) => Some(Ok(*chunk)),
+            Ok(Step::Waiting | Step::End) => None,
+            Err(rejection) => Some(Err(rejection)),
+        };
+        self.done = !matches!(item, Some(Ok(_)));
+        item
+    }
+}
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+mod odd_exports_tests;
+
+#[cfg(test)]
+mod temperature_tests;

@@ -1,0 +1,561 @@
+//! The method on one screen: condition, identify, verify, friction, of one cycle.
+
+use std::borrow::Cow;
+
+use super::NumericsError;
+use super::buffers::Buffers;
+use super::diagnose::model::causes::{motor_torques, reason, sentences};
+use super::diagnose::model::combination::PlausibleSettings;
+use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
+use super::diagnose::model::nominal::inertia_ratios;
+use super::diagnose::model::own_fit::own_fits;
+use super::diagnose::model::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
+use super::diagnose::model::{diagnose_model, top_speeds};
+use super::diagnose::recording::diagnose_samples;
+use super::diagnose::recording::view::DiagnoseSettings;
+use super::diagnose::refusal;
+use super::friction::points::plateaus::{FrictionPoints, friction_points};
+use super::identify::channel_response::{ObservedCycle, channel_response};
+use super::identify::cycle::{identify_rows, noise_errors};
+use super::identify::cycle_rows::CycleRows;
+use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
+use super::identify::joint_factors::{
+    FactorColumns, Factored, FactoredRows, embedded, pack, used_for_identification,
+};
+use super::identify::torque_noise::torque_noise;
+use super::identify::verify::{torque_rmsd, warming_contrast};
+use super::least_squares::factor::TriangularFactor;
+use super::model::base_parameters::{BaseParameters, base_parameters};
+use super::model::dynamics::DynamicModel;
+use super::model::regressor::KeptColumns;
+use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
+use super::signal::temperature::cycle_temperatures;
+use super::signal::time_grid::sample_rate;
+use super::spare_threads::SpareThreads;
+use armwatch_model::analysis::finding::{Finding, FindingKinds, FindingSeverity};
+use armwatch_model::analysis::response::ChannelResponse;
+use armwatch_model::analysis::settings::AnalysisSettings;
+use armwatch_model::analysis::{
+    CycleAnalysis, CycleFactors, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
+};
+use armwatch_model::robot::Robot;
+use armwatch_model::run::{Cycle, RunKind, Samples, Stage};
+
+/// A robot with everything that its analysis needs and that no recording changes. Made once.
+#[derive(Debug, Clone)]
+pub struct Method {
+    /// The arm.
+    pub robot: Robot,
+    /// Its base parameters.
+    pub base: BaseParameters,
+    /// The columns of each joint's factor.
+    pub columns: FactorColumns,
+    settings: AnalysisSettings,
+}
+
+impl Method {
+    /// Analyses the robot's structure.
+    ///
+    /// # Errors
+    /// Those of [`base_parameters`].
+    pub fn new(robot: Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
+        let base = base_parameters(&robot)?;
+        let columns = FactorColumns::new(&robot, &base);
+        Ok(Self { robot, base, columns, settings })
+    }
+}
+
+/// First cycles of a test whose response is computed: it follows from the motion, which all cycles share, and the first
+/// one may be refused.
+const CYCLES_WITH_RESPONSE: u32 = 2;
+
+/// Analyses one cycle. Never fails: what could not be had says why in the result.
+#[must_use]
+pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
+    let samples = &mut Cow::Borrowed(&cycle.samples);
+    analysed(method, cycle.number, samples, &Buffers::default(), &SpareThreads::default())
+}
+
+/// As [`analyse_cycle`], of a cycle whose memory goes round in `buffers`, on more threads than one while some are `spare`.
+#[must_use]
+pub fn analyse_cycle_in(
+    method: &Method,
+    cycle: Cycle,
+    buffers: &Buffers,
+    spare: &SpareThreads,
+) -> CycleAnalysis {
+    let mut samples = Cow::Owned(cycle.samples);
+    let analysis = analysed(method, cycle.number, &mut samples, buffers, spare);
+    give_back(samples.to_mut().channels_mut(), buffers);
+    analysis
+}
+
+fn give_back<'a>(channels: impl Iterator<Item = &'a mut Vec<f64>>, buffers: &Buffers) {
+    buffers.give_back(channels.map(std::mem::take));
+}
+
+fn analysed(
+    method: &Method,
+    number: u32,
+    samples: &mut Cow<'_, Samples>,
+    buffers: &Buffers,
+    spare: &SpareThreads,
+) -> CycleAnalysis {
+    let mut analysis = unanalysed(method, number, samples);
+    if without_positions(samples, &mut analysis) {
+        return analysis;
+    }
+    let filtered = match filter_signals_into(samples, analysis.cutoff, buffers, spare) {
+        Ok(filtered) => filtered,
+        Err(error) => {
+            analysis.identification = Err(error.to_string());
+            return analysis;
+        }
+    };
+    analysis.sample_rate = filtered.sample_rate;
+    note_gaps(samples, &filtered, &mut analysis.remarks);
+
+    let recorded = &mut *samples;
+    let (channels, mut filtered_coulomb_columns) = spare.both(
+        || {
+            let channels = diagnose_samples(&method.robot, recorded, &filtered, &DiagnoseSettings::default());
+            if let Cow::Owned(samples) = recorded {
+                // nobody looks at recorded positions and velocities any more
+                give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
+            }
+            channels
+        },
+        || filtered_coulomb_columns(&method.robot, &filtered),
+    );
+    let rows = FactoredRows {
+        robot: &method.robot,
+        columns: &method.columns,
+        regressor_columns: &method.base.kept_columns,
+        filtered: &filtered,
+        filtered_coulomb_columns: &filtered_coulomb_columns,
+        samples,
+    };
+    let factored = rows.factored(spare);
+    let recorded = Recorded {
+        samples,
+        filtered: &filtered,
+        filtered_coulomb_columns: &filtered_coulomb_columns,
+        factored: &factored,
+    };
+    identify_and_verify(method, number, &recorded, channels, (spare, &mut analysis));
+    give_back(filtered_coulomb_columns.iter_mut().map(|column| &mut column.values), buffers);
+    filtered.end();
+    analysis
+}
+
+/// From factors to parameters, verification and friction; `channels` are the findings about the recording, of which
+/// positions and velocities as recorded may be gone.
+fn identify_and_verify(
+    method: &Method,
+    number: u32,
+    recorded: &Recorded<'_>,
+    channels: Vec<Finding>,
+    (spare, analysis): (&SpareThreads, &mut CycleAnalysis),
+) {
+    let Recorded { samples, filtered, factored, .. } = *recorded;
+    let accept = method.settings.accept;
+    let channels = with_own_fits(method, recorded, channels);
+    take_up(method, accepted(channels, accept), analysis);
+    // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
+    keep_factors(method, factored, analysis);
+    if is_refused(analysis) {
+        // wrong channels give wrong friction: nothing of this cycle may count
+        return;
+    }
+
+    analysis.mean_speeds = mean_speeds(filtered);
+    let factors = identifying_factors(method, factored);
+    analysis.identification = identify_excitation(method, recorded, &factors);
+    let found = analysis.identification.as_ref().ok();
+    let (findings, explained) = spare.both(
+        || doubt_model(method, recorded, &factors, analysis),
+        || explained(method, number, recorded, found),
+    );
+    let had_model = found.is_some();
+    take_up(method, accepted(findings, accept), analysis);
+    // a model that is refused explains nothing
+    let explained = match had_model && analysis.identification.is_err() {
+        true => self::explained(method, number, recorded, None),
+        false => explained,
+    };
+    if !explained.verification.is_empty() {
+        let rows = recorded.excitation();
+        analysis.torque_noise = torque_noise(samples, filtered, &rows, &explained.verification);
+    }
+    analysis.verification = explained.verification;
+    analysis.warming_contrast = explained.warming_contrast;
+    analysis.response = explained.response;
+    analysis.friction_points = explained.friction.points;
+    analysis.remarks.extend(explained.friction.remarks);
+    if !samples.stage.contains(&Stage::Excitation) {
+        analysis.identification = Err(without_excitation(&analysis.friction_points));
+    }
+    note_missing_stages(samples, &mut analysis.remarks);
+}
+
+/// What a model says of its cycle.
+#[derive(Default)]
+struct Explained {
+    verification: Vec<TorqueRmsd>,
+    warming_contrast: Vec<WarmingContrast>,
+    response: Option<ChannelResponse>,
+    friction: FrictionPoints,
+}
+
+/// What the model `found` says of its cycle; friction is measured without one, too.
+fn explained(
+    method: &Method,
+    number: u32,
+    recorded: &Recorded<'_>,
+    found: Option<&Identification>,
+) -> Explained {
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let theta: Option<Vec<f64>> = found.map(|found| found.parameters.iter().map(|p| p.value).collect());
+    let theta = theta.as_deref();
+    let model = found.map(|found| {
+        let parameters = found.parameters.iter().map(|p| (p.id, p.value));
+        DynamicModel::from_parameters(&method.robot, parameters)
+    });
+    let response = found.filter(|_| number <= CYCLES_WITH_RESPONSE).and_then(|found| {
+        let columns = KeptColumns::new(&method.base.kept_columns);
+        let observed = ObservedCycle {
+            robot: &method.robot,
+            columns: &columns,
+            filtered,
+            filtered_coulomb_columns,
+            samples,
+        };
+        channel_response(&observed, found, method.settings.estimator)
+    });
+    let of_factors = |theta| torque_rmsd(&method.columns, &factored.factors, theta);
+    Explained {
+        verification: theta.map(of_factors).unwrap_or_default(),
+        warming_contrast: theta
+            .map(|theta| warming_contrast(&method.columns, factored, theta))
+            .unwrap_or_default(),
+        response,
+        friction: friction_points(&method.robot, samples, filtered, model.as_ref()),
+    }
+}
+
+/// Whether a log has no positions; then says what it would need, and how large its torques are.
+pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis) -> bool {
+    if samples.has_positions() {
+        return false;
+    }
+    let rms = |torque: &Vec<f64>| {
+        let squares: f64 = torque.iter().map(|torque| torque * torque).sum();
+        format!("{:.4}", (squares / torque.len().max(1) as f64).sqrt())
+    };
+    let torques: Vec<String> = samples.torque.iter().map(rms).collect();
+    analysis.remarks.push(format!("torques, root mean square of each joint: {} Nm (N)", torques.join(", ")));
+    analysis.identification = Err(
+        "the log has no positions: parameters and friction need the position of every joint beside its torque; \
+         temperatures are kept"
+            .into(),
+    );
+    true
+}
+
+/// What is known of a cycle before anything is computed.
+pub(super) fn unanalysed(method: &Method, number: u32, samples: &Samples) -> CycleAnalysis {
+    let (temperatures, mut remarks) = cycle_temperatures(samples);
+    let asked = method.settings.cutoff;
+    let cutoff = sample_rate(&samples.time).map_or(asked, |rate| carried_cutoff(asked, rate));
+    if cutoff < asked {
+        remarks.push(lowered(asked, cutoff));
+    }
+    CycleAnalysis {
+        cycle: number,
+        start: samples.time.first().copied().unwrap_or(0.0),
+        duration: duration(samples),
+        rows: samples.rows(),
+        sample_rate: 0.0,
+        cutoff,
+        estimator: method.settings.estimator,
+        identification: Err(String::new()),
+        refusal_causes: Vec::new(),
+        verification: Vec::new(),
+        warming_contrast: Vec::new(),
+        torque_noise: Vec::new(),
+        mean_speeds: Vec::new(),
+        temperatures,
+        friction_points: Vec::new(),
+        factors: CycleFactors::default(),
+        response: None,
+        remarks,
+        findings: Vec::new(),
+        kind: RunKind::Test,
+        production: None,
+    }
+}
+
+/// What is said of a cut-off that the rows do not carry.
+fn lowered(asked: f64, cutoff: f64) -> String {
+    format!(
+        "the rows are too few for a low-pass at {asked} Hz, which needs four times as many a second; it is analysed \
+         at {cutoff} Hz, and faster changes of the torque are not seen: record at {} Hz or more",
+        4.0 * asked
+    )
+}
+
+/// Mean speed of each joint over the rows that the low-pass leaves, rad/s (m/s), `[n]`.
+fn mean_speeds(filtered: &FilteredSignals) -> Vec<f64> {
+    let usable = || filtered.usable.iter().flat_map(Clone::clone);
+    let rows = usable().count().max(1) as f64;
+    filtered.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
+}
+
+/// A cycle with what was made of its rows.
+#[derive(Clone, Copy)]
+struct Recorded<'a> {
+    samples: &'a Samples,
+    filtered: &'a FilteredSignals,
+    filtered_coulomb_columns: &'a [FilteredColumn],
+    factored: &'a Factored,
+}
+
+impl Recorded<'_> {
+    /// Usable rows of the excitation.
+    fn excitation(&self) -> Vec<usize> {
+        let usable = self.filtered.usable.iter().flat_map(Clone::clone);
+        usable.filter(|&row| self.samples.stage[row] == Stage::Excitation).collect()
+    }
+}
+
+/// Findings that refuse a cycle and are accepted make it doubtful instead.
+fn accepted(findings: Vec<Finding>, accept: FindingKinds) -> Vec<Finding> {
+    let weakened = |finding: Finding| match finding.severity == FindingSeverity::Refuse
+        && accept.contains(finding.kind)
+    {
+        true => Finding { severity: FindingSeverity::Doubt, ..finding },
+        false => finding,
+    };
+    findings.into_iter().map(weakened).collect()
+}
+
+fn is_refused(analysis: &CycleAnalysis) -> bool {
+    analysis.findings.iter().any(|finding| finding.severity == FindingSeverity::Refuse)
+}
+
+/// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
+fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
+    let (refused, told): (Vec<Finding>, Vec<Finding>) =
+        findings.iter().cloned().partition(|finding| finding.severity == FindingSeverity::Refuse);
+    let (doubted, odd): (Vec<Finding>, Vec<Finding>) =
+        told.into_iter().partition(|finding| finding.severity == FindingSeverity::Doubt);
+    let doubts = sentences(&method.robot, &doubted);
+    analysis.remarks.extend(doubts.into_iter().map(|sentence| format!("doubtful: {sentence}")));
+    analysis.remarks.extend(sentences(&method.robot, &odd));
+    if !refused.is_empty() {
+        analysis.identification = Err(reason(&method.robot, &refused));
+    }
+    analysis.findings.extend(findings);
+    analysis.refusal_causes = refusal::causes(&analysis.findings);
+}
+
+/// Findings about channels, with signs of torques by each joint's own full fit, and without swapped torques that it
+/// contradicts. Where a position or velocity is wrong, torques are not judged by it.
+fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding>) -> Vec<Finding> {
+    let settings = WeighSettings::default();
+    let Recorded { filtered, factored, .. } = *recorded;
+    let excitation = recorded.excitation();
+    let fits = own_fits(&method.robot, &method.columns, filtered, factored, &excitation);
+    let mut kept: Vec<Finding> =
+        findings.into_iter().filter(|finding| !own_torques(finding, &fits, &settings)).collect();
+    let kinds: FindingKinds =
+        kept.iter().filter(|f| f.severity == FindingSeverity::Refuse).map(|f| f.kind).collect();
+    if kinds.is_empty() {
+        kept.extend(turned_torques(&fits, &settings));
+    }
+    kept
+}
+
+/// What the identified model says that no arm can be, as far as nothing else explains it.
+fn doubt_model(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    factors: &[TriangularFactor],
+    analysis: &CycleAnalysis,
+) -> Vec<Finding> {
+    let Ok(found) = &analysis.identification else { return Vec::new() };
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
+    let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
+    let rows = recorded.excitation();
+    let speeds = top_speeds(&filtered.qd, &rows);
+    let mut doubted = found.clone();
+    let fraction = filtered.independent_fraction();
+    if let Ok(errors) = noise_errors(&method.base.kept, factors, found.residual_std, fraction) {
+        let parameters = doubted.parameters.iter_mut();
+        parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
+    }
+    let of_model =
+        diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
+    let weighed = Weighed {
+        robot: &method.robot,
+        base: &method.base,
+        factors,
+        samples,
+        filtered,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    let of_model = weigh(of_model, &weighed, &WeighSettings::default());
+    let judged = JudgedCycle {
+        robot: &method.robot,
+        columns: &method.columns,
+        kept_columns: &method.base.kept_columns,
+        filtered,
+        filtered_coulomb_columns,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
+    let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
+    findings.extend(motors.filter(|_| refused));
+    findings.extend(of_model);
+    findings
+}
+
+fn duration(samples: &Samples) -> f64 {
+    match (samples.time.first(), samples.time.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => 0.0,
+    }
+}
+
+fn identify_excitation(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    factors: &[TriangularFactor],
+) -> Result<Identification, String> {
+    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
+    if factors.iter().all(|factor| factor.rows() == 0) {
+        return Err(without_excitation(&[]));
+    }
+    let columns = KeptColumns::new(&method.base.kept_columns);
+    let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);
+    identify_rows(&method.base.kept, factors, &rows, method.settings.estimator)
+        .map_err(|error| error.to_string())
+}
+
+/// Why a cycle without excitation has no parameters, and what it has.
+fn without_excitation(points: &[FrictionPoint]) -> String {
+    let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
+    joints.dedup();
+    let kept = match joints.len() {
+        0 => String::new(),
+        1 => format!("; the friction points of joint {} are kept", joints[0]),
+        _ => format!("; the friction points of joints {} are kept", joints.join(", ")),
+    };
+    format!("the cycle has no excitation stage to identify parameters on{kept}")
+}
+
+/// Factor of each joint over the rows that parameters are identified on.
+fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
+    let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
+    embedded(&method.columns, chosen)
+}
+
+pub(super) fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {
+    let (factors, complete) = pack(&method.columns, &factored.factors);
+    analysis.factors = factors;
+    if !complete {
+        analysis.remarks.push(
+            "some rows hold values beyond any measure; their stages take no part in later verification"
+                .into(),
+        );
+    }
+}
+
+pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: &mut Vec<String>) {
+    let (stretches, rows) = filtered.filtered();
+    let lost = samples.rows() - rows;
+    if stretches != 1 || lost > 0 {
+        let parts = if stretches == 1 { "part" } else { "parts" };
+        remarks.push(format!(
+            "time has gaps: {stretches} {parts} of the cycle can be filtered, {lost} rows in shorter ones are left out"
+        ));
+    }
+}
+
+fn note_missing_stages(samples: &Samples, remarks: &mut Vec<String>) {
+    for stage in Stage::ANALYSED {
+        if !samples.stage.contains(&stage) {
+            remarks.push(format!("the cycle has no {stage} stage"));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+    use crate::lanes::run_as_on_any_processor;
+    use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
+    use armwatch_testing::cycle::cycle;
+    use armwatch_testing::er3a;
+
+    /// A cycle that is identified, and one whose torques no model explains.
+    fn cycles() -> Vec<Cycle> {
+        let samples = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
+        vec![Cycle { number: 1, samples }, cycle(2, 1500)]
+    }
+
+    fn method() -> Method {
+        Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
+    }
+
+    #[test]
+    fn memory_that_goes_round_changes_nothing() {
+        let (method, buffers) = (method(), Buffers::going_round());
+        for cycle in cycles().into_iter().chain(cycles()) {
+            let expected = analyse_cycle(&method, &cycle);
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &SpareThreads::default()), expected);
+        }
+    }
+
+    #[test]
+    fn results_do_not_depend_on_how_many_threads_are_spare() {
+        let (method, buffers) = (method(), Buffers::going_round());
+        // one that is refused, too, and one that has no excitation
+        let mut odd = cycles();
+        odd[0].samples.torque[1].iter_mut().for_each(|torque| *torque = -*torque);
+        odd[1].samples.stage.iter_mut().for_each(|stage| *stage = Stage::Warming);
+        for cycle in cycles().into_iter().chain(odd) {
+            let expected = analyse_cycle(&method, &cycle);
+            let lent = Arc::new(AtomicUsize::new(0));
+            let count = Arc::clone(&lent);
+            let spare = SpareThreads::lent_by(move |most, work| {
+                count.fetch_add(most, Ordering::Relaxed);
+                work();
+            });
+            assert_eq!(analyse_cycle_in(&method, cycle, &buffers, &spare), expected);
+            assert!(lent.load(Ordering::Relaxed) > 5, "threads are asked for");
+        }
+    }
+
+    /// Other tests that run meanwhile do so on either form, and see no difference.
+    #[test]
+    fn results_do_not_depend_on_how_wide_the_registers_are() {
+        let method = method();
+        for cycle in cycles() {
+            let wide = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(true);
+            let narrow = analyse_cycle(&method, &cycle);
+            run_as_on_any_processor(false);
+            assert_eq!(narrow, wide);
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! What the logs of a robot's ordinary work say of one joint.
+
+use super::causes::LogCauses;
+use super::causes::fit::JointRest;
+use crate::detect::control_chart::baseline;
+use crate::detect::detector::Detector;
+use armwatch_model::analysis::ProductionJoint;
+use armwatch_model::anomaly::ProductionSummary;
+use armwatch_model::robot::JointIndex;
+
+/// Logs after a test that say how a joint's work compares with it. One of three may be odd.
+pub(super) const LEARNING_LOGS: usize = 3;
+
+/// A detector of a joint's logs.
+pub(super) type ProductionDetector = dyn for<'a> Detector<JointLogs<'a>>;
+
+/// One joint over the complete logs of its robot, oldest first.
+pub(super) struct JointLogs<'a> {
+    pub(super) history: &'a [ProductionSummary],
+    /// Of each log; `None` where what causes could explain is not stored.
+    pub(super) causes: &'a [Option<LogCauses>],
+    pub(super) joint: JointIndex,
+}
+
+/// A figure of successive logs that are held against one test.
+pub(super) struct SinceTest {
+    /// The baseline: median of the first [`LEARNING_LOGS`] values.
+    pub(super) level: f64,
+    /// Values with the places of their logs in the history. The first [`LEARNING_LOGS`] are the baseline's.
+    pub(super) values: Vec<(usize, f64)>,
+}
+
+impl<'a> JointLogs<'a> {
+    /// What a log says of the joint, by its place in the history; `None` where the joint does not move.
+    pub(super) fn of(&self, log: usize) -> Option<&'a ProductionJoint> {
+        self.history[log].joints.iter().find(|of| of.joint == self.joint)
+    }
+
+    /// What a log comes to under its likeliest causes, where these are known.
+    pub(super) fn rest(&self, log: usize) -> Option<&'a JointRest> {
+        self.causes[log].as_ref()?.joints.iter().find(|of| of.joint == self.joint)
+    }
+
+    /// A figure of the logs, test by test; `value` gets the place of a log in the history. Tests with too few
+    /// values for a baseline are left out.
+    pub(super) fn by_test(&self, value: impl Fn(usize) -> Option<f64>) -> Vec<SinceTest> {
+        let mut start = 0;
+        let groups = self.history.chunk_by(|a, b| a.reference_run_id == b.reference_run_id);
+        groups
+            .filter_map(|logs| {
+                let places = start..start + logs.len();
+                start = places.end;
+                let values: Vec<(usize, f64)> = places.filter_map(|log| Some((log, value(log)?))).collect();
+                let level = baseline(values.iter().map(|(_, value)| *value), LEARNING_LOGS)?;
+                Some(SinceTest { level, values })
+            })
+            .collect()
+    }
+}
+
+/// Part of the torque that neither the test's model nor more friction explains.
+pub(super) fn unexplained(of: &ProductionJoint) -> f64 {
+    of.relative_rmsd * (1.0 - of.friction.share).max(0.0).sqrt()
+}

@@ -1,0 +1,66 @@
+//! A torque signal that reads wrong in ordinary work (`sensor`): a gain or an offset of one joint's torque explains what a
+//! log leaves of the torque that the test leads to expect.
+//!
+//! A log that shows it alone is worth knowing; a second one in a row, or an advantage of [`PLAIN`] over no cause, makes it a
+//! warning. An offset is looked for where the friction law of the description has a column for it.
+
+use super::causes::cause::{LEAST_GAIN, WorkCause};
+use super::causes::odds::Asked;
+use super::series::JointLogs;
+use crate::detect::detector::Detector;
+use crate::detect::verdict::Verdict;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
+
+/// Advantage over no cause, in units of chi², that no second log has to confirm.
+const PLAIN: f64 = 1000.0;
+
+pub(super) struct TorqueSignal;
+
+impl Detector<JointLogs<'_>> for TorqueSignal {
+    fn kind(&self) -> AnomalyKind {
+        AnomalyKind::Sensor
+    }
+
+    fn quantity(&self, _: &JointLogs<'_>) -> &'static str {
+        "production_torque_signal"
+    }
+
+    fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
+        let mut before = false;
+        let verdict = |log: usize| {
+            let Some(causes) = series.causes[log].as_ref() else { return Verdict::Unknown };
+            let (value, baseline, threshold, score, what) = match causes.cause() {
+                WorkCause::Gain(joint, part) if joint == series.joint => {
+                    let what = format!("reads {:.1} % {} than", 100.0 * part.abs(), more(part));
+                    (1.0 + part, 1.0, LEAST_GAIN, part.abs(), what)
+                }
+                WorkCause::Offset(joint, torque) if joint == series.joint => {
+                    let what = format!("reads {:.2} Nm {} than", torque.abs(), more(torque));
+                    (torque, 0.0, 0.0, torque.abs(), what)
+                }
+                _ => {
+                    before = false;
+                    return Verdict::Quiet;
+                }
+            };
+            let confirmed = std::mem::replace(&mut before, true) || causes.advantage() >= PLAIN;
+            Verdict::Out {
+                severity: if confirmed { Severity::Warning } else { Severity::Info },
+                score,
+                threshold,
+                value,
+                baseline,
+                message: format!(
+                    "in ordinary work the torque signal {what} the last test leads to expect; check the torque sensor or \
+                     the motor current's scale and zero, and run a test"
+                ),
+                why: causes.why(Asked::Cause),
+            }
+        };
+        (0..series.history.len()).map(verdict).collect()
+    }
+}
+
+fn more(size: f64) -> &'static str {
+    if size > 0.0 { "more" } else { "less" }
+}

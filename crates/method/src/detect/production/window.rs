@@ -1,0 +1,73 @@
+//! Windows of logs of ordinary work: what levels are learnt from, and what settles a history of logs.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::detect::window::{Lengths, Windowed, hash_of};
+use armwatch_model::analysis::Estimator;
+use armwatch_model::anomaly::ProductionSummary;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::settled::Moment;
+use armwatch_model::robot::JointIndex;
+
+/// Changes whenever the program settles something else in the same logs.
+const METHOD: u64 = 2;
+
+/// Tests before the logs that lead in whose logs say what is usual: of levels, a median and a scatter. Half of them are the first
+/// ones, so that what has been high for long does not become usual.
+const TESTS: usize = 24;
+
+/// Hash of what is settled in a history of logs, beside these and their tests.
+#[must_use]
+pub fn basis(settings: &DetectSettings, estimator: Estimator, lengths: &Lengths) -> u64 {
+    hash_of(METHOD, &(settings, estimator, lengths))
+}
+
+/// A log: what it comes to against each of its tests, one at least.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WorkLog<'a>(&'a [ProductionSummary]);
+
+/// The logs of a history, oldest first.
+#[must_use]
+pub fn work_logs(history: &[ProductionSummary]) -> Vec<WorkLog<'_>> {
+    history.chunk_by(|a, b| a.run_id == b.run_id).map(WorkLog).collect()
+}
+
+impl Windowed for WorkLog<'_> {
+    fn moment(&self) -> Moment {
+        (self.0[0].started_at, self.0[0].run_id)
+    }
+
+    fn epochs(&self) -> &[u32] {
+        &[]
+    }
+
+    fn says_something(&self) -> bool {
+        true
+    }
+
+    /// The first `count` logs of each joint behind each of the first and of the latest tests: levels stand on them.
+    fn heads(window: &[Self], until: usize, count: usize) -> BTreeSet<usize> {
+        let mut by_test: BTreeMap<i64, BTreeMap<JointIndex, Vec<usize>>> = BTreeMap::new();
+        let mut tests = Vec::new();
+        for (place, log) in window[..until].iter().enumerate() {
+            for of in log.0 {
+                if !by_test.contains_key(&of.reference_run_id) {
+                    tests.push(of.reference_run_id);
+                }
+                let logs = by_test.entry(of.reference_run_id).or_default();
+                for joint in &of.joints {
+                    let first = logs.entry(joint.joint).or_default();
+                    if first.len() < count && first.last() != Some(&place) {
+                        first.push(place);
+                    }
+                }
+            }
+        }
+        let (first, later) = tests.split_at(tests.len().min(TESTS / 2));
+        let kept = first.iter().chain(later.iter().rev().take(TESTS - first.len()));
+        kept.filter_map(|test| by_test.get(test)).flat_map(BTreeMap::values).flatten().copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

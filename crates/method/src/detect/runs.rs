@@ -1,0 +1,137 @@
+//! Anomalies and health of a robot's joints, from the history of its tests.
+//!
+//! Pure functions over the summaries of all complete runs, oldest first. The whole history is
+//! judged anew each time, so a run that arrives late falls into its place, and the same history
+//! always gives the same anomalies. Every joint is compared with its own baseline: two arms of one
+//! model differ by half in friction when both are healthy.
+
+mod history;
+mod curve;
+mod arm;
+mod series;
+mod joint_detectors;
+mod arm_detectors;
+pub mod detection;
+mod judgement;
+mod parts;
+mod joined;
+mod without_result;
+mod health;
+mod next_test;
+pub mod calibration;
+pub mod open_run;
+pub mod window;
+
+use self::arm_detectors::arm_change::arm_changes;
+use self::arm_detectors::common_change::common_changes;
+use self::arm_detectors::contact::contacts;
+use self::detection::Detection;
+use self::health::health;
+use self::joined::{coupled_swing, warm_up_of_arm};
+use self::joint_detectors::JOINT_DETECTORS;
+use self::joint_detectors::warm_up::of_common_warm_up;
+use self::next_test::expected_by;
+use self::parts::{Part, Parts, grouped};
+use self::series::JointSeries;
+use self::without_result::without_result;
+use super::episodes::anomalies;
+use armwatch_model::anomaly::peer::Peer;
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, RunSummary};
+use armwatch_model::robot::JointIndex;
+
+/// [`detect_among`] for a robot of whose model there is no other.
+#[must_use]
+pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
+    detect_among(history, &[], settings)
+}
+
+/// Looks at the complete runs of one robot, oldest first, whose cycles were all read. `peers` are the other robots of its
+/// model. Runs of two epochs of a joint are not compared ([`armwatch_model::anomaly::epoch`]): each epoch has its own baseline, and
+/// anomalies of an earlier one have ended.
+#[must_use]
+pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Findings {
+    detect_in_brief(history, peers, settings).findings
+}
+
+/// [`detect_among`] for a history of which some tests are known in brief. It says the same, as soon as the cycles of the
+/// tests that it needs were read: those of baselines, those that nothing is kept of, and few others. The caller
+/// gives the tests their judgements, reads what is needed, may leave out what is not, and asks again.
+#[must_use]
+pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Detection {
+    let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
+    let mut findings = Findings::default();
+    let Some(latest) = history.last() else { return Detection::default() };
+    let by_joint =
+        |joint: JointIndex| grouped(history, |run| run.epochs.get(joint.index()).copied().unwrap_or(0));
+    let of_joints: Vec<Vec<Vec<usize>>> = (0..joints).map(JointIndex::new).map(by_joint).collect();
+    let of_arm = grouped(history, |run| run.epochs.clone());
+    let mut parts = Parts::new(history, joints, settings);
+    of_joints.iter().flatten().chain(&of_arm).for_each(|places| parts.add(places));
+    if !parts.are_complete() {
+        return parts.detection(findings);
+    }
+    let mut needs = Vec::new();
+    let mut of_contacts = Vec::with_capacity(of_arm.len());
+    for places in &of_arm {
+        let mut asked = |at: usize| needs.push(places[at]);
+        let of = |part: &Part<'_>| contacts(&part.runs, &part.causes, &part.moments, settings, &mut asked);
+        of_contacts.push(parts.of(places).map_or_else(Vec::new, of));
+    }
+    let is_of_contact = |of: &Anomaly| of_contacts.iter().flatten().any(|contact| explains(contact, of));
+    for (joint, of_joint) in (0..joints).map(JointIndex::new).zip(&of_joints) {
+        for places in of_joint {
+            let is_latest = places.last().is_some_and(|place| place + 1 == history.len());
+            let Some(part) = parts.of(places) else { continue };
+            let (friction, causes) = (&part.friction[joint.index()], &part.causes[joint.index()]);
+            let series = JointSeries::new(&part.runs, joint, friction, causes, &part.faults, settings)
+                .beside(&part.common_causes, &part.common_warm_up)
+                .among(peers);
+            let mut found = anomalies(JOINT_DETECTORS, &series, joint, &part.moments);
+            found.retain(|of| !is_of_contact(of));
+            if is_latest {
+                findings.health.push(health(&part.runs, &series, &found));
+            } else {
+                found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+            }
+            findings.anomalies.extend(found);
+        }
+    }
+    for (places, of_contacts) in of_arm.iter().zip(&of_contacts) {
+        let Some(part) = parts.of(places) else { continue };
+        let mut found = arm_changes(&part.arm, &part.faults, joints, &part.moments);
+        found.retain(|of| !is_of_contact(of));
+        found.extend(common_changes(&part.friction, &part.faults, &part.moments));
+        found.extend(of_common_warm_up(&part.common_warm_up, &part.moments));
+        found.extend(of_contacts.iter().cloned());
+        if part.runs.last().is_some_and(|run| run.run_id != latest.run_id) {
+            found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+        }
+        findings.anomalies.extend(found);
+        findings.anomalies = warm_up_of_arm::joined(findings.anomalies, part);
+    }
+    findings.anomalies =
+        coupled_swing::joined(findings.anomalies, history, joints, &mut |place| needs.push(place));
+    findings.anomalies.extend(without_result(history));
+    findings.expected_by = expected_by(history, settings.overdue_factor);
+    parts.needs.extend(needs);
+    parts.detection(findings)
+}
+
+/// Whether a contact is what an anomaly of one test alone shows: the torque of one cycle makes the RMSD swing, and shifts what is
+/// identified of a torque signal.
+fn explains(contact: &Anomaly, anomaly: &Anomaly) -> bool {
+    let is_of_test = anomaly.first_run_id == anomaly.last_run_id
+        && [contact.first_run_id, contact.last_run_id].contains(&anomaly.first_run_id);
+    let is_of_joint = contact.joint.is_none() || contact.joint == anomaly.joint;
+    matches!(anomaly.kind, AnomalyKind::Oscillation | AnomalyKind::Sensor) && is_of_test && is_of_joint
+}
+
+#[cfg(test)]
+mod cause_tests;
+#[cfg(test)]
+mod fixtures;
+#[cfg(test)]
+mod in_brief_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,329 @@
+//! The first runs of an arm: usual values of its figures, and what faults of channels do to its parameters.
+
+use nalgebra::DVector;
+
+use crate::detect::runs::history::first_level::FirstLevels;
+use crate::detect::runs::history::first_tests::first_tests;
+use crate::statistics::descriptive::{mean, median, robust_deviation};
+use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
+use armwatch_model::anomaly::brief::Brief;
+use armwatch_model::anomaly::{RunParameter, RunSummary};
+use armwatch_model::robot::{JointIndex, ParameterId, shares_of_link};
+
+/// A single deviation counts no more than this many squared: beyond, all models are wrong.
+pub(super) const MOST_CHI_SQUARE: f64 = 2000.0;
+/// Least standard deviation of a parameter from run to run, as a fraction of it.
+const LEAST_DEVIATION: f64 = 1e-3;
+/// Least standard deviation of the logarithm of the unexplained rest from run to run.
+const LEAST_RMSD_DEVIATION: f64 = 0.05;
+/// Least standard deviation of the logarithm of a channel's noise from run to run.
+const LEAST_NOISE_DEVIATION: f64 = 0.05;
+
+/// Mean square of the changes of a first run, as a multiple of the median of these runs, from which on it is no scatter: the arm was
+/// another one then, as with a load.
+const ODD_RUN: f64 = 25.0;
+
+/// Standard deviations by which a figure of a torque signal differs from the usual one, from which on it is looked at.
+pub(super) const SIGNAL_DEVIATIONS: f64 = 8.0;
+/// Least offset of a torque signal, as a fraction of the joint's friction.
+pub(super) const LEAST_OFFSET: f64 = 0.03;
+/// Least ratio of the unexplained rest to the usual one.
+pub(in crate::detect::runs) const LEAST_RMSD_RATIO: f64 = 1.6;
+/// Least ratio of a channel's noise to the usual one.
+pub(in crate::detect::runs) const LEAST_NOISE_RATIO: f64 = 1.5;
+
+/// Scatter of a parameter over the cycles of a run, as a multiple of that of the first runs, from which on it counts.
+const FAR_MORE: f64 = 2.0;
+
+/// Change of the parameters by a fault of size 1, in their standard deviations, that is none but for rounding: as of a
+/// constant torque, which the offset column of a friction law takes whole.
+const LEAST_DIRECTION: f64 = 1e-6;
+
+/// A figure of the first runs: the usual value and its deviation from run to run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Usual {
+    pub(super) value: f64,
+    pub(super) deviation: f64,
+}
+
+impl Usual {
+    /// Of the first `count` values, or of those before a change that lasts, where `is_change` of the values before and behind it,
+    /// with how many these are. `least` is the least deviation.
+    fn of(
+        values: impl Iterator<Item = f64>,
+        count: usize,
+        least: f64,
+        is_change: impl Fn(f64, f64) -> bool,
+    ) -> Option<(Self, usize)> {
+        let first: Vec<f64> = values.take(count).collect();
+        if first.len() < count.max(2) {
+            return None;
+        }
+        let tests: Vec<DVector<f64>> = first.iter().map(|of| DVector::from_element(1, of / least)).collect();
+        let levels = FirstLevels::of(&tests, SIGNAL_DEVIATIONS * SIGNAL_DEVIATIONS, |before, behind| {
+            is_change(least * before[0], least * behind[0])
+        });
+        let usual = &first[..levels.usual.len()];
+        let scatter = match levels.changed {
+            [] => robust_deviation(usual).unwrap_or(0.0),
+            _ => least * (mean(&levels.mean_squares()).unwrap_or(0.0) / levels.freedom()).sqrt(),
+        };
+        // that of the median itself is a part of the deviation from it
+        let own = (1.0 + std::f64::consts::FRAC_PI_2 / usual.len() as f64).sqrt();
+        Some((Self { value: median(usual)?, deviation: own * scatter.max(least) }, usual.len()))
+    }
+
+    pub(super) fn deviations(&self, value: f64) -> f64 {
+        (value - self.value) / self.deviation
+    }
+}
+
+/// The first runs of an arm, of like length.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Baseline {
+    /// Tests that the usual parameters are medians of.
+    tests: usize,
+    /// Usual value and deviation of each inertial parameter, with what it stands for.
+    pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
+    /// How much more than their deviations the parameters of the first runs vary, squared.
+    inflation: f64,
+    /// Friction of each joint, Nm (N).
+    pub(super) friction: Vec<Option<f64>>,
+    pub(super) offsets: Vec<Option<Usual>>,
+    pub(super) rmsd: Vec<Option<Usual>>,
+    /// Logarithm of the noise of the torque channels, where all of the first runs have it.
+    pub(super) noise: Vec<Option<Usual>>,
+    /// What faults of channels do to the parameters; empty where no test says it. Faults that move none are left out.
+    pub(super) directions: Vec<Direction>,
+}
+
+/// What one fault of a channel does, by its size.
+#[derive(Debug, Clone)]
+pub(super) struct Direction {
+    pub(super) joint: JointIndex,
+    pub(super) fault: ChannelFault,
+    /// Place in [`armwatch_model::analysis::response::STRENGTHS`].
+    pub(super) strength: usize,
+    /// Change of the parameters, in their standard deviations.
+    pub(super) change: DVector<f64>,
+    /// Change that comes with a fault of this strength whatever its size and sign, likewise; zero where it is not known.
+    pub(super) shift: DVector<f64>,
+    /// Unexplained torque of each joint, as a fraction of its torque.
+    pub(super) unexplained: Vec<f64>,
+}
+
+impl Baseline {
+    /// Of these tests, of which the first [`Self::tests`] have a part in it.
+    pub(super) fn of(
+        history: &[&RunSummary],
+        response: Option<&ChannelResponse>,
+        joints: usize,
+        baseline_runs: usize,
+    ) -> Self {
+        let count = baseline_runs.max(2);
+        let parameters = usual_parameters(history, count);
+        let mut found = Self { parameters, inflation: 1.0, tests: count, ..Self::default() };
+        let first: Vec<DVector<f64>> =
+            history.iter().filter_map(|run| found.change(run)).take(count).collect();
+        let levels = FirstLevels::of(&first, ODD_RUN, |_, _| true);
+        let own = levels.mean_squares();
+        let most = ODD_RUN * median(&own).unwrap_or(1.0).max(1.0);
+        let inflation = own.iter().copied().filter(|of| *of <= most).fold(1.0, f64::max) / levels.freedom();
+        if !levels.changed.is_empty() {
+            found.tests = levels.usual.len();
+            found.parameters = usual_parameters(history, found.tests);
+        }
+        found.inflation = inflation;
+        for joint in (0..joints).map(JointIndex::new) {
+            let offset = Usual::of_offsets(history, joint, count);
+            found.friction.push(usual_friction(history, joint, offset.map_or(count, |(_, tests)| tests)));
+            found.offsets.push(offset.map(|(usual, _)| usual));
+            found.rmsd.push(Usual::of_rmsd(history, joint, count));
+            found.noise.push(Usual::of_noise(history, joint, count));
+        }
+        found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
+        found
+    }
+
+    /// How many of these tests, from the first on, have a part in it. Tests whose cycles are left out are taken to have
+    /// what their brief lets expect.
+    pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
+        let by_joint = |run: &RunSummary, offsets: &dyn Fn(usize) -> usize| -> Vec<bool> {
+            (0..joints).flat_map(|j| [offsets(j) > 1, rmsd(run, JointIndex::new(j)).is_some()]).collect()
+        };
+        let of_brief = |brief: &Brief, run: &RunSummary| {
+            let figures = by_joint(run, &|j| brief.joint(j).friction as usize);
+            [vec![brief.has_parameters], figures].concat()
+        };
+        let of_read = |run: &RunSummary, has_all: bool| {
+            let figures = by_joint(run, &|j| offsets(run, JointIndex::new(j)).len());
+            [vec![has_all], figures].concat()
+        };
+        let mut wanted: Option<Vec<ParameterId>> = None;
+        first_tests(
+            history.len(),
+            baseline_runs.max(2),
+            |test| match history[test].left_out() {
+                Some(brief) => of_brief(brief, history[test]),
+                None => of_read(history[test], !history[test].parameters.is_empty()),
+            },
+            |test| {
+                let run = history[test];
+                if let Some(brief) = run.left_out() {
+                    return of_brief(brief, run);
+                }
+                let has = |id: &ParameterId| run.parameters.iter().any(|of| of.id == *id);
+                if wanted.is_none() && !run.parameters.is_empty() {
+                    wanted = Some(run.parameters.iter().map(|of| of.id).collect());
+                }
+                of_read(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
+            },
+        )
+    }
+
+    /// Variance of the usual parameters in the variances of a run.
+    pub(super) fn own_variance(&self) -> f64 {
+        std::f64::consts::FRAC_PI_2 / self.tests.max(2) as f64
+    }
+
+    /// Empty where the response lacks a parameter, as that of another description does.
+    fn directions(&self, response: &ChannelResponse) -> Vec<Direction> {
+        let place =
+            |(id, ..): &(ParameterId, Usual, [f64; 10])| response.parameters.iter().position(|of| of == id);
+        let places: Option<Vec<usize>> = self.parameters.iter().map(place).collect();
+        let Some(places) = places.filter(|places| !places.is_empty()) else { return Vec::new() };
+        let scaled = |of: &FaultResponse| Direction {
+            joint: of.joint,
+            fault: of.fault,
+            strength: of.strength.min(STRENGTHS.len() - 1),
+            change: DVector::from_fn(places.len(), |row, _| of.change[places[row]] / self.deviation(row)),
+            shift: DVector::from_fn(places.len(), |row, _| {
+                of.shift.get(places[row]).map_or(0.0, |shift| shift / self.deviation(row))
+            }),
+            unexplained: of.unexplained.clone(),
+        };
+        response.faults.iter().map(scaled).filter(|of| of.change.norm() > LEAST_DIRECTION).collect()
+    }
+
+    /// Standard deviation of a parameter of a run.
+    pub(super) fn deviation(&self, row: usize) -> f64 {
+        self.parameters[row].1.deviation * self.inflation.sqrt()
+    }
+
+    /// The same for a run whose cycles disagree about a parameter by far more than those of the first runs, and by how
+    /// much the standard deviation of each parameter is larger then; `None` for other runs. A joint whose torque reads
+    /// wrong has little weight in the estimate, so that its parameters are known badly: that they differ is no pattern
+    /// of anything.
+    pub(super) fn widened(&self, run: &RunSummary) -> Option<(Self, DVector<f64>)> {
+        let by = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
+            let of = run.parameters.iter().find(|of| of.id == *id);
+            let own = of.map(|of| of.std_dev / f64::from(of.cycles).sqrt() / usual.deviation);
+            own.filter(|own| own.is_finite() && *own >= FAR_MORE).unwrap_or(1.0)
+        };
+        let by = DVector::from_iterator(self.parameters.len(), self.parameters.iter().map(by));
+        if by.iter().all(|by| *by == 1.0) {
+            return None;
+        }
+        let mut widened = self.clone();
+        for ((_, usual, _), by) in widened.parameters.iter_mut().zip(&by) {
+            usual.deviation *= by;
+        }
+        for of in &mut widened.directions {
+            of.change.component_div_assign(&by);
+            of.shift.component_div_assign(&by);
+        }
+        Some((widened, by))
+    }
+
+    /// Deviations of the inertial parameters of a run, in standard deviations; `None` where it lacks one.
+    pub(super) fn change(&self, run: &RunSummary) -> Option<DVector<f64>> {
+        if self.parameters.is_empty() {
+            return None;
+        }
+        let value = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
+            let of = run.parameters.iter().find(|of| of.id == *id)?;
+            Some(usual.deviations(of.mean) / self.inflation.sqrt())
+        };
+        let values: Option<Vec<f64>> = self.parameters.iter().map(value).collect();
+        values.map(DVector::from_vec)
+    }
+}
+
+impl Usual {
+    /// With how many tests it is of.
+    fn of_offsets(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<(Self, usize)> {
+        let runs: Vec<Vec<f64>> =
+            history.iter().map(|run| offsets(run, joint)).filter(|of| of.len() > 1).take(count).collect();
+        let within: Vec<f64> =
+            runs.iter().filter_map(|run| Some(robust_deviation(run)? / (run.len() as f64).sqrt())).collect();
+        let friction = history.iter().find_map(|run| friction(run, joint)).unwrap_or(0.0);
+        let least = median(&within).unwrap_or(0.0).max(1e-3 * friction).max(f64::MIN_POSITIVE);
+        let is_change = |before: f64, behind: f64| (behind - before).abs() >= LEAST_OFFSET * friction;
+        Self::of(runs.iter().filter_map(|run| mean(run)), count, least, is_change)
+    }
+
+    fn of_rmsd(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+        let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_RMSD_RATIO.ln();
+        Self::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
+    }
+
+    /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
+    /// measure it.
+    fn of_noise(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
+        let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
+        let noises: Option<Vec<f64>> = first.map(|run| noise(run, joint)).collect();
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_NOISE_RATIO.ln();
+        Self::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION, is_change)
+            .map(|(usual, _)| usual)
+    }
+}
+
+/// Usual value and deviation of each parameter of the first run that has some, with what it stands for: those that `count` runs have.
+fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, Usual, [f64; 10])> {
+    let last = history.iter().flat_map(|run| &run.parameters).map(|of| of.id.joint).max();
+    let first = history.iter().find(|run| !run.parameters.is_empty());
+    let usual = |of: &RunParameter| {
+        let own: Vec<&RunParameter> = history
+            .iter()
+            .filter_map(|run| run.parameters.iter().find(|other| other.id == of.id))
+            .take(count)
+            .collect();
+        let scatter: Vec<f64> =
+            own.iter().map(|of| of.std_dev / f64::from(of.cycles).sqrt()).filter(|s| s.is_finite()).collect();
+        let least =
+            median(&scatter).unwrap_or(0.0).max(LEAST_DEVIATION * of.mean.abs()).max(f64::MIN_POSITIVE);
+        // errors of single runs are known well, deviations of a few runs are not: these are pooled
+        let means: Vec<f64> = own.iter().map(|of| of.mean).collect();
+        let value = median(&means).filter(|_| means.len() == count)?;
+        let usual =
+            Usual { value, deviation: least * (1.0 + std::f64::consts::FRAC_PI_2 / count as f64).sqrt() };
+        Some((of.id, usual, shares_of_link(&of.terms, last?)))
+    };
+    first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default()
+}
+
+pub(super) fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
+    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
+    own.map(|of| of.friction.offset).collect()
+}
+
+/// Mean friction of a joint, Nm (N).
+pub(super) fn friction(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
+    mean(&own.map(|of| of.friction.ln_torque).collect::<Vec<f64>>()).map(f64::exp)
+}
+
+/// Median friction of a joint in the first runs, Nm (N).
+fn usual_friction(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<f64> {
+    median(&history.iter().filter_map(|run| friction(run, joint)).take(count).collect::<Vec<f64>>())
+}
+
+pub(super) fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
+}
+
+/// Noise of a joint's torque channel, as a fraction of the torque.
+pub(super) fn noise(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    run.joints.iter().find(|of| of.joint == joint)?.relative_noise.filter(|noise| *noise > 0.0)
+}

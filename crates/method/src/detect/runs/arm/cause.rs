@@ -1,0 +1,100 @@
+//! Why the arm of a run differs from that of the first runs.
+
+use armwatch_model::robot::JointIndex;
+
+/// Least mass that is called a load, kg.
+const LEAST_MASS: f64 = 0.1;
+/// Standard error of a mass, kg, from which on the test says nothing of it: no joint carries the last link's weight.
+const UNSEEN_MASS: f64 = 2.0;
+
+/// Why the arm of a run differs from that of the first runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::detect::runs) enum ArmCause {
+    /// It does not.
+    None,
+    /// A body at the last link.
+    Load(Load),
+    /// The torque signal of a joint.
+    TorqueSignal { joint: JointIndex, fault: SignalFault },
+    /// The position signal of a joint reads too much by so many rad (m).
+    PositionSignal { joint: JointIndex, offset: f64 },
+    /// The motor of a joint feels what no rigid arm with its friction does, so many times the usual, and the channel's noise
+    /// does not tell why: play, a loose part, a damaged gear.
+    UnexplainedTorque { joint: JointIndex, ratio: f64 },
+    /// Parameters changed in another way.
+    Unknown,
+}
+
+/// A body at the last link, or one taken away where the mass is negative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::detect::runs) struct Load {
+    /// Mass, kg.
+    pub(in crate::detect::runs) mass: f64,
+    /// Its standard error, kg.
+    pub(in crate::detect::runs) std_error: f64,
+    /// Centre in the frame of the last link, m; means something where the motion shows the mass.
+    pub(in crate::detect::runs) centre: [f64; 3],
+}
+
+impl Load {
+    /// Whether the motion shows the mass. Where it does not, other parameters of the load still show that there is one.
+    pub(in crate::detect::runs) fn has_seen_mass(&self) -> bool {
+        self.std_error < UNSEEN_MASS
+    }
+
+    /// Whether a mass that the motion shows is so many standard errors.
+    pub(in crate::detect::runs) fn is_at_least(&self, mass_errors: f64) -> bool {
+        !self.has_seen_mass() || self.mass.abs() >= LEAST_MASS.max(mass_errors * self.std_error)
+    }
+}
+
+/// What is wrong with a torque signal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::detect::runs) enum SignalFault {
+    /// Friction does not turn over evenly: half the sum of both directions, Nm (N), beyond the usual.
+    Offset(f64),
+    /// Noise, as a multiple of the usual. Of tests whose noise is not known: torque that the model does not explain.
+    Noise(f64),
+    /// The joint's own parameters have changed by this fraction.
+    Gain(f64),
+}
+
+impl ArmCause {
+    /// Whether people know both as one fault: of the same signal or joint, whatever its size.
+    pub(in crate::detect::runs) fn is_same_fault(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Load(_), Self::Load(_)) | (Self::Unknown, Self::Unknown) => true,
+            (Self::TorqueSignal { joint, .. }, Self::TorqueSignal { joint: other, .. })
+            | (Self::PositionSignal { joint, .. }, Self::PositionSignal { joint: other, .. })
+            | (Self::UnexplainedTorque { joint, .. }, Self::UnexplainedTorque { joint: other, .. }) => {
+                joint == other
+            }
+            _ => false,
+        }
+    }
+
+    /// What it would be, in words that follow "rather than".
+    pub(in crate::detect::runs) fn words(&self) -> String {
+        match self {
+            Self::None => "no change of the arm".into(),
+            Self::Load(load) if load.has_seen_mass() => format!("a load of {:+.2} kg", load.mass),
+            Self::Load(_) => "a load of unknown mass".into(),
+            Self::TorqueSignal { joint, fault: SignalFault::Offset(_) } => {
+                format!("an offset of the torque signal of joint {joint}")
+            }
+            Self::TorqueSignal { joint, fault: SignalFault::Gain(part) } => {
+                format!("a gain of {:+.1} % of the torque signal of joint {joint}", 100.0 * part)
+            }
+            Self::TorqueSignal { joint, fault: SignalFault::Noise(_) } => {
+                format!("noise of the torque signal of joint {joint}")
+            }
+            Self::PositionSignal { joint, offset } => {
+                format!("an offset of {offset:+.4} rad (m) of the position of joint {joint}")
+            }
+            Self::UnexplainedTorque { joint, .. } => {
+                format!("play or another fault of the mechanics of joint {joint}")
+            }
+            Self::Unknown => "a change of the arm that is not known".into(),
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The torque signal of a joint in one run: what of it is not as usual, and what may be wrong with the joint itself.
+
+use super::baseline::{
+    Baseline, LEAST_NOISE_RATIO, LEAST_OFFSET, LEAST_RMSD_RATIO, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS, Usual,
+    friction, noise, offsets, rmsd,
+};
+use super::cause::{ArmCause, SignalFault};
+use super::price::MECHANICAL_PRICE;
+use crate::statistics::descriptive::mean;
+use armwatch_model::anomaly::RunSummary;
+use armwatch_model::robot::JointIndex;
+
+/// Least noise, as a fraction of the torque, that is looked at.
+const LEAST_NOISE: f64 = 0.002;
+
+/// A joint's torque signal in one run.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Signal {
+    /// Offset beyond the usual, Nm (N), and chi² of it where it counts.
+    pub(super) offset: (f64, f64),
+    /// The offset beyond the usual in standard deviations, whether it counts or not.
+    offset_deviations: f64,
+    /// Unexplained rest as a multiple of what is expected at the channel's noise, and chi² of it where it counts.
+    pub(super) unexplained: (f64, f64),
+    /// Noise as a multiple of the usual, and chi² of it where it counts; `None` where it is not known.
+    noise: Option<(f64, f64)>,
+}
+
+impl Signal {
+    pub(super) fn noise_cost(&self) -> f64 {
+        self.noise.map_or(0.0, |(_, cost)| cost)
+    }
+
+    /// Whether the friction stage shows an offset, however small against friction.
+    pub(super) fn shows_offset(&self) -> bool {
+        self.offset_deviations.abs() >= SIGNAL_DEVIATIONS
+    }
+
+    pub(super) fn cost(&self) -> f64 {
+        self.offset.1 + self.unexplained.1 + self.noise_cost()
+    }
+
+    /// How far the torque is from what it was, noise or not.
+    pub(super) fn ratio(&self) -> f64 {
+        self.noise.map_or(self.unexplained.0, |(ratio, _)| ratio.max(self.unexplained.0))
+    }
+}
+
+/// That of a joint in a run.
+pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> Signal {
+    let mut found = Signal::default();
+    if let (Some(usual), Some(offset)) = (baseline.offsets[joint.index()], mean(&offsets(run, joint))) {
+        let friction = friction(run, joint).unwrap_or(0.0);
+        // what differs between the directions is a part of friction or none: it may have grown with it
+        let grown = baseline.friction[joint.index()].map_or(1.0, |usual| friction / usual) * usual.value;
+        let expected = offset.clamp(usual.value.min(grown), usual.value.max(grown));
+        let beyond = offset - expected;
+        let deviations = beyond / usual.deviation;
+        let enough = beyond.abs() >= LEAST_OFFSET * friction;
+        let counts = deviations.abs() >= SIGNAL_DEVIATIONS && enough;
+        found.offset_deviations = deviations;
+        found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
+    }
+    let mut more_noise = 0.0;
+    if let (Some(usual), Some(noise)) = (baseline.noise[joint.index()], noise(run, joint)) {
+        found.noise = Some(usual.excess_of_noise(noise));
+        more_noise = (noise * noise - usual.value.exp().powi(2)).max(0.0).sqrt();
+    }
+    if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], rmsd(run, joint)) {
+        let expected = usual.value.exp().hypot(more_noise);
+        found.unexplained = Usual { value: expected.ln(), ..usual }.excess_of_rmsd(rmsd);
+    }
+    found
+}
+
+impl Usual {
+    /// Ratio of a relative RMSD to this one, whose logarithm this is, and chi² of it where it counts.
+    pub(super) fn excess_of_rmsd(&self, rmsd: f64) -> (f64, f64) {
+        let (ratio, deviations) = ((rmsd.ln() - self.value).exp(), self.deviations(rmsd.ln()));
+        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_RMSD_RATIO;
+        (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 })
+    }
+
+    /// Ratio of a channel's noise to this one, whose logarithm this is, and chi² of it where it counts.
+    fn excess_of_noise(&self, noise: f64) -> (f64, f64) {
+        let (ratio, deviations) = ((noise.ln() - self.value).exp(), self.deviations(noise.ln()));
+        let counts = deviations >= SIGNAL_DEVIATIONS && ratio >= LEAST_NOISE_RATIO && noise >= LEAST_NOISE;
+        (ratio, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 })
+    }
+}
+
+/// What may be wrong with a joint itself, each with what it leaves of its own figures, in units of chi².
+pub(super) fn own_causes(
+    signal: &Signal,
+    run: &RunSummary,
+    baseline: &Baseline,
+    joint: JointIndex,
+) -> Vec<(ArmCause, f64)> {
+    let of_signal = |fault| ArmCause::TorqueSignal { joint, fault };
+    if signal.offset.1 > 0.0 {
+        return vec![(of_signal(SignalFault::Offset(signal.offset.0)), 0.0)];
+    }
+    let (ratio, rest) = signal.unexplained;
+    let mut found = Vec::new();
+    match signal.noise {
+        Some((noise, cost)) => {
+            if cost > 0.0 {
+                found.push((of_signal(SignalFault::Noise(noise)), rest));
+            }
+            if rest > 0.0 {
+                found.push((ArmCause::UnexplainedTorque { joint, ratio }, cost + MECHANICAL_PRICE));
+            }
+        }
+        None if rest > 0.0 => found.push((of_signal(SignalFault::Noise(ratio)), 0.0)),
+        None => {}
+    }
+    // where it is known what a gain does, that is looked for by its direction
+    if found.is_empty() && baseline.directions.is_empty() {
+        found.push((of_signal(SignalFault::Gain(own_gain(run, baseline, joint))), 0.0));
+    }
+    found
+}
+
+/// By which fraction the joint's own parameters have changed: least squares against their usual values.
+fn own_gain(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -> f64 {
+    let (mut with, mut own) = (0.0, 0.0);
+    for (id, usual, _) in baseline.parameters.iter().filter(|(id, ..)| id.joint == joint) {
+        if let Some(of) = run.parameters.iter().find(|of| of.id == *id) {
+            let weight = usual.deviation.powi(-2);
+            with += weight * usual.value * (of.mean - usual.value);
+            own += weight * usual.value * usual.value;
+        }
+    }
+    if own > 0.0 { with / own } else { 0.0 }
+}

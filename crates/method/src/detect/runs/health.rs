@@ -1,0 +1,152 @@
+//! Where each joint stands after the latest test, and what is known of it since when.
+
+use super::history::friction_history::{FrictionHistory, Observed, Source};
+use super::joint_detectors::friction_drift;
+use super::series::JointSeries;
+use super::without_result::why;
+use crate::statistics::descriptive::robust_deviation;
+use armwatch_model::analysis::JointSummary;
+use armwatch_model::anomaly::epoch::not_compared;
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
+
+/// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
+/// anomalies.
+pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[Anomaly]) -> JointHealth {
+    let has_result = |summary: &Option<&JointSummary>| summary.is_some_and(JointSummary::has_result);
+    let last_result = series.runs.iter().rposition(has_result);
+    let friction = friction_of_latest(series);
+    let (knowledge, reason) = knowledge(history, series, found, last_result);
+    JointHealth {
+        joint: series.joint,
+        friction_index: friction.map(Observed::measured_ratio),
+        friction_quantity: friction.map(|observed| observed.source.quantity()),
+        knowledge,
+        reason,
+        last_result_run_id: last_result.map(|run| history[run].run_id),
+        forecast: friction_drift::outlook(series),
+    }
+}
+
+/// Friction of the latest run, if it compares with the baseline.
+fn friction_of_latest<'a>(series: &'a JointSeries<'_>) -> Option<&'a Observed> {
+    let last = series.runs.len() - 1;
+    series.friction.runs.last().filter(|observed| observed.run == last)
+}
+
+fn knowledge(
+    history: &[RunSummary],
+    series: &JointSeries<'_>,
+    found: &[Anomaly],
+    last_result: Option<usize>,
+) -> (Knowledge, Option<String>) {
+    let last = history.len() - 1;
+    let latest = &history[last];
+    let friction = series.friction;
+    let known = || known_before(history, friction.runs.last(), last_result);
+    if latest.is_without_result() {
+        return (
+            Knowledge::NoResult,
+            Some(format!("the latest test gave no result: {}; {}", why(latest), known())),
+        );
+    }
+    if last_result != Some(last) {
+        let words =
+            format!("the latest test gave no result of this joint{}; {}", of_refused(latest), known());
+        return (Knowledge::Unsettled, Some(words));
+    }
+    if friction.is_learning() {
+        let needed = series.settings.baseline_runs.max(1);
+        let words = format!("{} of {needed} tests of the baseline", friction.learnt_runs);
+        return (Knowledge::Learning, Some(words));
+    }
+    let Some(observed) = friction_of_latest(series) else {
+        let since =
+            not_compared(history, series.joint).map_or_else(String::new, |words| format!("{words}: "));
+        let words = format!(
+            "{since}friction of the latest test does not compare with the baseline: no stage of it was as warm \
+             as in the baseline{}; {}",
+            of_refused(latest),
+            known()
+        );
+        return (Knowledge::Unsettled, Some(words));
+    };
+    let change = observed.ratio - 1.0;
+    let limit = single_run_limit(series, observed);
+    if change.abs() >= limit && !shows_change(found, friction, latest) {
+        let words = format!(
+            "one test {:.0} % {} the joint's baseline, more than the {:.0} % that chance explains; to be \
+             confirmed by the next test",
+            100.0 * change.abs(),
+            if change > 0.0 { "above" } else { "below" },
+            100.0 * limit
+        );
+        return (Knowledge::Unsettled, Some(words));
+    }
+    let words: Vec<String> = refused_part(latest).into_iter().chain(not_watched(observed)).collect();
+    (Knowledge::Compared, Some(words.join("; ")).filter(|words| !words.is_empty()))
+}
+
+/// What nothing is known of in a test without a friction stage.
+fn not_watched(latest: &Observed) -> Option<String> {
+    (latest.source == Source::Excitation).then(|| {
+        "the latest test has no friction stage: jumps of friction inside a test, friction that varies from cycle to cycle and \
+         another warm-up are not looked for"
+            .to_owned()
+    })
+}
+
+/// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
+/// chance does to one healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its
+/// weight only, so it needs this limit of its own. Infinite within the baseline.
+fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
+    let friction = &series.friction;
+    if friction.is_learnt_from(latest) {
+        return f64::INFINITY;
+    }
+    // a baseline of a few runs may scatter less than healthy runs do
+    let before: Vec<f64> = friction.runs.iter().rev().skip(1).map(|observed| observed.ratio).collect();
+    let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
+    let own = friction.variance(latest).max(latest.uncertainty().powi(2));
+    let variance = own.max(usual_scatter * usual_scatter) + friction.baseline_variance;
+    friction_drift::judged(series).limit.limits().threshold(variance.sqrt())
+}
+
+/// Whether the latest run shows a drift or step of friction. It is an anomaly then, and needs no confirmation.
+fn shows_change(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
+    let of_friction = |anomaly: &Anomaly| {
+        matches!(anomaly.kind, AnomalyKind::Drift | AnomalyKind::Step)
+            && anomaly.quantity == friction.source.quantity()
+    };
+    found.iter().any(|anomaly| of_friction(anomaly) && anomaly.last_run_id == latest.run_id)
+}
+
+fn of_refused(run: &RunSummary) -> String {
+    refused_part(run).map_or_else(String::new, |words| format!(" ({words})"))
+}
+
+/// What to say of a run with some cycles refused.
+fn refused_part(run: &RunSummary) -> Option<String> {
+    (run.refused_cycles > 0).then(|| {
+        let cause = run.refusals.first().map_or("no reason is stored", |of| &of.cause.sentence);
+        format!("{} of {} cycles of the latest test were refused: {cause}", run.refused_cycles, run.cycles)
+    })
+}
+
+/// What the joint's latest results say, and since when.
+fn known_before(history: &[RunSummary], latest: Option<&Observed>, last_result: Option<usize>) -> String {
+    let day = |run: usize| history[run].started_at.strftime("%Y-%m-%d %H:%M").to_string();
+    match (latest, last_result) {
+        (Some(observed), _) => {
+            format!(
+                "known last: friction index {:.3} of {} UTC",
+                observed.measured_ratio(),
+                day(observed.run)
+            )
+        }
+        (None, Some(run)) => format!("the latest result is of {} UTC", day(run)),
+        (None, None) => "no test gave a result yet".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

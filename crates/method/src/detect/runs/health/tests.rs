@@ -1,0 +1,83 @@
+//! Health of joints, on histories made by hand.
+
+use crate::detect::runs::detect;
+use crate::detect::runs::fixtures::{healthy, history, indexed, refusal, wobble};
+use armwatch_model::analysis::refusal::Channel;
+use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
+use armwatch_model::anomaly::settings::DetectSettings;
+use armwatch_model::anomaly::{Findings, Knowledge, RunSummary};
+use armwatch_model::robot::JointIndex;
+
+fn found(history: &[RunSummary]) -> Findings {
+    detect(history, &DetectSettings::default())
+}
+
+#[test]
+fn a_short_history_is_learning() {
+    let found = detect(&history(4, |i| 12.0 * (1.0 + 0.2 * i as f64)), &DetectSettings::default());
+    assert_eq!(found.anomalies, vec![]);
+    assert_eq!(found.health[2].knowledge, Knowledge::Learning);
+    assert_eq!(found.health[2].reason.as_deref(), Some("4 of 5 tests of the baseline"));
+    assert_eq!(found.health[2].friction_index, None);
+}
+
+#[test]
+fn a_run_cut_short_is_not_compared() {
+    let mut runs = history(12, |i| 12.0 * wobble(i));
+    for cut in &mut runs[8..] {
+        cut.joints[2].warm_friction =
+            Some(WarmFriction { torque: 18.0, std_error: 0.1, minute: 8.0, speed_fraction: 0.6 });
+    }
+    let found = detect(&runs, &DetectSettings::default());
+    assert_eq!(found.anomalies, vec![]);
+    let health = &found.health[2];
+    assert_eq!((health.knowledge, health.friction_index), (Knowledge::Unsettled, None));
+    let reason = health.reason.as_deref().expect("a reason");
+    assert!(reason.contains("does not compare") && reason.contains("known last: friction index"), "{reason}");
+}
+
+#[test]
+fn a_fault_of_a_few_cycles_is_told_and_judged_by_the_others() {
+    let mut history = healthy(9);
+    history[8].refused_cycles = 3;
+    history[8].refusals = vec![refusal("spike", Channel::Torque, Some(1), 3)];
+    let found = found(&history);
+    assert_eq!(found.anomalies, vec![]);
+    assert_eq!(found.health[0].knowledge, Knowledge::Compared);
+    let reason = found.health[0].reason.as_deref().expect("a reason");
+    assert_eq!(reason, "3 of 8 cycles of the latest test were refused: the torque is wrong");
+}
+
+#[test]
+fn a_test_that_says_nothing_of_a_joint_leaves_it_unsettled_with_what_was_known() {
+    let mut history = healthy(9);
+    history[8].joints[1] = JointSummary { joint: JointIndex::new(1), ..indexed(8, None).joints[1] };
+    let found = found(&history);
+    assert_eq!(found.health[0].knowledge, Knowledge::Compared);
+    let health = &found.health[1];
+    assert_eq!(
+        (health.knowledge, health.friction_index, health.last_result_run_id),
+        (Knowledge::Unsettled, None, Some(8))
+    );
+    assert!(
+        health
+            .reason
+            .as_deref()
+            .expect("a reason")
+            .contains("known last: friction index 1.002 of 1970-01-08")
+    );
+}
+
+#[test]
+fn one_test_far_off_is_neither_an_alarm_nor_well() {
+    let mut history = healthy(9);
+    history[8].joints[1].friction_index = Some(Estimate { value: 0.8, std_error: 0.008 });
+    let odd = found(&history);
+    assert_eq!(odd.anomalies, vec![]);
+    assert_eq!((odd.health[1].knowledge, odd.health[1].friction_index), (Knowledge::Unsettled, Some(0.8)));
+    let reason = odd.health[1].reason.as_deref().expect("a reason");
+    assert!(reason.starts_with("one test 20 % below the joint's baseline"), "{reason}");
+    // the next one is as ever
+    history.push(indexed(9, Some(1.0)));
+    assert_eq!(found(&history).health[1].knowledge, Knowledge::Compared);
+}

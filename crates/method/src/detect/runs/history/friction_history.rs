@@ -1,0 +1,432 @@
+//! Friction of one joint over its robot's runs, as a multiple of the joint's own baseline.
+//!
+//! A run is compared by the first of these quantities that it has: the friction index, warm friction of the
+//! friction stage, friction identified from the excitation. The index is a multiple of the joint's first runs
+//! already. The baseline of the two torques is the median of the joint's first runs at one speed.
+
+use nalgebra::DVector;
+
+use super::first_level::{FirstLevels, LEVEL_CHANGE};
+use crate::detect::control_chart::median_variance;
+use crate::statistics::descriptive::{median, robust_deviation};
+use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
+
+/// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
+/// fraction of friction: the ambient temperature alone moves warm friction by about this.
+pub(in crate::detect::runs) const MIN_SPREAD: f64 = 0.01;
+
+/// The same for the friction index, from which the effect of the ambient temperature is removed.
+pub(in crate::detect::runs) const MIN_INDEX_SPREAD: f64 = 0.005;
+
+/// Runs compare if they were about equally warm: time of the warm points within this fraction of
+/// the baseline's.
+const WARMTH_TOLERANCE: f64 = 0.25;
+
+/// Friction of one joint over the runs.
+pub(in crate::detect::runs) struct FrictionHistory {
+    /// The quantity that the joint is watched by.
+    pub(in crate::detect::runs) source: Source,
+    /// Runs with friction that compares with the baseline, oldest first.
+    pub(in crate::detect::runs) runs: Vec<Observed>,
+    /// Runs that the baseline has so far, at most those that it needs.
+    pub(in crate::detect::runs) learnt_runs: usize,
+    /// Usual standard deviation from run to run, as a fraction of the baseline.
+    pub(in crate::detect::runs) spread: f64,
+    /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
+    pub(in crate::detect::runs) has_changed_at_first: bool,
+    /// Variance of the baseline itself, as a fraction of it squared.
+    pub(in crate::detect::runs) baseline_variance: f64,
+    /// One for each torque that has enough runs.
+    baselines: Vec<Baseline>,
+    /// Place in the history of the last run that the baseline is learnt from.
+    learnt_from: usize,
+}
+
+/// Where friction of a run comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::detect::runs) enum Source {
+    /// The friction index, at equal thermal state.
+    Index,
+    /// Friction points of the friction stage, of runs equally warm.
+    Warm,
+    /// The identified friction coefficients, of runs equally warm.
+    Excitation,
+}
+
+impl Source {
+    /// Name of the quantity.
+    pub(in crate::detect::runs) fn quantity(self) -> &'static str {
+        match self {
+            Self::Index => "friction_index",
+            Self::Warm => "warm_friction_nm",
+            Self::Excitation => "excitation_friction_nm",
+        }
+    }
+
+    fn of(self, summary: &JointSummary) -> Option<WarmFriction> {
+        match self {
+            Self::Index => None,
+            Self::Warm => summary.warm_friction,
+            Self::Excitation => summary.excitation_friction,
+        }
+    }
+}
+
+/// Friction of a run against the baseline, and by which road.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::detect::runs) struct Observed {
+    /// Place of the run in the history.
+    pub(in crate::detect::runs) run: usize,
+    /// Friction as a multiple of the baseline, without what all joints share.
+    pub(in crate::detect::runs) ratio: f64,
+    /// What all joints share, in logarithms ([`crate::detect::runs::arm_detectors::common_change`]).
+    common: f64,
+    pub(in crate::detect::runs) source: Source,
+    /// Standard error of the ratio; zero where the scatter of the baseline says all.
+    pub(in crate::detect::runs) std_error: f64,
+    /// The part of it that the scatter from run to run has no share in.
+    measurement_error: f64,
+    /// Scatter as a multiple of the usual one from run to run; zero where that says all.
+    relative_scatter: f64,
+    /// Friction that it comes from, Nm; not a number for the index.
+    pub(in crate::detect::runs) torque: f64,
+}
+
+/// Standard deviation of a joint's share in what all joints have in common, about one.
+pub(in crate::detect::runs) const COMMON_SPREAD: f64 = 0.4;
+
+impl Observed {
+    /// Friction as a multiple of the baseline, as it was measured.
+    pub(in crate::detect::runs) fn measured_ratio(&self) -> f64 {
+        self.ratio * self.common.exp()
+    }
+
+    /// Standard error with that of the share in what all joints have in common. Both err alike from run to run, so that
+    /// no average over runs makes them smaller.
+    pub(in crate::detect::runs) fn uncertainty(&self) -> f64 {
+        self.std_error.hypot(COMMON_SPREAD * self.common * self.ratio)
+    }
+
+    /// What all joints share, in logarithms.
+    pub(in crate::detect::runs) fn common(&self) -> f64 {
+        self.common
+    }
+
+    /// What all joints share, for a message; empty below one percent.
+    pub(in crate::detect::runs) fn common_words(&self) -> String {
+        let percent = 100.0 * self.common.exp_m1();
+        if percent.abs() < 1.0 {
+            String::new()
+        } else {
+            format!(", of which all joints share {percent:+.0} %")
+        }
+    }
+}
+
+impl FrictionHistory {
+    /// `series` has one entry a run; the first `baseline_runs` runs with friction are the baseline.
+    pub(in crate::detect::runs) fn new(series: &[Option<&JointSummary>], baseline_runs: usize) -> Self {
+        let count = baseline_runs.max(1);
+        let index = |run: usize| series[run].and_then(|summary| summary.friction_index);
+        let learnt =
+            [Source::Warm, Source::Excitation].map(|source| (source, first_runs(source, series, count)));
+        let baselines: Vec<Baseline> =
+            learnt.iter().filter_map(|(source, runs)| Baseline::new(*source, runs, count)).collect();
+        let has_index = (0..series.len()).any(|run| index(run).is_some());
+        // what the joint is watched by, without an index
+        let first = baselines.first();
+        let runs: Vec<Observed> = (0..series.len())
+            .filter_map(|run| match index(run) {
+                Some(Estimate { value, std_error }) => {
+                    let (source, torque) = (Source::Index, f64::NAN);
+                    Some(Observed {
+                        run,
+                        ratio: value,
+                        common: 0.0,
+                        source,
+                        std_error: std_error.max(0.0),
+                        measurement_error: std_error.max(0.0),
+                        relative_scatter: 0.0,
+                        torque,
+                    })
+                }
+                None => baselines.iter().find_map(|baseline| baseline.observed(series, run)),
+            })
+            .collect();
+        // torques keep the place that a run has among all with one, also of runs that were not equally warm
+        let learnt_from = if has_index {
+            runs.get(count - 1).map_or(usize::MAX, |last| last.run)
+        } else {
+            first.map_or(usize::MAX, |baseline| baseline.last_run)
+        };
+        let (spread, baseline_variance) = match (first, has_index) {
+            (_, true) => index_spread(&runs, learnt_from),
+            (Some(baseline), false) => baseline.spread(),
+            // no run compares with anything
+            (None, false) => (MIN_SPREAD, 0.0),
+        };
+        Self {
+            source: if has_index { Source::Index } else { first.map_or(Source::Warm, |of| of.source) },
+            runs,
+            learnt_runs: learnt.iter().map(|(_, runs)| runs.len()).max().unwrap_or(0),
+            spread,
+            has_changed_at_first: false,
+            baseline_variance,
+            baselines,
+            learnt_from,
+        }
+    }
+
+    /// Takes the runs before `run`, in which friction jumped while the baseline was learnt, as the baseline of the index.
+    pub(in crate::detect::runs) fn learn_before(&mut self, run: usize) {
+        let before: Vec<f64> = self.runs.iter().filter(|of| of.run < run).map(|of| of.ratio).collect();
+        let Some(level) = median(&before).filter(|level| *level > 0.0 && self.source == Source::Index) else {
+            return;
+        };
+        self.runs.iter_mut().for_each(|of| of.ratio /= level);
+        self.learnt_from = self.runs.iter().rev().find(|of| of.run < run).map_or(0, |of| of.run);
+        (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+    }
+
+    /// Raises the standard errors of runs to `error`, a fraction, where that gives one.
+    pub(in crate::detect::runs) fn widen(&mut self, error: impl Fn(usize) -> Option<f64>) {
+        for of in &mut self.runs {
+            if let Some(error) = error(of.run) {
+                of.measurement_error = of.measurement_error.max(error * of.ratio);
+                of.std_error = of.std_error.max(of.measurement_error);
+            }
+        }
+    }
+
+    /// Takes away what all joints share, in logarithms, one entry a run: since the baseline, which has a share of its own where the
+    /// others are held against earlier runs.
+    pub(in crate::detect::runs) fn without_common(&mut self, common: &[f64]) {
+        let learnt: Vec<f64> =
+            self.runs.iter().filter(|of| self.is_learnt_from(of)).map(|of| common[of.run]).collect();
+        // a torque's baseline is a median, an index's is the mean of its first runs
+        let usual = match self.source {
+            Source::Index => learnt.iter().sum::<f64>() / learnt.len().max(1) as f64,
+            Source::Warm | Source::Excitation => median(&learnt).unwrap_or(0.0),
+        };
+        for of in &mut self.runs {
+            of.common = common[of.run] - usual;
+            of.ratio *= (-of.common).exp();
+        }
+        if self.source == Source::Index {
+            (self.spread, self.baseline_variance) = index_spread(&self.runs, self.learnt_from);
+        } else if !self.is_learning() {
+            (self.spread, self.baseline_variance) = self.torque_spread();
+            let (source, spread) = (self.source, self.spread);
+            for of in self.runs.iter_mut().filter(|of| of.source == source) {
+                of.std_error = of.measurement_error.max(spread * of.relative_scatter);
+            }
+        }
+    }
+
+    /// Bounds the scatter of the index in the first runs: beyond `most` it is no scatter but a change.
+    pub(super) fn bound_spread(&mut self, most: f64) {
+        if self.source == Source::Index && self.spread > most {
+            self.baseline_variance *= (most / self.spread).powi(2);
+            self.spread = most;
+            self.has_changed_at_first = true;
+        }
+    }
+
+    /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance
+    /// of their median; those with what all joints share where few of these torques compare.
+    fn torque_spread(&self) -> (f64, f64) {
+        let own = |of: &&Observed| of.source == self.source && self.is_learnt_from(of);
+        let ratios: Vec<f64> = self.runs.iter().filter(own).map(|of| of.ratio).collect();
+        if 2 * ratios.len() <= self.learnt_runs {
+            return (self.spread, self.baseline_variance);
+        }
+        let spread = robust_deviation(&ratios).unwrap_or(0.0).max(MIN_SPREAD);
+        (spread, median_variance(spread, ratios.len()))
+    }
+
+    /// Whether a baseline is learnt from the run at this place.
+    pub(in crate::detect::runs) fn is_learnt_at(&self, run: usize) -> bool {
+        run <= self.learnt_from
+    }
+
+    /// Whether there is nothing yet that a run could be compared with.
+    pub(in crate::detect::runs) fn is_learning(&self) -> bool {
+        self.source != Source::Index && self.baselines.is_empty()
+    }
+
+    /// The baseline of a torque; `None` for the index.
+    pub(in crate::detect::runs) fn baseline(&self, source: Source) -> Option<&Baseline> {
+        self.baselines.iter().find(|baseline| baseline.source == source)
+    }
+
+    /// Whether the baseline is learnt from this run.
+    pub(in crate::detect::runs) fn is_learnt_from(&self, observed: &Observed) -> bool {
+        observed.run <= self.learnt_from
+    }
+
+    /// Variance of one run's ratio beside what all joints share: of torques, which the hall moves from test to test as no index, at
+    /// least that of a steady joint.
+    pub(in crate::detect::runs) fn own_variance(&self, observed: &Observed) -> f64 {
+        match self.source {
+            Source::Index => self.variance(observed),
+            Source::Warm | Source::Excitation => {
+                let scatter = MIN_SPREAD * observed.relative_scatter.max(1.0);
+                observed.measurement_error.max(scatter).powi(2)
+            }
+        }
+    }
+
+    /// Variance of one run's ratio, at least the usual one.
+    pub(in crate::detect::runs) fn variance(&self, observed: &Observed) -> f64 {
+        (self.spread * self.spread).max(observed.std_error * observed.std_error)
+    }
+}
+
+/// Scatter of a joint's first runs, as a multiple of the median of the arm's other joints, beyond which it is a change.
+const MOST_SPREAD: f64 = 3.0;
+/// Fewest other joints whose median says so.
+const FEWEST_OTHERS: usize = 3;
+
+/// Bounds the scatter of each joint's index by that of the other joints of the arm.
+pub(in crate::detect::runs) fn bound_spreads(joints: &mut [FrictionHistory]) {
+    let own: Vec<Option<f64>> =
+        joints.iter().map(|of| (of.source == Source::Index).then_some(of.spread)).collect();
+    for (j, joint) in joints.iter_mut().enumerate() {
+        let others: Vec<f64> =
+            own.iter().enumerate().filter(|(other, _)| *other != j).filter_map(|(_, of)| *of).collect();
+        if others.len() >= FEWEST_OTHERS
+            && let Some(usual) = median(&others)
+        {
+            joint.bound_spread(MOST_SPREAD * usual);
+        }
+    }
+}
+
+/// Least square of a jump between two of the tests of a baseline, in variances of a test.
+const LEAST_JUMP_SQUARE: f64 = 64.0;
+
+/// Where the index of a joint jumps between two of the tests that its baseline is learnt from and stays there, beyond what
+/// the other joints do, the tests before are its baseline.
+pub(in crate::detect::runs) fn learn_before_jumps(joints: &mut [FrictionHistory]) {
+    let jumps: Vec<Option<usize>> = (0..joints.len()).map(|own| jump_at_first(joints, own)).collect();
+    for (joint, jump) in joints.iter_mut().zip(jumps) {
+        if let Some(run) = jump {
+            joint.learn_before(run);
+        }
+    }
+}
+
+/// Place of the run from which on the index of a joint is at another level than in the tests of the baseline before it.
+fn jump_at_first(joints: &[FrictionHistory], own: usize) -> Option<usize> {
+    let joint = &joints[own];
+    let is_index = |of: &&Observed| of.source == Source::Index && of.ratio > 0.0;
+    let learnt: Vec<&Observed> =
+        joint.runs.iter().filter(|of| joint.is_learnt_from(of)).filter(is_index).collect();
+    let level = |of: &Observed| {
+        let others = joints.iter().enumerate().filter(|(other, _)| *other != own);
+        let in_run = |(_, of_joint): (usize, &FrictionHistory)| {
+            of_joint.runs.iter().filter(is_index).find(|other| other.run == of.run).map(|of| of.ratio.ln())
+        };
+        of.ratio.ln() - median(&others.filter_map(in_run).collect::<Vec<f64>>()).unwrap_or(0.0)
+    };
+    let errors: Vec<f64> = learnt.iter().map(|of| of.std_error).collect();
+    let error = median(&errors)?.max(MIN_INDEX_SPREAD);
+    let tests: Vec<DVector<f64>> =
+        learnt.iter().map(|of| DVector::from_element(1, level(of) / error)).collect();
+    let is_jump =
+        |before: &DVector<f64>, behind: &DVector<f64>| error * (behind[0] - before[0]).abs() >= LEVEL_CHANGE;
+    let levels = FirstLevels::of(&tests, LEAST_JUMP_SQUARE, is_jump);
+    (!levels.changed.is_empty()).then(|| learnt[levels.usual.len()].run)
+}
+
+/// Run-to-run standard deviation of the index in the joint's baseline, and the variance of the baseline,
+/// which an index's own error has in it already.
+fn index_spread(observed: &[Observed], last_run: usize) -> (f64, f64) {
+    let first: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.ratio).collect();
+    let errors: Vec<f64> = observed.iter().filter(|o| o.run <= last_run).map(|o| o.std_error).collect();
+    let spread =
+        robust_deviation(&first).unwrap_or(0.0).max(median(&errors).unwrap_or(0.0)).max(MIN_INDEX_SPREAD);
+    (spread, spread * spread / first.len().max(1) as f64)
+}
+
+/// Runs at the speed of the first, at most `count`, with their places in the history.
+fn first_runs(source: Source, series: &[Option<&JointSummary>], count: usize) -> Vec<(usize, WarmFriction)> {
+    let measured: Vec<(usize, WarmFriction)> = (0..series.len())
+        .filter_map(|run| series[run].and_then(|summary| source.of(summary)).map(|warm| (run, warm)))
+        .collect();
+    let Some(speed_fraction) = measured.first().map(|(_, warm)| warm.speed_fraction) else {
+        return Vec::new();
+    };
+    measured.into_iter().filter(|(_, warm)| same_speed(warm, speed_fraction)).take(count).collect()
+}
+
+/// Friction torque of the joint's first runs.
+#[derive(Debug)]
+pub(in crate::detect::runs) struct Baseline {
+    source: Source,
+    /// Median of the torques, Nm.
+    pub(in crate::detect::runs) torque: f64,
+    /// Speed of the points as a fraction of the largest.
+    pub(in crate::detect::runs) speed_fraction: f64,
+    /// Usual standard error of one run's torque, Nm; may be not a number.
+    std_error: f64,
+    /// Usual time of the points since the run's start, min.
+    minute: f64,
+    /// Torques that it is the median of, and the last run of these.
+    torques: Vec<f64>,
+    last_run: usize,
+}
+
+impl Baseline {
+    /// `None` with fewer than `count` runs.
+    fn new(source: Source, first: &[(usize, WarmFriction)], count: usize) -> Option<Self> {
+        if first.len() < count {
+            return None;
+        }
+        let figures =
+            |of: fn(&WarmFriction) -> f64| first.iter().map(|(_, warm)| of(warm)).collect::<Vec<_>>();
+        let torques = figures(|warm| warm.torque);
+        Some(Self {
+            source,
+            torque: median(&torques).filter(|torque| *torque > 0.0)?,
+            speed_fraction: first.first()?.1.speed_fraction,
+            std_error: median(&figures(|warm| warm.std_error))?,
+            minute: median(&figures(|warm| warm.minute))?,
+            torques,
+            last_run: first.last()?.0,
+        })
+    }
+
+    /// Friction of a run, if it was as warm as the baseline.
+    fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
+        let warm = series[run].and_then(|summary| self.source.of(summary))?;
+        let comparable = same_speed(&warm, self.speed_fraction)
+            && (warm.minute - self.minute).abs() <= WARMTH_TOLERANCE * self.minute;
+        // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
+        let relative_scatter = match self.source {
+            Source::Index | Source::Warm => 0.0,
+            Source::Excitation => (warm.std_error / self.std_error).max(1.0),
+        };
+        comparable.then_some(Observed {
+            run,
+            ratio: warm.torque / self.torque,
+            common: 0.0,
+            source: self.source,
+            std_error: self.spread().0 * relative_scatter,
+            measurement_error: 0.0,
+            relative_scatter,
+            torque: warm.torque,
+        })
+    }
+
+    /// Run-to-run standard deviation as a fraction, and the variance of the median.
+    fn spread(&self) -> (f64, f64) {
+        let spread = (robust_deviation(&self.torques).unwrap_or(0.0) / self.torque).max(MIN_SPREAD);
+        (spread, median_variance(spread, self.torques.len()))
+    }
+}
+
+/// Levels are copied from one list; one written in two ways is still the same.
+fn same_speed(warm: &WarmFriction, speed_fraction: f64) -> bool {
+    (warm.speed_fraction - speed_fraction).abs() < 1e-6
+}

@@ -1,0 +1,328 @@
+//! Drift of friction: the friction of a joint leaves its baseline and stays away from it.
+//!
+//! The quantity is friction as a multiple of the joint's first runs ([`FrictionHistory`]): the friction index
+//! or, for runs without one, warm friction or friction of the excitation. The detector follows its EWMA, in
+//! which a run with a larger standard error has a smaller weight. A run is out if the EWMA differs from 1 by
+//! `drift_warning` (a fraction, 0.05 unless configured), or by as much as chance moves it at the rate of false alarms that
+//! is asked for, if that is more ([`LevelLimit`]). It is critical from `drift_critical` (0.15) on; friction that has fallen
+//! by less is worth knowing, since gears are run in and greased. Two tests in a row that are each beyond chance on one side
+//! of the average move it to their level. A change is over below three quarters of its limit. A smaller change is a warning
+//! too where it grows with every test ([`super::steady_rise`]).
+
+use super::forecast::{Test, forecast};
+use super::friction_change::{Shape, shape};
+use super::level_limit::LevelLimit;
+use super::steady_rise::{Rise, steady_rise};
+use crate::detect::control_chart::{Limits, UnequalEwma, steady_variance};
+use crate::detect::detector::Detector;
+use crate::detect::runs::curve::run_cause::RunCause;
+use crate::detect::runs::history::friction_history::{FrictionHistory, Observed, Source};
+use crate::detect::runs::series::JointSeries;
+use crate::detect::verdict::{Verdict, Why, apart};
+use armwatch_model::anomaly::forecast::{Forecast, Trend};
+use armwatch_model::anomaly::{AnomalyKind, Severity};
+
+/// Standard errors of a run's own ratio below which no change counts: much of them is the map's, which errs alike from
+/// run to run and is not averaged away.
+const MAP_ERRORS: f64 = 3.0;
+/// Part of its limit below which a change has to fall to be over.
+const CLOSING: f64 = 0.75;
+
+pub(super) struct FrictionDrift;
+
+impl Detector<JointSeries<'_>> for FrictionDrift {
+    fn kind(&self) -> AnomalyKind {
+        AnomalyKind::Drift
+    }
+
+    fn quantity(&self, series: &JointSeries<'_>) -> &'static str {
+        series.friction.source.quantity()
+    }
+
+    fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
+        let Judged { mut verdicts, rises, changes, .. } = judged(series);
+        for (first, last) in episodes(&verdicts, &changes) {
+            match episode_shape(series, &rises, &changes, first, last) {
+                // another detector's affair
+                Shape::Step { .. } => verdicts[first..=last].fill(Verdict::Quiet),
+                Shape::Drift { run } => {
+                    for (place, verdict) in (first..=last).zip(&mut verdicts[first..=last]) {
+                        if let Verdict::Out { why, .. } = verdict {
+                            *why = Why { onset: Some((run, None)), ..why_level(series, place) };
+                        }
+                    }
+                }
+            }
+        }
+        if let (Some(Verdict::Out { message, value, baseline, .. }), Some(outlook)) =
+            (verdicts.last_mut(), outlook(series))
+        {
+            message.push_str(&at_this_rate(&outlook, *value > *baseline));
+        }
+        verdicts
+    }
+}
+
+/// What the causes of a test's friction curve say of another level of friction.
+pub(super) fn why_level(series: &JointSeries<'_>, run: usize) -> Why {
+    let compared = series.causes.get(run).and_then(Option::as_ref).and_then(RunCause::odds_of_level);
+    let (odds, alternatives) = compared.unzip();
+    Why { onset: None, odds, alternatives: alternatives.unwrap_or_default() }
+}
+
+/// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so
+/// runs before the last one are left out.
+pub(in crate::detect::runs) fn outlook(series: &JointSeries<'_>) -> Option<Forecast> {
+    let friction = series.friction;
+    let Judged { verdicts, limit, rises, changes } = judged(series);
+    let last_jump = |(first, last)| match episode_shape(series, &rises, &changes, first, last) {
+        // the run in which friction jumped is of both levels
+        Shape::Step { run, cycle, .. } => Some(run + usize::from(cycle.is_some())),
+        Shape::Drift { .. } => None,
+    };
+    let begin = episodes(&verdicts, &changes).into_iter().rev().find_map(last_jump).unwrap_or(0);
+    let tests: Vec<Test> = friction
+        .runs
+        .iter()
+        .filter(|of| of.run >= begin && !friction.is_learnt_from(of) && !series.is_level_explained(of.run))
+        .map(|of| Test {
+            at: series.starts[of.run],
+            ratio: of.ratio,
+            std_error: friction.variance(of).sqrt(),
+        })
+        .collect();
+    let warning = limit.threshold(steady_variance(friction.spread));
+    forecast(&tests, &Limits { warning, ..limit.limits() })
+}
+
+/// What a drift's message says of its future: nothing without a trend away from the baseline, or where the critical
+/// limit is passed.
+fn at_this_rate(outlook: &Forecast, is_above: bool) -> String {
+    let away = if is_above { Trend::Rising } else { Trend::Falling };
+    match outlook.critical_at.filter(|_| outlook.trend == away) {
+        Some(crossing) => format!("; at this rate critical by {}", crossing.words()),
+        None => String::new(),
+    }
+}
+
+/// First and last run of each stretch of runs that are out to one side; one quiet run in between does not end it.
+pub(in crate::detect::runs) fn episodes(verdicts: &[Verdict], changes: &[f64]) -> Vec<(usize, usize)> {
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    let mut quiet = 2;
+    for (run, verdict) in verdicts.iter().enumerate() {
+        match verdict {
+            Verdict::Unknown => {}
+            Verdict::Quiet => quiet += 1,
+            Verdict::Out { .. } => {
+                let goes_on = |open: &&mut (usize, usize)| quiet < 2 && changes[open.0] * changes[run] > 0.0;
+                match found.last_mut().filter(goes_on) {
+                    Some(open) => open.1 = run,
+                    None => found.push((run, run)),
+                }
+                quiet = 0;
+            }
+        }
+    }
+    found
+}
+
+/// The shape of an episode of [`judged`]: a drift where it began with a steady rise.
+pub(super) fn episode_shape(
+    series: &JointSeries<'_>,
+    rises: &[Option<usize>],
+    changes: &[f64],
+    first: usize,
+    last: usize,
+) -> Shape {
+    match rises[first] {
+        Some(run) => Shape::Drift { run },
+        None => shape(series.friction, series.causes, changes[first], first, last),
+    }
+}
+
+/// What the level of friction says.
+pub(in crate::detect::runs) struct Judged {
+    /// Which runs have friction away from the baseline, whatever the shape.
+    pub(in crate::detect::runs) verdicts: Vec<Verdict>,
+    /// The limit as it is after the latest run.
+    pub(in crate::detect::runs) limit: LevelLimit,
+    /// Of each run that is out by a steady rise alone, the place of the run in which it began.
+    pub(super) rises: Vec<Option<usize>>,
+    /// Smoothed change of each run, as a fraction of the baseline; of a steady rise that since its beginning. Zero for
+    /// runs that are not compared.
+    pub(in crate::detect::runs) changes: Vec<f64>,
+}
+
+/// Looks at the level of friction.
+pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
+    let friction = series.friction;
+    let mut limit = LevelLimit::new(series);
+    let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
+    let mut chart = UnequalEwma::new(1.0, friction.spread);
+    let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
+    let mut was_out = false;
+    // how far the test before was from the average, if beyond chance
+    let mut jump: Option<f64> = None;
+    let mut rises = vec![None; series.runs.len()];
+    let mut changes = vec![0.0; series.runs.len()];
+    let mut rise: Option<Rise> = None;
+    let mut compared: Vec<Observed> = Vec::new();
+    for observed in &friction.runs {
+        if friction.is_learnt_from(observed) {
+            limit.learn(observed);
+            compared.push(*observed);
+            verdicts[observed.run] = Verdict::Quiet;
+            continue;
+        }
+        // what explains this run otherwise says nothing of the level of friction
+        if series.is_level_explained(observed.run) {
+            continue;
+        }
+        compared.push(*observed);
+        let average = chart.average();
+        let mut change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+        // a test that is uncertain moves the average little: two that agree on another level say where it is
+        let own = friction.variance(observed).max(observed.uncertainty().powi(2));
+        let chance = limit.limits().threshold((own + friction.baseline_variance).sqrt());
+        let beyond = observed.ratio - average;
+        let jumped = (beyond.abs() >= chance).then_some(beyond);
+        if let (Some(now), Some(before)) = (jumped, std::mem::replace(&mut jump, jumped))
+            && now.signum() == before.signum()
+        {
+            let level = average + if now.abs() < before.abs() { now } else { before };
+            chart.restart(level, 0.5 * own);
+            change = level - 1.0;
+        }
+        changes[observed.run] = change;
+        let opening = limit.threshold(chart.variance()).max(MAP_ERRORS * observed.uncertainty());
+        let threshold = if was_out { CLOSING * opening } else { opening };
+        let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
+            was_out = false;
+            rise = rising(friction, &compared, &limit, rise, 1.0 + change);
+            match rise {
+                Some(of) => {
+                    limit.out();
+                    rises[observed.run] = Some(of.run);
+                    changes[observed.run] = of.size;
+                    verdicts[observed.run] = of_rise(&of, observed, baseline, opening);
+                }
+                None => {
+                    // scatter that is told by itself is not the usual one
+                    if !series.is_scattered(observed.run) {
+                        limit.quiet(observed);
+                    }
+                    verdicts[observed.run] = Verdict::Quiet;
+                }
+            }
+            continue;
+        };
+        was_out = true;
+        limit.out();
+        verdicts[observed.run] = Verdict::Out {
+            // what is run in and what gets new grease has less friction
+            severity: if change < 0.0 && severity < Severity::Critical { Severity::Info } else { severity },
+            score: change.abs(),
+            threshold: opening,
+            value: observed.measured_ratio() * baseline,
+            baseline,
+            message: message(change, opening, observed, friction),
+            why: Why::default(),
+        };
+    }
+    Judged { verdicts, limit, rises, changes }
+}
+
+/// The rise that goes on after the latest of the tests `compared`, whose smoothed friction is `average`: one that is found,
+/// or the one `before` until it is over.
+fn rising(
+    friction: &FrictionHistory,
+    compared: &[Observed],
+    limit: &LevelLimit,
+    before: Option<Rise>,
+    average: f64,
+) -> Option<Rise> {
+    let alpha = limit.alpha()?;
+    let found = steady_rise(friction, compared, &limit.known_scatter(), alpha, limit.limits().warning);
+    let goes_on = |of: Rise| Rise { size: average - of.level, tests: of.tests + 1, ..of };
+    let going_on = before.map(goes_on).filter(|of| of.size >= CLOSING * of.least);
+    match (found, going_on) {
+        // the same one is known better, but it keeps its beginning
+        (Some(found), Some(known)) => Some(Rise { run: known.run.min(found.run), ..found }),
+        (found, known) => found.or(known),
+    }
+}
+
+/// The verdict of a steady rise; `limit` is the change that would be a warning without it.
+fn of_rise(rise: &Rise, observed: &Observed, baseline: f64, limit: f64) -> Verdict {
+    let [size, least] = apart(100.0 * rise.size, 100.0 * rise.least);
+    Verdict::Out {
+        severity: Severity::Warning,
+        score: rise.size,
+        threshold: rise.least,
+        value: observed.measured_ratio() * baseline,
+        baseline: rise.level * baseline,
+        message: format!(
+            "friction at equal speed and warmth has risen by {size} % (limit {least} %) over {} tests, {:.2} % a test, from \
+             a friction index of {:.3}; the rise is steadier than chance, while a single change needs {:.1} % of the \
+             baseline to be a warning; latest test: friction index {:.3}, standard error {:.3}{}; check lubrication, \
+             gearbox and brake",
+            rise.tests,
+            100.0 * rise.rate,
+            rise.level,
+            100.0 * limit,
+            observed.measured_ratio(),
+            observed.std_error,
+            observed.common_words(),
+        ),
+        why: Why::default(),
+    }
+}
+
+/// Says first what decides, the smoothed change, then what this run alone gave.
+fn message(change: f64, threshold: f64, observed: &Observed, friction: &FrictionHistory) -> String {
+    let (side, advice) = if change > 0.0 {
+        ("above", "check lubrication, gearbox and brake")
+    } else {
+        ("below", "a change of grease or a loose transmission lowers friction; check after maintenance")
+    };
+    let (what, why) = match (observed.source, friction.source) {
+        (Source::Index, _) => ("friction at equal speed and warmth", ""),
+        (Source::Warm, _) => ("warm friction", ", as measured since the run has no friction index"),
+        (Source::Excitation, Source::Index) => {
+            ("friction identified from the excitation", ", since the run has no friction index")
+        }
+        (Source::Excitation, _) => {
+            ("friction identified from the excitation", ", since the recordings have no friction stage")
+        }
+    };
+    let [percent, limit] = apart(100.0 * change.abs(), 100.0 * threshold);
+    let alone = match (observed.ratio - 1.0) * change.signum() >= threshold {
+        true => "",
+        false => ", within the limit by itself",
+    };
+    let figure = match friction.baseline(observed.source) {
+        Some(baseline) => format!(
+            "{:.2} Nm against {:.2} Nm at {:.0} % speed",
+            observed.torque,
+            baseline.torque,
+            100.0 * baseline.speed_fraction
+        ),
+        None => format!(
+            "friction index {:.3}, standard error {:.3}{}",
+            observed.measured_ratio(),
+            observed.std_error,
+            observed.common_words()
+        ),
+    };
+    let until = match change.abs() < threshold {
+        true => format!(", over below {:.1} %", 100.0 * CLOSING * threshold),
+        false => String::new(),
+    };
+    format!(
+        "{what}, smoothed over the tests, is {percent} % {side} the joint's baseline (limit {limit} %{until}); \
+         latest test{alone}: {figure}{why}; {advice}"
+    )
+}
+
+#[cfg(test)]
+mod tests;

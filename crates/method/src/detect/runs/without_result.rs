@@ -1,0 +1,135 @@
+//! Tests without result: every cycle was refused or doubtful, or the test has no cycle.
+//!
+//! Such a test is a warning at once, without a limit. Its kind is `sensor` where a channel is at fault, and
+//! `accuracy` where the motion or the model is. The causes are those that refused at least half of the
+//! cycles, else the first one. The first test with a result ends the episode.
+//!
+//! This is no [`Detector`](crate::detect::detector::Detector): it judges a run as a whole, its
+//! anomaly may be the whole arm's, and it has no quantity with a baseline.
+
+use armwatch_model::analysis::refusal::{Channel, RefusalCause};
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, RunRefusal, RunSummary, Severity};
+use armwatch_model::robot::JointIndex;
+
+/// Episodes of tests without result, one for each cause that a channel and a joint have. An episode ends with
+/// the first test that gives a result again.
+pub(super) fn without_result(history: &[RunSummary]) -> Vec<Anomaly> {
+    let mut found: Vec<Anomaly> = Vec::new();
+    for run in history {
+        if !run.is_without_result() {
+            found.iter_mut().for_each(|anomaly| anomaly.ended = true);
+            continue;
+        }
+        for shown in causes_of(run) {
+            let now = shown.anomaly(run);
+            let key = |of: &Anomaly| (of.joint, of.kind, of.quantity);
+            match found.iter_mut().find(|of| !of.ended && key(of) == key(&now)) {
+                Some(open) => open.go_on(now),
+                None => found.push(now),
+            }
+        }
+    }
+    found
+}
+
+/// What an anomaly is to say of a test without result.
+struct Shown {
+    channel: Channel,
+    joint: Option<JointIndex>,
+    first_cycle: Option<u32>,
+    words: String,
+}
+
+impl Shown {
+    fn anomaly(self, run: &RunSummary) -> Anomaly {
+        let (kind, quantity) = match self.channel {
+            Channel::Position => (AnomalyKind::Sensor, "position_signal"),
+            Channel::Velocity => (AnomalyKind::Sensor, "velocity_signal"),
+            Channel::Torque => (AnomalyKind::Sensor, "torque_signal"),
+            Channel::Time => (AnomalyKind::Sensor, "time_stamps"),
+            Channel::Rows => (AnomalyKind::Sensor, "rows"),
+            Channel::Motion => (AnomalyKind::Accuracy, "motion"),
+            Channel::Model => (AnomalyKind::Accuracy, "model"),
+        };
+        Anomaly {
+            joint: self.joint,
+            kind,
+            quantity,
+            severity: Severity::Warning,
+            // the share of cycles without result
+            score: 1.0,
+            threshold: 1.0,
+            value: f64::NAN,
+            baseline: f64::NAN,
+            peak_value: f64::NAN,
+            peak_score: 1.0,
+            peak_severity: Severity::Warning,
+            first_cycle: self.first_cycle,
+            first_run_id: run.run_id,
+            last_run_id: run.run_id,
+            first_seen_at: run.started_at,
+            last_seen_at: run.started_at,
+            onset: Onset { run_id: run.run_id, cycle: self.first_cycle, at: run.started_at },
+            odds: None,
+            alternatives: Vec::new(),
+            ended: false,
+            message: format!("the test gave no result: {}", self.words),
+        }
+    }
+}
+
+/// Causes that refused at least half of a run's cycles, or the first one. A check that fails for most joints
+/// alike is the whole arm's.
+fn causes_of(run: &RunSummary) -> Vec<Shown> {
+    let Some(first) = run.refusals.first() else {
+        let words = format!("{}; check what the export holds", why(run));
+        return vec![Shown { channel: Channel::Motion, joint: None, first_cycle: None, words }];
+    };
+    let most: Vec<&RunRefusal> =
+        run.refusals.iter().filter(|of| 2 * of.cycles >= run.cycles.max(1)).collect();
+    let most = if most.is_empty() { vec![first] } else { most };
+    let mut shown: Vec<Shown> = Vec::new();
+    for of in &most {
+        let cause = &of.cause;
+        let alike: Vec<&&RunRefusal> = most
+            .iter()
+            .filter(|other| is_alike(&other.cause, cause) && other.cause.joint.is_some())
+            .collect();
+        let joint = cause.joint.filter(|_| alike.len() < 2 || 2 * alike.len() <= run.joints.len());
+        match shown.iter_mut().find(|known| known.channel == cause.channel && known.joint == joint) {
+            // all of it is in the reason of each cycle
+            Some(known) => known.first_cycle = known.first_cycle.min(Some(of.first_cycle)),
+            None => {
+                let words = match joint.is_none() && alike.len() > 1 {
+                    true => format!("{} ({} joints alike)", cause.sentence, alike.len()),
+                    false => cause.sentence.clone(),
+                };
+                shown.push(Shown { channel: cause.channel, joint, first_cycle: Some(of.first_cycle), words });
+            }
+        }
+    }
+    shown
+}
+
+fn is_alike(a: &RefusalCause, b: &RefusalCause) -> bool {
+    a.finding == b.finding && a.channel == b.channel
+}
+
+/// Why a run has no result, by the cause of most of its cycles.
+pub(super) fn why(run: &RunSummary) -> String {
+    let cycles = match (run.cycles, run.refused_cycles) {
+        (0, _) => return "it holds no whole cycle".into(),
+        (1, 0) => return "its only cycle is doubtful, as its remarks say".into(),
+        (all, 0) => return format!("all {all} cycles are doubtful, as their remarks say"),
+        (1, 1) => "its only cycle was refused".into(),
+        (all, refused) if all == refused => format!("all {all} cycles were refused"),
+        (all, refused) => format!("{refused} of {all} cycles were refused"),
+    };
+    match run.refusals.first() {
+        Some(refusal) => format!("{cycles}: {}", refusal.cause.sentence),
+        None => cycles,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,45 @@
+//! What every detector is told, and what it says of a run.
+
+use armwatch_model::anomaly::{Alternative, Severity};
+
+/// Odds beyond which no model is believed.
+pub(super) const MOST_ODDS: f64 = 1e9;
+
+/// What one run says of one quantity.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Verdict {
+    /// Not measured, or not comparable.
+    Unknown,
+    /// As expected.
+    Quiet,
+    /// Out of bounds; the fields are those of [`armwatch_model::anomaly::Anomaly`].
+    Out {
+        severity: Severity,
+        score: f64,
+        threshold: f64,
+        value: f64,
+        baseline: f64,
+        message: String,
+        why: Why,
+    },
+}
+
+/// What a comparison of causes adds to a verdict.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Why {
+    /// Place in the history of the run in which the change began, and the cycle, where that is better known than by
+    /// the first verdict.
+    pub(super) onset: Option<(usize, Option<u32>)>,
+    /// Odds of the cause against all others together.
+    pub(super) odds: Option<f64>,
+    /// The rejected causes, the likeliest first.
+    pub(super) alternatives: Vec<Alternative>,
+}
+
+/// A figure and its limit with as few decimals, up to three, as tell them apart.
+pub(super) fn apart(figure: f64, limit: f64) -> [String; 2] {
+    (0..3)
+        .map(|decimals| [figure, limit].map(|of| format!("{of:.decimals$}")))
+        .find(|[figure, limit]| figure != limit)
+        .unwrap_or_else(|| [figure, limit].map(|of| format!("{of:.3}")))
+}

@@ -1,0 +1,88 @@
+//! Histories judged window by window, without a database.
+
+use super::{Lengths, Windowed, is_over, next, put_together};
+use armwatch_model::anomaly::Anomaly;
+use armwatch_model::anomaly::settled::{Moment, Settled, quantity};
+
+/// What a history says: anomalies that are settled, boundary by boundary, and those that are not.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(in crate::detect) struct Said {
+    pub(in crate::detect) settled: Vec<(Settled, Vec<Anomaly>)>,
+    pub(in crate::detect) others: Vec<Anomaly>,
+    /// Runs of the longest window.
+    pub(in crate::detect) longest: usize,
+}
+
+impl Said {
+    pub(in crate::detect) fn all(&self) -> Vec<&Anomaly> {
+        self.settled.iter().flat_map(|(_, ended)| ended).chain(&self.others).collect()
+    }
+}
+
+/// What the runs of a window say: the anomalies found in them.
+pub(in crate::detect) trait Judged: Clone {
+    /// Its place in time.
+    fn moment_of(&self) -> Moment;
+    /// The detectors.
+    fn found(window: &[Self]) -> Vec<Anomaly>;
+    /// Calls `with` with the runs as windows see them.
+    fn as_windowed<T>(window: &[Self], with: impl WithRuns<T>) -> T;
+}
+
+/// What is done with runs of any kind.
+pub(in crate::detect) trait WithRuns<T> {
+    fn call(self, runs: &[impl Windowed]) -> T;
+}
+
+/// Judges one window: what is said, and what is settled at the next boundary if that is in force.
+struct OneWindow<'a> {
+    settled: &'a Settled,
+    found: Vec<Anomaly>,
+    lengths: &'a Lengths,
+}
+
+impl WithRuns<(Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>)> for OneWindow<'_> {
+    fn call(self, runs: &[impl Windowed]) -> (Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>) {
+        let together = put_together(self.settled, runs, self.found, self.lengths);
+        let next = is_over(self.settled, runs, self.lengths)
+            .then(|| next(self.settled, runs, &together, self.lengths));
+        (together, next)
+    }
+}
+
+/// Runs of the window behind a boundary, and no more than are asked for.
+fn window<Run: Judged>(history: &[Run], settled: &Settled, lengths: &Lengths) -> Vec<Run> {
+    let read = history.iter().filter(|run| settled.read.contains(&run.moment_of().1));
+    let behind = |run: &&Run| settled.leads_from.is_none_or(|from| run.moment_of() >= from);
+    let behind = history.iter().filter(behind).take(lengths.most_behind(settled));
+    read.chain(behind).cloned().collect()
+}
+
+/// What a history says, of which something is settled already.
+pub(in crate::detect) fn said<Run: Judged>(
+    history: &[Run],
+    known: Vec<(Settled, Vec<Anomaly>)>,
+    lengths: &Lengths,
+) -> Said {
+    let mut said = Said { settled: known, ..Said::default() };
+    loop {
+        let settled = said.settled.last().map(|(settled, _)| settled.clone()).unwrap_or_default();
+        let runs = window(history, &settled, lengths);
+        said.longest = said.longest.max(runs.len());
+        let found = Run::found(&runs);
+        assert!(found.iter().all(|of| quantity(of.quantity) == Some(of.quantity)), "a quantity is not known");
+        let one = OneWindow { settled: &settled, found, lengths };
+        match Run::as_windowed(&runs, one) {
+            (_, Some(next)) => said.settled.push(next),
+            (together, None) => {
+                said.others = together;
+                return said;
+            }
+        }
+    }
+}
+
+/// Values that are no numbers equal nothing, so that anomalies are compared as text.
+pub(in crate::detect) fn words(of: &[&Anomaly]) -> Vec<String> {
+    of.iter().map(|of| format!("{of:?}")).collect()
+}

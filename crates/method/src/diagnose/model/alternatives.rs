@@ -1,0 +1,191 @@
+//! Descriptions that differ from the given one in one respect, as people get them wrong, and how much
+//! better the torques fit: a doubt with a remedy.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use nalgebra::Vector3;
+
+use super::description::{JudgedRows, NumberScore};
+use super::numbers::{DescribedNumber, set_standard};
+use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
+
+/// Instants that alternatives are compared on: which of them fits best needs no more.
+const INSTANTS: usize = 250;
+/// Single numbers that are tried with the change that the torques ask for.
+const NUMBERS_TRIED: usize = 4;
+
+/// A description that explains the torques better.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alternative {
+    /// What is different, to be read after "with".
+    pub words: String,
+    /// Its residual sum of squares, relative to that of the description.
+    pub residual_ratio: f64,
+}
+
+/// The change of the description in one respect that leaves least of the torques unexplained.
+///
+/// `scores` are the numbers of [`test_description`](super::description::test_description) with what
+/// they would have to be, the most telling first.
+#[must_use]
+pub fn best_alternative(
+    robot: &Robot,
+    judged_rows: &JudgedRows<'_>,
+    scores: &[NumberScore],
+) -> Option<Alternative> {
+    let judged_rows = judged_rows.thinned(INSTANTS);
+    let gains = vec![1.0; robot.joint_count()];
+    let described = judged_rows.residual(robot, &gains);
+    let judged = candidates(robot).into_iter().map(|(words, other)| {
+        let residual_ratio = judged_rows.residual(&other, &gains) / described;
+        Alternative { words, residual_ratio }
+    });
+    let numbers =
+        scores.iter().take(NUMBERS_TRIED).filter_map(|score| settled(robot, &judged_rows, described, score));
+    judged
+        .chain(numbers)
+        .filter(|alternative| alternative.residual_ratio.is_finite())
+        .min_by(|a, b| a.residual_ratio.total_cmp(&b.residual_ratio))
+}
+
+/// Changes of a description that are mistakes of sign, convention, zero or mounting.
+fn candidates(robot: &Robot) -> Vec<(String, Robot)> {
+    let mut found: Vec<(String, Robot)> = other_convention(robot).into_iter().collect();
+    found.extend(mountings(robot));
+    for (joint, described) in robot.joint_indices().zip(&robot.joints) {
+        let j = joint.index();
+        if let Some(row) = described.geometry.dh_row().filter(|row| row.alpha.sin().abs() > 1e-3) {
+            let number = DescribedNumber::Place(joint, super::numbers::PlaceNumber::Alpha);
+            let words = format!(
+                "alpha_deg of joint {joint} = {:.0} in place of {:.0}",
+                -row.alpha.to_degrees(),
+                row.alpha.to_degrees()
+            );
+            found.push((words, number.changed(robot, -2.0 * row.alpha)));
+        }
+        if described.kind == JointKind::Revolute {
+            for turn in [FRAC_PI_2, -FRAC_PI_2, PI] {
+                let words = format!("the zero of joint {joint} turned by {:.0} deg", turn.to_degrees());
+                let placement = described.geometry.placement().then(&Transform::about_z(turn));
+                found.push((words, with_placements(robot, j, placement, None)));
+            }
+        }
+        // the joint's axis turned over: everything it carries stays where it was
+        let over = Transform::about_x(PI);
+        let placement = described.geometry.placement().then(&over);
+        let next = robot.joints.get(j + 1).map(|next| over.then(next.geometry.placement()));
+        let words = format!(
+            "joint {joint} turning the other way (signs of its position, velocity and torque, or its alpha_deg)"
+        );
+        found.push((words, with_placements(robot, j, placement, next)));
+    }
+    found
+}
+
+fn other_convention(robot: &Robot) -> Option<(String, Robot)> {
+    let rows: Option<Vec<DhParameters>> = robot.joints.iter().map(|joint| joint.geometry.dh_row()).collect();
+    let rows = rows?;
+    let mut other = robot.clone();
+    let name = match robot.joints.first()?.geometry.source() {
+        GeometrySource::ModifiedDh(_) => {
+            set_standard(&mut other, &rows);
+            "standard_dh"
+        }
+        _ => {
+            let places = rows.iter().map(|row| JointGeometry::modified_dh(*row));
+            other.joints.iter_mut().zip(places).for_each(|(joint, place)| joint.geometry = place);
+            "modified_dh"
+        }
+    };
+    Some((format!("convention = \"{name}\""), other))
+}
+
+fn mountings(robot: &Robot) -> Vec<(String, Robot)> {
+    let g = robot.gravity.norm();
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    axes.into_iter()
+        .flat_map(|axis| [g * axis, -g * axis])
+        .filter(|gravity| (gravity - robot.gravity).norm() > 0.1 * g)
+        // adding 0 makes a zero of a negative one, which would read as -0.00
+        .map(|gravity| gravity.add_scalar(0.0))
+        .map(|gravity| {
+            let words = format!(
+                "gravity_m_s2 = [{:.2}, {:.2}, {:.2}] (how the arm is mounted)",
+                gravity.x, gravity.y, gravity.z
+            );
+            (words, Robot { gravity, ..robot.clone() })
+        })
+        .collect()
+}
+
+/// The robot with a joint at another place, and the next one too.
+fn with_placements(robot: &Robot, joint: usize, placement: Transform, next: Option<Transform>) -> Robot {
+    let mut other = robot.clone();
+    let moved = |geometry: &JointGeometry, placement: Transform| {
+        let xyz = placement.translation.into();
+        let origin = match *geometry.source() {
+            GeometrySource::Urdf(origin) => origin,
+            _ => armwatch_model::robot::UrdfOrigin { xyz, rpy: [0.0; 3], axis: [0.0, 0.0, 1.0] },
+        };
+        JointGeometry::urdf(placement, origin)
+    };
+    other.joints[joint].geometry = moved(&robot.joints[joint].geometry, placement);
+    if let Some(next) = next {
+        other.joints[joint + 1].geometry = moved(&robot.joints[joint + 1].geometry, next);
+    }
+    other
+}
+
+/// One number changed as far as the torques ask for, by a parabola through three residuals.
+fn settled(
+    robot: &Robot,
+    judged_rows: &JudgedRows<'_>,
+    described: f64,
+    score: &NumberScore,
+) -> Option<Alternative> {
+    if score.number == DescribedNumber::TorqueDelay {
+        return None;
+    }
+    let at = |change: f64| {
+        let mut gains = vec![1.0; robot.joint_count()];
+        if let DescribedNumber::TorqueGain(joint) = score.number {
+            gains[joint.index()] += change;
+        }
+        judged_rows.residual(&score.number.changed(robot, change), &gains)
+    };
+    let (once, twice) = (at(score.change), at(2.0 * score.change));
+    let bend = described - 2.0 * once + twice;
+    let lowest =
+        if bend > 0.0 { score.change * (1.0 + 0.5 * (described - twice) / bend) } else { score.change };
+    let (change, residual) = [(score.change, once), (2.0 * score.change, twice), (lowest, at(lowest))]
+        .into_iter()
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
+    let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
+    (!turned).then(|| Alternative {
+        words: words(robot, score.number, change),
+        residual_ratio: residual / described,
+    })
+}
+
+/// The number with its value as described and as the torques have it.
+fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
+    let (scale, unit) = if number.is_angle() { (180.0 / PI, " deg") } else { (1.0, "") };
+    let sentence = match number.value(robot) {
+        Some(value) => {
+            format!("{number} = {:.3}{unit} in place of {:.3}{unit}", scale * (value + change), scale * value)
+        }
+        None => format!("{number} turned by {:.1}{unit}", scale * change),
+    };
+    sentence + &time_text(robot, number, change).unwrap_or_default()
+}
+
+/// Gravity that comes out larger or smaller is what a clock of the wrong rate makes of it: accelerations
+/// go with the square of time, gravity does not.
+fn time_text(robot: &Robot, number: DescribedNumber, change: f64) -> Option<String> {
+    let DescribedNumber::Gravity(axis) = number else { return None };
+    let described = robot.gravity[axis];
+    let factor = (described / (described + change)).sqrt();
+    let alone = described.abs() > 0.9 * robot.gravity.norm();
+    (alone && factor.is_finite()).then(|| format!(" (or a clock that counts {factor:.2} s for every second)"))
+}

@@ -1,0 +1,357 @@
+//! Whether torques contradict the description: a test of lack of fit in the direction of its numbers.
+//!
+//! Base parameters bend: a model of the wrong geometry may explain torques nearly as well as the right
+//! one. What it leaves is no noise, though. To first order the residual of a description whose numbers
+//! are off by `dp` is `S dp` with `S = d(w theta)/dp`; the part of `S` that the base parameters do not
+//! take up themselves is held against the residual (Lagrange multiplier test; Rao 1948, Large sample
+//! tests of statistical hypotheses concerning several parameters).
+
+use super::friction_shapes::SHAPES;
+use super::numbers::DescribedNumber;
+use crate::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns, write_filtered_columns};
+use crate::lanes::{LANES, Lanes};
+use crate::least_squares::factor::FactorBuilder;
+use crate::least_squares::orthonormal::{OrthonormalBasis, dot};
+use crate::model::dynamics::DynamicModel;
+use crate::model::dynamics_lanes::{JointLanes, torques_of};
+use crate::model::regressor::{Regressor, joint_torque_regressor};
+use crate::model::regressor_lanes::LaneStates;
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::analysis::Identification;
+use armwatch_model::robot::{MAX_JOINTS, ParameterId, Robot};
+
+/// Most instants looked at, evenly over the excitation: a yes or no needs no more.
+const MOST_INSTANTS: usize = 1500;
+/// Step of the numeric derivative, m, rad, m/s²: eight digits are left of doubles.
+const STEP: f64 = 1e-6;
+/// A number whose effect the base parameters take up to this part of it shows nothing.
+const ABSORBED: f64 = 1e-3;
+/// A column of the regressor of which no more than this part is new is dependent on those before it.
+const DEPENDENT: f64 = 1e-7;
+
+/// What the torques say of the description's numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DescriptionTest {
+    /// Part of the weighted residual that changes of all numbers together explain, less what noise
+    /// alone would give them.
+    pub share: f64,
+    /// F statistic of the same.
+    pub f: f64,
+    /// Its degrees of freedom: numbers, and independent rows left.
+    pub freedom: [usize; 2],
+    /// Each number that shows, the one that explains most first.
+    pub scores: Vec<NumberScore>,
+    /// Numbers whose effect the base parameters take up: torques say nothing of them.
+    pub absorbed: Vec<DescribedNumber>,
+}
+
+/// What one number of the description would have to be, were it the only wrong one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NumberScore {
+    /// The number.
+    pub number: DescribedNumber,
+    /// Change to first order: m, rad, m/s², s.
+    pub change: f64,
+    /// Its standard error.
+    pub std_error: f64,
+    /// Part of the weighted residual that it explains.
+    pub share: f64,
+}
+
+/// Rows that a description is judged on.
+#[derive(Debug, Clone)]
+pub struct JudgedRows<'a> {
+    /// The cycle after the low-pass.
+    pub filtered: &'a FilteredSignals,
+    /// Rows as far apart as the low-pass leaves them independent.
+    pub rows: Vec<usize>,
+    /// Standard deviation of each joint's residual `[n]`, Nm (N): rows are weighted by one over it.
+    pub noise: Vec<f64>,
+    /// Friction of other shapes `[n][SHAPES][rows of the recording]`, which every description may have
+    /// ([`friction_shapes`](super::friction_shapes::friction_shapes)); empty for none.
+    pub shapes: &'a [Vec<Vec<f64>>],
+}
+
+impl<'a> JudgedRows<'a> {
+    /// From the rows of the excitation in their order, thinned to independent ones.
+    #[must_use]
+    pub fn new(
+        filtered: &'a FilteredSignals,
+        excitation: &[usize],
+        noise: Vec<f64>,
+        shapes: &'a [Vec<Vec<f64>>],
+    ) -> Self {
+        let apart = (filtered.sample_rate / (2.0 * filtered.cutoff)).ceil().max(1.0) as usize;
+        let stride = apart.max(excitation.len().div_ceil(MOST_INSTANTS));
+        Self { filtered, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
+    }
+
+    /// The same with at most so many instants.
+    #[must_use]
+    pub fn thinned(&self, instants: usize) -> Self {
+        let stride = self.rows.len().div_ceil(instants.max(1)).max(1);
+        Self { rows: self.rows.iter().copied().step_by(stride).collect(), ..self.clone() }
+    }
+
+    /// Columns that the shapes of friction take.
+    fn shape_columns(&self) -> usize {
+        SHAPES * self.shapes.len()
+    }
+
+    /// Entries of a joint's row in these columns, each times `weight`.
+    fn shaped(&self, joint: usize, row: usize, weight: f64) -> impl Iterator<Item = f64> + '_ {
+        let own = move |of: usize, k: usize| {
+            if of == joint { weight * self.shapes[of][k][row] } else { 0.0 }
+        };
+        (0..self.shapes.len()).flat_map(move |of| (0..SHAPES).map(move |k| own(of, k)))
+    }
+
+    /// Weighted residual sum of squares of a description with parameters of its own, by its
+    /// whole regressor, its torques times `gains` `[n]`.
+    pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
+        let filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
+        let of_robot = robot.parameter_count();
+        let columns = of_robot + self.shape_columns();
+        let mut folder = FactorBuilder::new(columns);
+        let mut y = Regressor::new(robot);
+        self.each(robot, &filtered_coulomb_columns, &mut y, |row, j, y, state| {
+            let weight = 1.0 / self.noise[j];
+            let entries = (0..of_robot).map(|k| weight * gains[j] * y.column(k)[j]);
+            folder.push(entries.chain(self.shaped(j, row, weight)).chain([weight * state.tau[j]]));
+        });
+        let factor = folder.take();
+        let upper = factor.upper();
+        let column = |k: usize| -> Vec<f64> { upper.col(k).iter().copied().collect() };
+        let mut basis = OrthonormalBasis::default();
+        (0..columns).for_each(|k| basis.add(&column(k), DEPENDENT));
+        let rest = basis.rest(&column(columns)).vector;
+        dot(&rest, &rest)
+    }
+
+    /// Calls `take(row, joint, regressor, state)` for each joint that moves in each row.
+    fn each(
+        &self,
+        robot: &Robot,
+        filtered_coulomb_columns: &[FilteredColumn],
+        y: &mut Regressor,
+        mut take: impl FnMut(usize, usize, &Regressor, &JointState),
+    ) {
+        let n = robot.joint_count();
+        let mut state = JointState::default();
+        for &row in &self.rows {
+            let JointState { q, qd, qdd, tau } = &mut state;
+            self.filtered.row(row, q, qd, qdd, tau);
+            joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
+            write_filtered_columns(filtered_coulomb_columns, row, y);
+            for j in 0..n {
+                if state.qd[j].abs() >= robot.joints[j].low_speed {
+                    take(row, j, y, &state);
+                }
+            }
+        }
+    }
+}
+
+/// One instant of all joints.
+#[derive(Debug, Clone, Copy, Default)]
+struct JointState {
+    q: [f64; MAX_JOINTS],
+    qd: [f64; MAX_JOINTS],
+    qdd: [f64; MAX_JOINTS],
+    tau: [f64; MAX_JOINTS],
+}
+
+/// Holds the residual of the identified parameters against the description's numbers.
+///
+/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `filtered_coulomb_columns` the low-passed columns of
+/// the robot that jump. `None` with too few
+/// rows to say anything.
+#[must_use]
+pub fn test_description(
+    robot: &Robot,
+    kept_columns: &[usize],
+    identified: &Identification,
+    judged_rows: &JudgedRows<'_>,
+    filtered_coulomb_columns: &[FilteredColumn],
+) -> Option<DescriptionTest> {
+    let numbers = DescribedNumber::all(robot);
+    let (b, m) = (kept_columns.len() + judged_rows.shape_columns(), numbers.len());
+    let parameters = identified.parameters.iter().map(|p| (p.id, p.value));
+    let model = DynamicModel::from_parameters(robot, parameters);
+    let theta: Vec<f64> = values_of(robot, kept_columns, identified);
+    let mut slopes = TorqueSlopes::new(robot, &numbers, &model, judged_rows);
+    let mut folder = FactorBuilder::new(b + m);
+    let mut y = Regressor::new(robot);
+    let mut slope = vec![[0.0; MAX_JOINTS]; m];
+    let mut written = None;
+    let mut rows = 0;
+    judged_rows.each(robot, filtered_coulomb_columns, &mut y, |row, j, y, state| {
+        if written != Some(row) {
+            slopes.write(row, &mut slope);
+            written = Some(row);
+        }
+        let weight = 1.0 / judged_rows.noise[j];
+        let estimated: f64 = kept_columns.iter().zip(&theta).map(|(&k, theta)| y.column(k)[j] * theta).sum();
+        let entry = |(number, slope): (&DescribedNumber, &[f64; MAX_JOINTS])| match number {
+            DescribedNumber::TorqueGain(of) if of.index() == j => weight * estimated,
+            DescribedNumber::TorqueGain(_) => 0.0,
+            _ => weight * slope[j],
+        };
+        let w = kept_columns.iter().map(|&k| weight * y.column(k)[j]);
+        let w = w.chain(judged_rows.shaped(j, row, weight));
+        folder.push(w.chain(numbers.iter().zip(&slope).map(entry)).chain([weight * state.tau[j]]));
+        rows += 1;
+    });
+    (rows > 2 * (b + m)).then(|| judged(&numbers, &folder.take(), b, rows))
+}
+
+/// Values of the identified parameters in the order of `kept_columns`.
+fn values_of(robot: &Robot, kept_columns: &[usize], identified: &Identification) -> Vec<f64> {
+    let order = ParameterId::natural_order(robot);
+    let value =
+        |id: &ParameterId| identified.parameters.iter().find(|p| p.id == *id).map_or(0.0, |p| p.value);
+    kept_columns.iter().map(|&column| value(&order[column])).collect()
+}
+
+fn judged(
+    numbers: &[DescribedNumber],
+    factor: &crate::least_squares::factor::TriangularFactor,
+    b: usize,
+    rows: usize,
+) -> DescriptionTest {
+    let upper = factor.upper();
+    let m = numbers.len();
+    let end = b + m;
+    // below the base parameters' rows stands what they leave: of the slopes, and of the torque
+    let left =
+        |k: usize| -> Vec<f64> { (b..=end).map(|i| if i <= k { upper[(i, k)] } else { 0.0 }).collect() };
+    let residual = left(end);
+    let total = dot(&residual, &residual);
+    let whole = |k: usize| (0..=k.min(end)).map(|i| upper[(i, k)].powi(2)).sum::<f64>();
+    let (mut scores, mut absorbed) = (Vec::new(), Vec::new());
+    let mut basis = OrthonormalBasis::default();
+    for (at, &number) in numbers.iter().enumerate() {
+        let slope = left(b + at);
+        let square = dot(&slope, &slope);
+        if square <= ABSORBED * ABSORBED * whole(b + at) {
+            absorbed.push(number);
+            continue;
+        }
+        basis.add(&slope, ABSORBED);
+        let change = dot(&slope, &residual) / square;
+        let explained = change * change * square;
+        let freedom = rows - b - 1;
+        scores.push(NumberScore {
+            number,
+            change,
+            std_error: ((total - explained) / freedom as f64 / square).sqrt(),
+            share: explained / total,
+        });
+    }
+    scores.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let rest = basis.rest(&residual).vector;
+    let unexplained = dot(&rest, &rest);
+    let freedom = [basis.rank().max(1), rows - b - m];
+    let mean_unexplained = unexplained / freedom[1] as f64;
+    let explained = (total - unexplained).max(0.0);
+    DescriptionTest {
+        share: ((explained - freedom[0] as f64 * mean_unexplained) / total).max(0.0),
+        f: explained / freedom[0] as f64 / mean_unexplained,
+        freedom,
+        scores,
+        absorbed,
+    }
+}
+
+/// Derivatives of the torques by the description's numbers.
+struct TorqueSlopes<'a> {
+    robot: &'a Robot,
+    model: &'a DynamicModel,
+    /// The robot with each number a step larger; `None` where the torque itself is changed.
+    changed: Vec<Option<Robot>>,
+    filtered: &'a FilteredSignals,
+    /// Rows that are asked for, rising.
+    rows: &'a [usize],
+    /// Place among the rows of the first one of those at hand, a lane each.
+    first: Option<usize>,
+    /// For each changed robot the slopes in the rows at hand.
+    slopes: Vec<JointLanes>,
+    /// The rate of each measured torque `[n][rows]`, where rows are not evenly spaced.
+    rates: Vec<Vec<f64>>,
+}
+
+impl<'a> TorqueSlopes<'a> {
+    fn new(
+        robot: &'a Robot,
+        numbers: &[DescribedNumber],
+        model: &'a DynamicModel,
+        judged_rows: &'a JudgedRows<'_>,
+    ) -> Self {
+        let changed = |number: &DescribedNumber| match number {
+            DescribedNumber::TorqueGain(_) | DescribedNumber::TorqueDelay => None,
+            _ => Some(number.changed(robot, STEP)),
+        };
+        let filtered = judged_rows.filtered;
+        let rate = |tau: &Vec<f64>| filtered.derivative(tau);
+        Self {
+            robot,
+            model,
+            changed: numbers.iter().map(changed).collect(),
+            filtered,
+            rows: &judged_rows.rows,
+            first: None,
+            slopes: Vec::new(),
+            rates: if filtered.is_even() { Vec::new() } else { filtered.tau.iter().map(rate).collect() },
+        }
+    }
+
+    /// Minus the rate of a measured torque, Nm/s (N/s).
+    fn late(&self, joint: usize, row: usize) -> f64 {
+        let at_row = self.filtered.derivative_at(&self.filtered.tau[joint], row);
+        -at_row.unwrap_or_else(|| self.rates[joint][row])
+    }
+
+    /// The slopes in a row, `[numbers][n]`.
+    fn write(&mut self, row: usize, slope: &mut [[f64; MAX_JOINTS]]) {
+        let n = self.robot.joint_count();
+        let place = self.rows.partition_point(|of| *of < row);
+        let first = match self.first.filter(|first| (*first..first + LANES).contains(&place)) {
+            Some(first) => first,
+            None => self.take_up(place),
+        };
+        let mut of_changed = self.slopes.iter();
+        for (changed, slope) in self.changed.iter().zip(slope) {
+            match changed {
+                Some(_) => {
+                    let lanes = of_changed.next();
+                    (0..n).for_each(|j| slope[j] = lanes.map_or(0.0, |lanes| lanes[j].0[place - first]));
+                }
+                None => (0..n).for_each(|j| slope[j] = self.late(j, row)),
+            }
+        }
+    }
+
+    /// Works out the slopes in the rows from `first` on.
+    fn take_up(&mut self, first: usize) -> usize {
+        let mut states = LaneStates::default();
+        for lane in 0..LANES {
+            let row = self.rows[(first + lane).min(self.rows.len() - 1)];
+            for j in 0..self.robot.joint_count() {
+                states.q[j].0[lane] = self.filtered.q[j][row];
+                states.qd[j].0[lane] = self.filtered.qd[j][row];
+                states.qdd[j].0[lane] = self.filtered.qdd[j][row];
+            }
+        }
+        let robots = std::iter::once(self.robot).chain(self.changed.iter().flatten());
+        let mut torques = torques_of(robots, &self.model.inertial, &states);
+        self.slopes.clear();
+        if let Some(described) = torques.next() {
+            let slope = |changed: JointLanes| -> JointLanes {
+                std::array::from_fn(|j| Lanes((changed[j] - described[j]).0.map(|change| change / STEP)))
+            };
+            self.slopes.extend(torques.map(slope));
+        }
+        self.first = Some(first);
+        first
+    }
+}

@@ -1,0 +1,239 @@
+//! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
+
+use super::own_fit::OwnFit;
+use crate::least_squares::factor::TriangularFactor;
+use crate::model::base_parameters::BaseParameters;
+use crate::physical::fit::{ConstraintCost, physical_fit};
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
+use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
+use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
+use armwatch_model::run::{Samples, Stage};
+
+/// From where on evidence counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WeighSettings {
+    /// Relative growth of the torque error with bodies that can exist, over all joints, from which on an inertia that no
+    /// body has is doubtful, and refused. Real arms cost up to 0.11.
+    pub physics_costs: [f64; 2],
+    /// Part of a joint's rated torque below which a torque error says nothing of a description.
+    pub rated_share: f64,
+    /// The same as part of the largest RMS torque of the arm's joints.
+    pub arm_share: f64,
+    /// Standard deviations of a torque channel's noise, as far as the low-pass lets it through, below which an error
+    /// is noise.
+    pub noise_deviations: f64,
+    /// A torque error below this part of the joint's own friction may be friction of another shape than the
+    /// description's law.
+    pub friction_share: f64,
+    /// Power of friction over RMS torque times RMS speed below which friction drives the joint.
+    pub driven: f64,
+    /// Standard errors by which that power must be negative.
+    pub standard_errors: f64,
+    /// Part of a torque's squares that its own columns may leave for it to be the joint's own.
+    pub own_torque: f64,
+}
+
+impl Default for WeighSettings {
+    fn default() -> Self {
+        Self {
+            physics_costs: [0.15, 0.3],
+            rated_share: 0.01,
+            arm_share: 0.01,
+            noise_deviations: 3.0,
+            friction_share: 0.6,
+            driven: -0.02,
+            standard_errors: 3.0,
+            own_torque: 0.1,
+        }
+    }
+}
+
+/// Joints whose friction would drive them, by the fit of the joint's torque to all of its own columns.
+#[must_use]
+pub fn turned_torques(fits: &[OwnFit], settings: &WeighSettings) -> Vec<Finding> {
+    let turned = |fit: &&OwnFit| {
+        fit.power_scale > 0.0
+            && fit.friction_power < settings.driven * fit.power_scale
+            && fit.friction_power + settings.standard_errors * fit.friction_power_error < 0.0
+    };
+    let finding = |fit: &OwnFit| Finding {
+        kind: FindingKind::TorqueSign,
+        severity: FindingSeverity::Refuse,
+        joint: Some(fit.joint),
+        sentence: format!(
+            "joint {}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
+             speed, it must be positive); turn the sign of the torque in the export layout",
+            fit.joint,
+            fit.friction_power / fit.power_scale
+        ),
+        evidence: vec![
+            Evidence { name: "friction_power_w", value: fit.friction_power },
+            Evidence { name: "std_error_w", value: fit.friction_power_error },
+        ],
+    };
+    fits.iter().filter(turned).map(finding).collect()
+}
+
+/// Whether a finding that two torques are swapped fails: each is explained by its own joint's motion.
+#[must_use]
+pub fn own_torques(finding: &Finding, fits: &[OwnFit], settings: &WeighSettings) -> bool {
+    let own = |joint: JointIndex| {
+        fits.iter().any(|fit| fit.joint == joint && fit.unexplained < settings.own_torque)
+    };
+    finding.kind == FindingKind::TorqueSwapped && finding.joint.is_some_and(own)
+}
+
+/// What findings about a model are weighed by.
+#[derive(Debug, Clone, Copy)]
+pub struct Weighed<'a> {
+    /// The description.
+    pub robot: &'a Robot,
+    /// Its base parameters.
+    pub base: &'a BaseParameters,
+    /// Factor of each joint `[n]` over the rows that were identified on, `b` columns each.
+    pub factors: &'a [TriangularFactor],
+    /// The recording.
+    pub samples: &'a Samples,
+    /// The same after the low-pass.
+    pub filtered: &'a FilteredSignals,
+    /// Usable rows of the excitation.
+    pub excitation: &'a [usize],
+    /// The parameters.
+    pub identified: &'a Identification,
+    /// Their self-verification.
+    pub verification: &'a [TorqueRmsd],
+}
+
+/// The findings that survive, some of them as a doubt or a remark.
+#[must_use]
+pub fn weigh(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSettings) -> Vec<Finding> {
+    let (inertias, others): (Vec<Finding>, Vec<Finding>) =
+        findings.into_iter().partition(|finding| finding.kind == FindingKind::NegativeInertia);
+    let mut kept = priced(inertias, weighed, settings);
+    let unexplained = |finding: Finding| match finding.kind {
+        FindingKind::Unexplained => of_friction(finding, weighed, settings),
+        _ => Some(finding),
+    };
+    kept.extend(others.into_iter().filter_map(unexplained));
+    kept.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    kept
+}
+
+/// Negative inertias by what bodies that can exist would cost.
+fn priced(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSettings) -> Vec<Finding> {
+    if findings.is_empty() {
+        return findings;
+    }
+    let fraction = weighed.filtered.independent_fraction();
+    let Ok(fit) = physical_fit(weighed.robot, weighed.base, weighed.factors, fraction) else {
+        return findings;
+    };
+    let cost = cost_of_physics(&fit.price);
+    let joints: Vec<JointIndex> = findings.iter().filter_map(|finding| finding.joint).collect();
+    let severity = match cost {
+        cost if cost > settings.physics_costs[1] => {
+            return findings
+                .into_iter()
+                .map(|finding| Finding {
+                    sentence: format!(
+                        "{}; bodies that can exist leave {:.0} % more of the torque unexplained",
+                        finding.sentence,
+                        100.0 * cost
+                    ),
+                    ..finding
+                })
+                .collect();
+        }
+        cost if cost > settings.physics_costs[0] => FindingSeverity::Doubt,
+        _ => FindingSeverity::Warn,
+    };
+    vec![Finding {
+        kind: FindingKind::NegativeInertia,
+        severity,
+        joint: joints.first().copied().filter(|_| joints.len() == 1),
+        sentence: format!(
+            "{}: least squares alone gives an inertia below zero, while bodies that can exist leave only {:.0} % more of \
+             the torque unexplained; this motion hardly shows that inertia (armwatch robot urdf gives bodies)",
+            super::causes::named(&joints),
+            100.0 * cost
+        ),
+        evidence: vec![Evidence { name: "cost_of_physics", value: cost }],
+    }]
+}
+
+/// Relative growth of the torque error, each joint in units of its own: root mean over the rows.
+fn cost_of_physics(price: &[ConstraintCost]) -> f64 {
+    let rows: f64 = price.iter().map(|of| of.samples as f64).sum();
+    let square = |of: &ConstraintCost| {
+        // without noise, any difference would be endless
+        let own = of.unconstrained_rmsd.max(1e-3 * of.torque_rms).max(f64::MIN_POSITIVE);
+        of.samples as f64 * (of.consistent_rmsd.max(own) / own).powi(2)
+    };
+    (price.iter().map(square).sum::<f64>() / rows.max(1.0)).sqrt() - 1.0
+}
+
+/// An unexplained torque by its size: nothing where it is noise or next to no torque, a doubt where it is within the
+/// joint's friction.
+fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings) -> Option<Finding> {
+    let Some(joint) = finding.joint else { return Some(finding) };
+    let of_excitation = |of: &&TorqueRmsd| of.scope == RmsdScope::Stage(Stage::Excitation);
+    let error = weighed.verification.iter().filter(of_excitation).find(|of| of.joint == joint)?.moving_rows;
+    let rms = |of: &TorqueRmsd| match of.moving_rows.relative > 0.0 {
+        true => of.moving_rows.value / of.moving_rows.relative,
+        false => 0.0,
+    };
+    let largest = weighed.verification.iter().filter(of_excitation).map(rms).fold(0.0, f64::max);
+    let rated = weighed.robot.joints[joint.index()].rated_torque.unwrap_or(0.0);
+    let floor = (settings.rated_share * rated)
+        .max(settings.arm_share * largest)
+        .max(settings.noise_deviations * noise(weighed, joint));
+    if error.value <= floor {
+        return None;
+    }
+    let friction = friction_rms(weighed, joint);
+    if finding.severity == FindingSeverity::Refuse && error.value <= settings.friction_share * friction {
+        return Some(Finding {
+            severity: FindingSeverity::Warn,
+            sentence: format!(
+                "joint {joint}: the model leaves {:.0} % of the torque unexplained while the joint moves; that is {:.2} \
+                 times its friction of {friction:.2} Nm (N), whose shape may be another than the description's friction_model",
+                100.0 * error.relative,
+                error.value / friction
+            ),
+            ..finding
+        });
+    }
+    Some(finding)
+}
+
+/// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
+fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
+    let Weighed { robot, filtered, excitation, identified, .. } = weighed;
+    let low = robot.joints[joint.index()].low_speed;
+    let terms = robot.friction.terms();
+    let of_term = |term: FrictionTerm| {
+        let own = |id: armwatch_model::robot::ParameterId| {
+            id.joint == joint && id.kind == ParameterKind::Friction(term)
+        };
+        identified.parameters.iter().find(|p| own(p.id)).map_or(0.0, |p| p.value)
+    };
+    let theta: Vec<f64> =
+        terms.iter().map(|&term| if term == FrictionTerm::Offset { 0.0 } else { of_term(term) }).collect();
+    let torque = |qd: f64| -> f64 {
+        robot.friction.columns(qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
+    };
+    let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
+    let (rows, squares) = speeds
+        .filter(|qd| qd.abs() >= low)
+        .fold((0_usize, 0.0), |(rows, sum), qd| (rows + 1, sum + torque(qd).powi(2)));
+    (squares / rows.max(1) as f64).sqrt()
+}
+
+/// Standard deviation of white noise of the torque channel after the low-pass, from what the low-pass took away, Nm.
+fn noise(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
+    let (raw, smooth) = (&weighed.samples.torque[joint.index()], &weighed.filtered.tau[joint.index()]);
+    let squares: f64 = weighed.excitation.iter().map(|&row| (raw[row] - smooth[row]).powi(2)).sum();
+    let passed = (2.0 * weighed.filtered.cutoff / weighed.filtered.sample_rate).min(0.9);
+    (squares / weighed.excitation.len().max(1) as f64 * passed / (1.0 - passed)).sqrt()
+}

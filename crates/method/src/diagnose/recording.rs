@@ -1,0 +1,272 @@
+//! What is wrong with a recording, in words for the person beside the arm, with the numbers that say so.
+//!
+//! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
+//! identified model are in [`super::model`].
+
+mod glitches;
+mod position;
+mod torque;
+mod velocity;
+pub mod view;
+
+use crate::diagnose::recording::view::{DiagnoseSettings, View, finding};
+use crate::lanes::counts_within;
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
+use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::Samples;
+
+/// Repeats of one value are looked at from this duration on, s.
+const REPEATS_S: f64 = 0.5;
+
+/// Everything that the channels of one cycle show to be wrong, the gravest first.
+///
+/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`]. Swapped
+/// columns and wrong signs can only be seen as far as joints move.
+#[must_use]
+pub fn diagnose_samples(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    settings: &DiagnoseSettings,
+) -> Vec<Finding> {
+    let view = View::new(robot, samples, filtered);
+    if view.row_count == 0 {
+        return Vec::new();
+    }
+    let mut findings = stuck(&view);
+    let explained = |findings: &[Finding], joint: JointIndex, kinds: &[FindingKind]| {
+        findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
+    };
+    findings.extend(glitches::spikes(&view));
+    findings.extend(glitches::leaps(&view, &findings));
+    let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
+    if samples.velocity.is_some() {
+        findings.extend(velocity::velocity_against_position(&view, settings, &broken));
+    }
+    // a wrong value looks fast, and lies beyond the limits
+    let glitches: Vec<Option<JointIndex>> =
+        findings.iter().filter(|f| f.kind == FindingKind::Spike).map(|f| f.joint).collect();
+    let found = position::positions(&view, settings).into_iter();
+    findings.extend(found.filter(|finding| !glitches.contains(&finding.joint)));
+    findings.extend(position::small_motion(&view, settings));
+    if let Some(repeated) = glitches::repeats(&view) {
+        // steps of two rows at once look fast
+        findings.retain(|finding| finding.kind != FindingKind::TooFast);
+        findings.push(repeated);
+    }
+    findings.extend(short(&view, settings).filter(|_| view.has_excitation));
+    let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
+    for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
+        if view.has_excitation {
+            findings.extend(motion(&view, joint, settings));
+        }
+        findings.extend(saturation(&view, joint, settings));
+    }
+    let judged: Vec<JointIndex> = robot
+        .joint_indices()
+        .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
+        .filter(|&j| view.has_excitation || view.moving_share(j) >= settings.moving_share)
+        .collect();
+    findings.extend(torque::torques(&view, &judged));
+    view.end();
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    findings
+}
+
+/// Channels that repeat one value to the last digit while the joint's other channels say it moves.
+fn stuck(view: &View<'_>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    let edge = (view.filtered.sample_rate / view.filtered.cutoff).ceil() as usize;
+    let least = (REPEATS_S * view.filtered.sample_rate).ceil().max(8.0) as usize + 2 * edge;
+    for joint in view.robot.joint_indices() {
+        let j = joint.index();
+        let (dq, qd) = (&view.dq[j], &view.filtered.qd[j]);
+        let low = view.joint(joint).low_speed;
+        // Speed has to change by this much within the repeats, so that a plateau is none.
+        let swing = (0.2 * view.qd_rms[j].max(view.dq_rms[j])).max(2.0 * low);
+        let torque = &view.samples.torque[j];
+        let peaks = view.torque_extents[j];
+        let channels = [
+            ("position", Some(&view.samples.position[j]), qd),
+            ("velocity", view.samples.velocity.as_ref().map(|velocity| &velocity[j]), dq),
+            ("torque", Some(torque), qd),
+        ];
+        for (name, channel, witness) in channels {
+            let Some(channel) = channel else { continue };
+            let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
+            let run = longest_run(view, channel, least, |start, end| {
+                // The low-pass carries motion from outside over the edges.
+                let inside = &witness[start + edge..(end - edge).max(start + edge)];
+                let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+                    - inside.iter().copied().fold(f64::INFINITY, f64::min);
+                range > swing && !clipped(channel[start])
+            });
+            let Some((start, end)) = run else { continue };
+            let (value, seconds) = (channel[start], (end - start) as f64 / view.filtered.sample_rate);
+            found.push(finding(
+                FindingKind::Stuck,
+                FindingSeverity::Refuse,
+                Some(joint),
+                format!(
+                    "joint {joint}: the {name} signal stands at {value} for {seconds:.1} s while the joint moves; \
+                     check that the channel is connected and recorded"
+                ),
+                &[("value", value), ("duration_s", seconds), (name, value)],
+            ));
+        }
+    }
+    found
+}
+
+/// The longest stretch of equal values of at least `least` rows that `counts(start, end)`.
+fn longest_run(
+    view: &View<'_>,
+    channel: &[f64],
+    least: usize,
+    counts: impl Fn(usize, usize) -> bool,
+) -> Option<(usize, usize)> {
+    let mut longest: Option<(usize, usize)> = None;
+    for stretch in &view.filtered.usable {
+        for (start, end) in runs(&channel[stretch.clone()], least) {
+            let (start, end) = (stretch.start + start, stretch.start + end);
+            if longest.is_none_or(|(s, e)| end - start > e - s) && counts(start, end) {
+                longest = Some((start, end));
+            }
+        }
+    }
+    longest
+}
+
+/// Stretches of at least `least` equal values (two, where `least` is less) in their order, none of which could be longer.
+/// So long a run holds two neighbours of any grid that is half as wide, and only from such a pair are rows looked at one
+/// by one.
+fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
+    let least = least.max(2);
+    let equal = |a: f64, b: f64| (a - b).abs() <= 0.0;
+    let step = least / 2;
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    for place in (0..values.len()).step_by(step) {
+        let value = values[place];
+        let covered = found.last().is_some_and(|(_, end)| place < *end);
+        if covered || !values.get(place + step).is_some_and(|next| equal(*next, value)) {
+            continue;
+        }
+        let before = values[..place].iter().rev().take_while(|x| equal(**x, value)).count();
+        let behind = values[place..].iter().take_while(|x| equal(**x, value)).count();
+        if before + behind >= least {
+            found.push((place - before, place + behind));
+        }
+    }
+    found
+}
+
+/// An excitation stage that is hardly there.
+fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
+    let seconds = view.excitation.len() as f64 / view.filtered.sample_rate;
+    (seconds < settings.shortest).then(|| {
+        finding(
+            FindingKind::ShortExcitation,
+            FindingSeverity::Warn,
+            None,
+            format!(
+                "the excitation lasts {seconds:.1} s only: what parameters it gives are uncertain, as their standard errors \
+                 say; record 10 s or more"
+            ),
+            &[("excitation_s", seconds)],
+        )
+    })
+}
+
+/// A joint that the excitation does not excite.
+fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+    let qd = &view.filtered.qd[joint.index()];
+    let low = view.joint(joint).low_speed;
+    let mut speeds: Vec<f64> =
+        view.excitation.iter().map(|&row| qd[row].abs()).filter(|speed| *speed >= low).collect();
+    let share = speeds.len() as f64 / view.excitation.len() as f64;
+    if share < settings.moving_share {
+        let fastest = view.excitation.iter().map(|&row| qd[row].abs()).fold(0.0, f64::max);
+        return Some(finding(
+            FindingKind::Still,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint} stands still during the excitation: it is faster than {low} rad/s (m/s) in \
+                 {:.1} % of the rows, at most {fastest:.4}; its parameters cannot be seen, record with all joints moving",
+                100.0 * share
+            ),
+            &[("moving_share", share), ("fastest_si", fastest)],
+        ));
+    }
+    let last = (speeds.len() - 1) as f64;
+    let mut at = |part: f64| *speeds.select_nth_unstable_by((last * part) as usize, f64::total_cmp).1;
+    let (median, spread) = (at(0.5), at(0.9) - at(0.1));
+    (spread < settings.speed_spread * median).then(|| {
+        finding(
+            FindingKind::OneSpeed,
+            FindingSeverity::Refuse,
+            Some(joint),
+            format!(
+                "joint {joint} moves at one speed only during the excitation ({median:.3} rad/s or m/s, 80 % of the rows \
+                 within {spread:.4}): friction and inertia cannot be told apart, record with changing speed"
+            ),
+            &[("speed_si", median), ("spread_si", spread)],
+        )
+    })
+}
+
+/// Torque that stays at its largest value.
+///
+/// Rows *at* the peak must come in runs and be far more than rows just below it; a smooth peak has
+/// as many of either.
+fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+    let torque = &view.samples.torque[joint.index()];
+    let [low, high] = view.torque_extents[joint.index()];
+    let mut worst: Option<(f64, f64)> = None;
+    for (peak, sign) in [(high, 1.0), (-low, -1.0)] {
+        if !(peak > 0.0 && high > low) {
+            continue;
+        }
+        let range = |from: f64, to: f64| {
+            let [near, far] = [sign * (from * peak), sign * (to * peak)];
+            [near.min(far), near.max(far)]
+        };
+        let (at_peak, below) = (range(1.0 - 1e-6, 1.0), range(0.97, 1.0 - 1e-6));
+        let [at, just_below] = view
+            .pieces(torque)
+            .map(|piece| counts_within(piece, [at_peak, below]))
+            .fold([0, 0], |[at, near], [a, b]| [at + a, near + b]);
+        if at <= just_below {
+            continue;
+        }
+        let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
+        // parameters come from the excitation alone, which may be a small part of the cycle
+        let is_at = |row: &&usize| (at_peak[0]..=at_peak[1]).contains(&torque[**row]);
+        let excited = view.excitation.iter().filter(is_at).count();
+        let excited = excited as f64 / view.excitation.len() as f64;
+        let share = excited.max(at as f64 / view.row_count as f64);
+        if run.is_some() && worst.is_none_or(|(_, before)| share > before) {
+            worst = Some((sign * peak, share));
+        }
+    }
+    let (limit, share) = worst.filter(|(_, share)| *share >= settings.saturated_shares[0])?;
+    let severity = match share >= settings.saturated_shares[1] {
+        true => FindingSeverity::Refuse,
+        false => FindingSeverity::Warn,
+    };
+    Some(finding(
+        FindingKind::Saturated,
+        severity,
+        Some(joint),
+        format!(
+            "joint {joint}: the torque is cut off at {limit:.3} in {:.1} % of the rows; the drive or the recording is at \
+             its limit, record with less load, speed or acceleration, or a larger range",
+            100.0 * share
+        ),
+        &[("limit_nm", limit), ("share", share)],
+    ))
+}
+
+#[cfg(test)]
+mod tests;

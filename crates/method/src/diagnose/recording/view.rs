@@ -1,0 +1,167 @@
+//! Channels with what several checks need, and from where on a check speaks.
+
+use crate::lanes::{dot, extent};
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
+use armwatch_model::robot::{Joint, JointIndex, Robot};
+use armwatch_model::run::{Samples, Stage};
+
+/// From where on something is worth saying.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiagnoseSettings {
+    /// A joint that moves in a smaller share of the excitation's rows stands still.
+    pub moving_share: f64,
+    /// Speeds whose middle 80 % lie this near to their median, relative, are one speed.
+    pub speed_spread: f64,
+    /// Share of rows at the largest torque that is said, and that is refused.
+    pub saturated_shares: [f64; 2],
+    /// Relative deviation of a velocity from its position's derivative that is said. Low-pass and
+    /// differences leave 1 %.
+    pub velocity_gain: f64,
+    /// Positions beyond a limit by this part of the range are said, and by the second refused.
+    pub limit_margins: [f64; 2],
+    /// Part of its range that at least one turning joint must move over. The excitation of a test uses
+    /// most of it; a degree read as radian is 0.017 of it.
+    pub range_share: f64,
+    /// An excitation shorter than this is said, s: below, each joint has some 70 independent values
+    /// after the low-pass, hardly more than there are parameters.
+    pub shortest: f64,
+}
+
+impl Default for DiagnoseSettings {
+    fn default() -> Self {
+        Self {
+            moving_share: 0.02,
+            speed_spread: 0.05,
+            saturated_shares: [0.005, 0.02],
+            velocity_gain: 0.05,
+            limit_margins: [0.02, 0.1],
+            range_share: 0.03,
+            shortest: 3.0,
+        }
+    }
+}
+
+/// Correlation of a velocity with its own position's derivative: above, they belong together; below
+/// the second, they do not. Noise of healthy recordings leaves 0.99.
+pub(super) const BELONGS: [f64; 2] = [0.95, 0.7];
+
+/// Degrees in a radian.
+pub(super) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
+
+/// Channels with what several checks need.
+pub(super) struct View<'a> {
+    pub(super) robot: &'a Robot,
+    pub(super) samples: &'a Samples,
+    pub(super) filtered: &'a FilteredSignals,
+    /// How many rows may be used, all stages.
+    pub(super) row_count: usize,
+    /// Rows of the excitation stage, or all where there is none.
+    pub(super) excitation: Vec<usize>,
+    /// Whether there is an excitation stage: without one, nobody asks that all joints move.
+    pub(super) has_excitation: bool,
+    /// Derivative of the low-passed position, `[n][rows of the recording]`.
+    pub(super) dq: Vec<Vec<f64>>,
+    /// Root mean square of `dq` and of the low-passed velocity of each joint, `[n]`.
+    pub(super) dq_rms: Vec<f64>,
+    pub(super) qd_rms: Vec<f64>,
+    /// Smallest and largest recorded position and torque, and low-passed position of each joint, `[n]`.
+    pub(super) position_extents: Vec<[f64; 2]>,
+    pub(super) torque_extents: Vec<[f64; 2]>,
+    pub(super) q_extents: Vec<[f64; 2]>,
+    /// Shortest time from one of the rows to the next, s; infinite where there is no next one.
+    pub(super) shortest_step: f64,
+}
+
+impl<'a> View<'a> {
+    pub(super) fn new(robot: &'a Robot, samples: &'a Samples, filtered: &'a FilteredSignals) -> Self {
+        let usable = || filtered.usable.iter().flat_map(Clone::clone);
+        let excitation: Vec<usize> =
+            usable().filter(|&row| samples.stage[row] == Stage::Excitation).collect();
+        let has_excitation = !excitation.is_empty();
+        let excitation = if has_excitation { excitation } else { usable().collect() };
+        let mut view = Self {
+            robot,
+            samples,
+            filtered,
+            row_count: usable().count(),
+            excitation,
+            has_excitation,
+            dq: filtered.q.iter().map(|q| filtered.derivative(q)).collect(),
+            dq_rms: Vec::new(),
+            qd_rms: Vec::new(),
+            position_extents: Vec::new(),
+            torque_extents: Vec::new(),
+            q_extents: Vec::new(),
+            shortest_step: shortest_step(samples, filtered),
+        };
+        let rms = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.rms(channel)).collect();
+        let extents = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.extent(channel)).collect();
+        (view.dq_rms, view.qd_rms, view.position_extents, view.torque_extents, view.q_extents) = (
+            rms(&view.dq),
+            rms(&filtered.qd),
+            extents(&samples.position),
+            extents(&samples.torque),
+            extents(&filtered.q),
+        );
+        view
+    }
+
+    /// Gives back the memory of what was made for the checks.
+    pub(super) fn end(self) {
+        self.filtered.give_back(self.dq);
+    }
+
+    /// Rows that may be used, all stages.
+    pub(super) fn rows(&self) -> impl Iterator<Item = usize> + '_ {
+        self.filtered.usable.iter().flat_map(Clone::clone)
+    }
+
+    pub(super) fn joint(&self, joint: JointIndex) -> &Joint {
+        &self.robot.joints[joint.index()]
+    }
+
+    /// Share of the excitation's rows in which a joint is at its low speed or faster.
+    pub(super) fn moving_share(&self, joint: JointIndex) -> f64 {
+        let (qd, low) = (&self.filtered.qd[joint.index()], self.joint(joint).low_speed);
+        let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
+        moving as f64 / self.excitation.len() as f64
+    }
+
+    /// Pieces of a channel that may be used.
+    pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
+        self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
+    }
+
+    fn rms(&self, channel: &[f64]) -> f64 {
+        self.product(channel, channel).sqrt()
+    }
+
+    pub(super) fn product(&self, a: &[f64], b: &[f64]) -> f64 {
+        let of_piece = |(a, b): (&[f64], &[f64])| dot(a, b);
+        self.pieces(a).zip(self.pieces(b)).map(of_piece).sum::<f64>() / self.row_count as f64
+    }
+
+    pub(super) fn extent(&self, channel: &[f64]) -> [f64; 2] {
+        self.pieces(channel)
+            .map(extent)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [l, h]| [low.min(l), high.max(h)])
+    }
+}
+
+fn shortest_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
+    let times = filtered.usable.iter().map(|stretch| &samples.time[stretch.clone()]);
+    let steps = times.flat_map(|time| time.array_windows().map(|[from, to]| to - from));
+    steps.fold(f64::INFINITY, |shortest, step| if step < shortest { step } else { shortest })
+}
+
+pub(super) fn finding(
+    kind: FindingKind,
+    severity: FindingSeverity,
+    joint: Option<JointIndex>,
+    sentence: String,
+    evidence: &[(&'static str, f64)],
+) -> Finding {
+    let evidence = evidence.iter().map(|&(name, value)| Evidence { name, value }).collect();
+    Finding { kind, severity, joint, sentence, evidence }
+}

@@ -1,0 +1,531 @@
+//! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
+
+use faer::Mat;
+
+use super::plateau::{Plateau, SPEED_TOLERANCE};
+use crate::least_squares::factor::TriangularFactor;
+use crate::model::dynamics::{DynamicModel, gravity_torque};
+use crate::model::kinematics::joint_axis_in_base;
+use crate::segment::cycles::ranges_where;
+use crate::signal::filter::FilteredSignals;
+use crate::statistics::descriptive::{mean, standard_deviation};
+use armwatch_model::analysis::{FrictionPoint, GravityRemoval};
+use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
+use armwatch_model::run::{Samples, Stage};
+
+/// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
+/// differ by more than a tenth; at a turning point inside the band, which thirds see and halves do
+/// not, by more than this unless the speed is constant for any purpose.
+const THIRDS_TOLERANCE: f64 = 0.025;
+
+/// Shortest plateau, s. Shorter ones are ramps that pass through a level.
+const MIN_PLATEAU_S: f64 = 0.12;
+
+/// Of the rows of one level and direction, this quantile of speed is on the plateau: ramps and
+/// reversals are slower, and overshoot is short.
+const PLATEAU_QUANTILE: f64 = 0.7;
+
+/// Measured speed may differ from the level's nominal speed by this fraction before it is said.
+const NOMINAL_TOLERANCE: f64 = 0.15;
+
+/// Joints other than the one under test stand still within this fraction of their largest speed.
+const STILL_FRACTION: f64 = 0.01;
+
+/// An axis within this angle of the vertical, rad, carries no gravity: 0.5 degrees of tilt is what
+/// floors have, and changes a plateau's mean over both directions by nothing.
+const VERTICAL_TOLERANCE: f64 = 0.02;
+
+/// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly
+/// parallel, which harms their coefficients but not their sum inside the travel.
+const MAX_GRAVITY_CONDITION: f64 = 1e6;
+
+/// The same of the fit in which the torque's own constant is told from the load: with less travel than some 0.2 rad either way,
+/// that constant would be noise, and the load takes it.
+const MAX_OFFSET_CONDITION: f64 = 200.0;
+
+/// Friction points of a cycle, and what is missing.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrictionPoints {
+    /// At most one point for each joint, speed level and direction.
+    pub points: Vec<FrictionPoint>,
+    /// Levels without a plateau and the like, in sentences.
+    pub remarks: Vec<String>,
+}
+
+/// Mean friction torque by joint, level and direction over the friction stage of one cycle.
+///
+/// Rows of a joint and level come from the controller's signals where recorded, otherwise from the
+/// motion: one joint moves, the others stand still, and the speed is near a level. `model` removes
+/// gravity where the fit of [5.3] cannot.
+#[must_use]
+pub fn friction_points(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    model: Option<&DynamicModel>,
+) -> FrictionPoints {
+    let mut found = FrictionPoints::default();
+    let mut untested = Vec::new();
+    for joint in robot.joint_indices() {
+        if !joint_points(robot, samples, filtered, model, joint, &mut found) {
+            untested.push(joint);
+        }
+    }
+    if samples.stage.contains(&Stage::Friction) {
+        found.remarks.extend(untested_remark(robot, &untested));
+    }
+    found
+}
+
+/// What is said of joints that the friction stage leaves out: one may be tested in each file.
+fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
+    let listed = |joints: &mut dyn Iterator<Item = JointIndex>| -> String {
+        joints.map(|joint| joint.to_string()).collect::<Vec<_>>().join(", ")
+    };
+    let s = |count: usize| if count == 1 { "" } else { "s" };
+    let tested = robot.joint_count() - untested.len();
+    match (untested, tested) {
+        ([], _) => None,
+        ([joint], _) => Some(format!("joint {joint} does not move alone in the friction stage")),
+        (_, 0) => Some("no joint moves alone in the friction stage".into()),
+        (_, tested) => Some(format!(
+            "the friction stage tests joint{} {} only; joints {} do not move alone in it",
+            s(tested),
+            listed(&mut robot.joint_indices().filter(|joint| !untested.contains(joint))),
+            listed(&mut untested.iter().copied())
+        )),
+    }
+}
+
+/// Adds the points of one joint; `false` if it is not tested.
+fn joint_points(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    model: Option<&DynamicModel>,
+    joint: JointIndex,
+    found: &mut FrictionPoints,
+) -> bool {
+    let tested = tested_rows(robot, samples, filtered, joint);
+    if tested.is_empty() {
+        return false;
+    }
+    let mut remarks = Vec::new();
+    let mut plateaus = plateaus(robot, samples, filtered, joint, &tested, &mut remarks);
+    if plateaus.is_empty() && samples.friction_signal.is_none() {
+        let passes = super::slow_passes::slow_passes(robot, filtered, joint, &tested);
+        if !passes.is_empty() {
+            remarks = vec![super::slow_passes::slow_remark(robot, joint, &passes)];
+            plateaus = passes;
+        }
+    }
+    found.remarks.extend(remarks);
+    if plateaus.is_empty() {
+        return true;
+    }
+    let (without_gravity, gravity) = match remove_gravity(robot, filtered, model, joint, &tested) {
+        Ok(removed) => removed,
+        Err(reason) => {
+            found.remarks.push(reason);
+            return true;
+        }
+    };
+    for plateau in plateaus {
+        let torque: Vec<f64> = plateau.rows.iter().map(|&row| without_gravity(row)).collect();
+        let speed: Vec<f64> = plateau.rows.iter().map(|&row| filtered.qd[joint.index()][row].abs()).collect();
+        let time: Vec<f64> = plateau.rows.iter().map(|&row| samples.time[row]).collect();
+        let (Some(torque_mean), Some(speed), Some(time)) = (mean(&torque), mean(&speed), mean(&time)) else {
+            continue;
+        };
+        found.points.push(FrictionPoint {
+            joint,
+            time,
+            speed_fraction: plateau.speed_fraction,
+            speed,
+            direction: plateau.direction,
+            torque: torque_mean,
+            std: standard_deviation(&torque).unwrap_or(0.0),
+            samples: torque.len(),
+            gravity,
+        });
+    }
+    true
+}
+
+/// Rows in which `joint` is under test.
+fn tested_rows(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    joint: JointIndex,
+) -> Vec<usize> {
+    let usable = filtered.usable.iter().flat_map(Clone::clone);
+    let in_stage = usable.filter(|&row| samples.stage[row] == Stage::Friction);
+    match &samples.friction_signal {
+        Some(signal) => in_stage.filter(|&row| signal[row].is_some_and(|s| s.joint == joint)).collect(),
+        None => in_stage.filter(|&row| moves_alone(robot, filtered, joint, row)).collect(),
+    }
+}
+
+fn moves_alone(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
+    robot.joint_indices().all(|k| {
+        let moves =
+            filtered.qd[k.index()][row].abs() > STILL_FRACTION * robot.joints[k.index()].limits.velocity;
+        moves == (k == joint)
+    })
+}
+
+fn plateaus(
+    robot: &Robot,
+    samples: &Samples,
+    filtered: &FilteredSignals,
+    joint: JointIndex,
+    tested: &[usize],
+    remarks: &mut Vec<String>,
+) -> Vec<Plateau> {
+    let qd = &filtered.qd[joint.index()];
+    let fastest = robot.joints[joint.index()].limits.velocity;
+    let mut plateaus = Vec::new();
+    for (index, &speed_fraction) in robot.speed_levels.iter().enumerate() {
+        let nominal = speed_fraction * fastest;
+        let mut missing = Vec::new();
+        for direction in [-1_i8, 1] {
+            let along = |row: usize| qd[row] * f64::from(direction);
+            let rows: Vec<usize> = match &samples.friction_signal {
+                Some(signal) => tested
+                    .iter()
+                    .copied()
+                    .filter(|&row| signal[row].is_some_and(|s| usize::from(s.level) == index + 1))
+                    .filter(|&row| along(row) > 0.3 * nominal)
+                    .collect(),
+                None => tested.iter().copied().filter(|&row| along(row) > 0.0).collect(),
+            };
+            let speed = match samples.friction_signal {
+                Some(_) => quantile(rows.iter().map(|&row| along(row)).collect(), PLATEAU_QUANTILE),
+                None => Some(nominal),
+            };
+            let on_plateau =
+                speed.map_or_else(Vec::new, |speed| constant_rows(filtered, &rows, along, speed));
+            let Some(speed) = speed.filter(|_| !on_plateau.is_empty()) else {
+                missing.push(format!("{direction:+}"));
+                continue;
+            };
+            if (speed - nominal).abs() > NOMINAL_TOLERANCE * nominal {
+                remarks.push(format!(
+                    "joint {joint} moves at {speed:.3} rad/s on its {:.0} % level, {nominal:.3} rad/s by its description",
+                    100.0 * speed_fraction
+                ));
+            }
+            plateaus.push(Plateau { speed_fraction, direction, rows: on_plateau });
+        }
+        if !missing.is_empty() {
+            remarks.push(format!(
+                "joint {joint} holds no constant speed at its {:.0} % level ({nominal:.3} rad/s), direction {}",
+                100.0 * speed_fraction,
+                missing.join(" and ")
+            ));
+        }
+    }
+    plateaus
+}
+
+/// Rows of all plateaus at `speed` among `rows`, without their ends: there the low-passed torque
+/// still carries the ramp.
+fn constant_rows(
+    filtered: &FilteredSignals,
+    rows: &[usize],
+    along: impl Fn(usize) -> f64,
+    speed: f64,
+) -> Vec<usize> {
+    let near = |i: usize| (along(rows[i]) - speed).abs() <= SPEED_TOLERANCE * speed;
+    let margin = (0.5 * filtered.sample_rate / filtered.cutoff).ceil() as usize;
+    let shortest = (MIN_PLATEAU_S * filtered.sample_rate).ceil().max(4.0) as usize;
+    let mut found = Vec::new();
+    for near_range in ranges_where(rows.len(), near) {
+        for part in ranges_where(near_range.len(), |i| {
+            let at = near_range.start + i;
+            // neighbours in `rows` are neighbours in time unless a reversal lies between
+            at == near_range.start || rows[at] == rows[at - 1] + 1
+        }) {
+            let part = near_range.start + part.start..near_range.start + part.end;
+            let inner = part.start + margin..part.end.saturating_sub(margin);
+            if inner.len() >= shortest && thirds_agree(&rows[inner.clone()], &along, speed) {
+                found.extend_from_slice(&rows[inner]);
+            }
+        }
+    }
+    found
+}
+
+fn thirds_agree(rows: &[usize], along: impl Fn(usize) -> f64, speed: f64) -> bool {
+    let mean = |rows: &[usize]| rows.iter().map(|&row| along(row)).sum::<f64>() / rows.len() as f64;
+    let means: Vec<f64> = rows.chunks_exact(rows.len() / 3).take(3).map(mean).collect();
+    let spread = means.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        - means.iter().copied().fold(f64::INFINITY, f64::min);
+    spread <= THIRDS_TOLERANCE * speed
+}
+
+fn quantile(mut values: Vec<f64>, fraction: f64) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    let (_, value, _) = values.select_nth_unstable_by((fraction * last as f64) as usize, f64::total_cmp);
+    Some(*value)
+}
+
+type WithoutGravity<'a> = Box<dyn Fn(usize) -> f64 + 'a>;
+
+/// Torque of a row without gravity, and how that was had.
+fn remove_gravity<'a>(
+    robot: &'a Robot,
+    filtered: &'a FilteredSignals,
+    model: Option<&'a DynamicModel>,
+    joint: JointIndex,
+    tested: &[usize],
+) -> Result<(WithoutGravity<'a>, GravityRemoval), String> {
+    let j = joint.index();
+    let tau = &filtered.tau[j];
+    if !carries_gravity(robot, filtered, joint, tested[tested.len() / 2]) {
+        return Ok((Box::new(move |row| tau[row]), GravityRemoval::AxisVertical));
+    }
+    let fitted = fit_gravity(robot, filtered, joint, tested, true)
+        .or_else(|| fit_gravity(robot, filtered, joint, tested, false));
+    if let Some([by_sine, by_cosine]) = fitted {
+        let q = &filtered.q[j];
+        let (sine, cosine) = gravity_columns(robot.joints[j].kind);
+        let load = move |row: usize| by_sine * sine(q[row]) + by_cosine * cosine(q[row]);
+        return Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Fitted));
+    }
+    let Some(model) = model else {
+        return Err(format!(
+            "friction of joint {joint} left out: gravity acts on it, its motion is too short to fit the load, and \
+             the cycle has no identified parameters"
+        ));
+    };
+    let load = move |row: usize| {
+        let n = robot.joint_count();
+        let (mut q, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        for (k, q) in q.iter_mut().enumerate().take(n) {
+            *q = filtered.q[k][row];
+        }
+        gravity_torque(robot, &model.inertial, &q[..n], &mut torque[..n]);
+        torque[j]
+    };
+    Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Model))
+}
+
+/// Whether gravity does work on the joint in the posture of `row`: a turning axis that is not
+/// vertical, a sliding axis that is not horizontal.
+fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
+    let g = robot.gravity.norm();
+    if g == 0.0 {
+        return false;
+    }
+    let q: Vec<f64> = filtered.q.iter().map(|channel| channel[row]).collect();
+    let axis = joint_axis_in_base(robot, &q, joint);
+    let along = (axis.dot(&robot.gravity) / g).clamp(-1.0, 1.0);
+    match robot.joints[joint.index()].kind {
+        JointKind::Revolute => along.abs().acos() > VERTICAL_TOLERANCE,
+        JointKind::Prismatic => along.abs() > VERTICAL_TOLERANCE.sin(),
+    }
+}
+
+type Shape = fn(f64) -> f64;
+
+/// Shapes of the load over the position: `-sin(theta)` and `-cos(theta)` of [5.3] for a turning
+/// joint, a constant for a sliding one.
+fn gravity_columns(kind: JointKind) -> (Shape, Shape) {
+    match kind {
+        JointKind::Revolute => (|q| -q.sin(), |q| -q.cos()),
+        JointKind::Prismatic => (|_| 1.0, |_| 0.0),
+    }
+}
+
+/// Least squares of [5.3] over the moving rows of the joint's friction stage:
+/// `tau = I_m qdd - mPx sin(theta) - mPy cos(theta) + f1 sign(qd) + .. + f4 qd³`, and a constant where `with_offset`: an
+/// offset of the torque signal, which is no load and stays in the torque. Returns the two load coefficients, or `None`
+/// where the motion does not tell them apart.
+fn fit_gravity(
+    robot: &Robot,
+    filtered: &FilteredSignals,
+    joint: JointIndex,
+    tested: &[usize],
+    with_offset: bool,
+) -> Option<[f64; 2]> {
+    let j = joint.index();
+    let description = &robot.joints[j];
+    let (sine, cosine) = gravity_columns(description.kind);
+    let loads = match description.kind {
+        JointKind::Revolute => 2,
+        // its load is a constant itself
+        JointKind::Prismatic if with_offset => return None,
+        JointKind::Prismatic => 1,
+    };
+    let moving: Vec<usize> =
+        tested.iter().copied().filter(|&row| filtered.qd[j][row].abs() > description.low_speed).collect();
+    let friction = 1 + loads;
+    let columns = friction + 4 + usize::from(with_offset);
+    let mut factor = TriangularFactor::new(columns);
+    let rows = Mat::from_fn(moving.len(), columns + 1, |i, column| {
+        let row = moving[i];
+        let (q, qd) = (filtered.q[j][row], filtered.qd[j][row]);
+        match column {
+            0 => filtered.qdd[j][row],
+            1 => sine(q),
+            c if c == loads && loads == 2 => cosine(q),
+            c if c == columns => filtered.tau[j][row],
+            c if c == friction + 4 => 1.0,
+            c => FrictionModel::POLYNOMIAL.columns(qd)[c - friction],
+        }
+    });
+    factor.fold(rows.as_ref());
+    let most = if with_offset { MAX_OFFSET_CONDITION } else { MAX_GRAVITY_CONDITION };
+    let solved = factor.solve(most, |i| i.to_string()).ok()?;
+    Some([solved.theta[1], if loads == 2 { solved.theta[2] } else { 0.0 }])
+}
+
+#[cfg(test)]
+pub(in crate::friction) mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::signal::filter::filter_signals;
+    use armwatch_model::run::FrictionSignal;
+
+    pub(in crate::friction) const RATE: f64 = 250.0;
+    /// Of a mean over a second of noise-free torque: what is left is the low-pass on the ramps.
+    pub(in crate::friction) const TOLERANCE: f64 = 2e-3;
+
+    /// A joint of the ER3A alone, so that its axis is vertical, or horizontal where `lying`.
+    pub(in crate::friction) fn one_joint(lying: bool) -> Robot {
+        let mut robot = armwatch_testing::er3a();
+        robot.joints.truncate(1);
+        if lying {
+            robot.gravity = Vector3::new(9.81, 0.0, 0.0);
+        }
+        robot
+    }
+
+    /// Position, speed and acceleration back and forth at `speed` with ramps of `acceleration`, each
+    /// way holding the speed for `hold` seconds.
+    fn shuttle(speed: f64, acceleration: f64, hold: f64) -> Vec<[f64; 3]> {
+        let ramp = speed / acceleration;
+        let way = 2.0 * ramp + hold;
+        let (mut rows, mut q) = (Vec::new(), -0.5 * speed * (hold + ramp));
+        for row in 0..(2.0 * way * RATE) as usize {
+            let t = row as f64 / RATE;
+            let (sign, t) = if t < way { (1.0, t) } else { (-1.0, t - way) };
+            let (v, a) = if t < ramp {
+                (acceleration * t, acceleration)
+            } else if t < ramp + hold {
+                (speed, 0.0)
+            } else {
+                (acceleration * (way - t), -acceleration)
+            };
+            rows.push([q, sign * v, sign * a]);
+            q += sign * v / RATE;
+        }
+        rows
+    }
+
+    pub(in crate::friction) fn friction(v: f64) -> f64 {
+        2.0 * v.signum() + 3.0 * v
+    }
+
+    /// A friction stage through the given levels, with the torque of `load` added to friction.
+    fn stage(robot: &Robot, levels: &[usize], signals: bool, load: impl Fn(f64) -> f64) -> Samples {
+        let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };
+        let (mut velocity, mut signal) = (Vec::new(), Vec::new());
+        for &level in levels {
+            let speed = robot.speed_levels[level - 1] * robot.joints[0].limits.velocity;
+            for [q, v, a] in shuttle(speed, 8.0, 0.6) {
+                samples.time.push(samples.time.len() as f64 / RATE);
+                samples.position[0].push(q);
+                velocity.push(v);
+                samples.torque[0].push(0.4 * a + friction(v) + load(q));
+                samples.stage.push(Stage::Friction);
+                let level = u8::try_from(level).expect("few levels");
+                signal.push(Some(FrictionSignal { joint: JointIndex::new(0), level }));
+            }
+        }
+        samples.velocity = Some(vec![velocity]);
+        samples.friction_signal = signals.then_some(signal);
+        samples
+    }
+
+    pub(in crate::friction) fn points(robot: &Robot, samples: &Samples) -> FrictionPoints {
+        friction_points(robot, samples, &filter_signals(samples, 12.0).expect("conditions"), None)
+    }
+
+    fn assert_friction(robot: &Robot, found: &FrictionPoints, levels: &[usize]) {
+        assert_eq!(found.points.len(), 2 * levels.len(), "{:?}", found.remarks);
+        for point in &found.points {
+            let truth = friction(point.speed);
+            let along = point.torque * f64::from(point.direction);
+            assert!((along - truth).abs() < TOLERANCE * truth, "{point:?} {truth}");
+            let nominal = point.speed_fraction * robot.joints[0].limits.velocity;
+            assert!((point.speed - nominal).abs() < TOLERANCE * nominal, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn plateaus_give_friction_by_level_and_direction_with_signals_or_without() {
+        let robot = one_joint(false);
+        let levels = [2, 3, 4, 5, 6];
+        for signals in [true, false] {
+            let found = points(&robot, &stage(&robot, &levels, signals, |_| 0.0));
+            assert_friction(&robot, &found, &levels);
+            assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::AxisVertical));
+        }
+    }
+
+    #[test]
+    fn the_load_of_gravity_is_fitted_and_taken_off() {
+        let robot = one_joint(true);
+        let levels = [2, 4, 6];
+        let found = points(&robot, &stage(&robot, &levels, true, |q| 11.0 * q.cos() - 4.0 * q.sin()));
+        assert_friction(&robot, &found, &levels);
+        assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::Fitted));
+    }
+
+    #[test]
+    fn an_offset_of_the_torque_is_no_load() {
+        let robot = one_joint(true);
+        let load = |q: f64| 11.0 * q.cos() - 4.0 * q.sin() + 3.0;
+        let found = points(&robot, &stage(&robot, &[2, 4, 6], true, load));
+        let mean =
+            |level: &[FrictionPoint]| level.iter().map(|of| of.torque).sum::<f64>() / level.len() as f64;
+        let mut by_level = found.points.clone();
+        by_level.sort_by(|a, b| a.speed_fraction.total_cmp(&b.speed_fraction));
+        let offsets: Vec<f64> = by_level.chunks(2).map(mean).collect();
+        assert!(offsets.len() == 3 && offsets.iter().all(|of| (of - 3.0).abs() < 0.03), "{offsets:?}");
+    }
+
+    #[test]
+    fn levels_in_another_order_or_missing_are_told_apart() {
+        let robot = one_joint(false);
+        let found = points(&robot, &stage(&robot, &[6, 2, 4], false, |_| 0.0));
+        assert_friction(&robot, &found, &[6, 2, 4]);
+        let missing = found.remarks.iter().filter(|r| r.contains("holds no constant speed")).count();
+        assert_eq!(missing, 3, "{:?}", found.remarks);
+    }
+
+    #[test]
+    fn a_ramp_through_a_level_is_no_plateau() {
+        let robot = one_joint(false);
+        // 0.6 s through the band around 60 %, but never constant
+        let mut samples = stage(&robot, &[6], false, |_| 0.0);
+        let velocity: Vec<f64> =
+            (0..samples.rows()).map(|row| 4.0 * row as f64 / samples.rows() as f64).collect();
+        samples.velocity = Some(vec![velocity]);
+        let found = points(&robot, &samples);
+        assert_eq!(found.points, vec![], "{:?}", found.points);
+    }
+
+    #[test]
+    fn a_joint_that_never_moves_alone_is_said() {
+        let robot = one_joint(false);
+        let mut samples = stage(&robot, &[2], false, |_| 0.0);
+        samples.velocity = Some(vec![vec![0.0; samples.rows()]]);
+        let found = points(&robot, &samples);
+        assert!(found.points.is_empty() && found.remarks[0].contains("does not move alone"), "{found:?}");
+    }
+}

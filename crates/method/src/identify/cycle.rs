@@ -1,0 +1,225 @@
+//! Base parameters and their errors by scaled least squares over all joints stacked [3.22].
+
+use faer::{Mat, Scale};
+
+use crate::NumericsError;
+use crate::least_squares::clustered::{ClusterSettings, clustered};
+use crate::least_squares::factor::TriangularFactor;
+use crate::least_squares::huber::{RobustSettings, huber};
+use crate::least_squares::rows::RowSource;
+use crate::least_squares::solution::{LeastSquares, MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION};
+use crate::least_squares::weighted::{WeightRule, joined, weighted};
+use armwatch_model::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
+use armwatch_model::robot::{JointIndex, ParameterId};
+
+/// Fewest rows per column: below, residuals say nothing of the noise.
+const MIN_ROWS_PER_COLUMN: usize = 4;
+
+/// Identifies the parameters `kept` `[b]` from rows at hand, with clustered errors
+/// ([`clustered`]). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
+///
+/// # Errors
+/// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
+/// every parameter; [`NumericsError::NotFinite`] where the residual of a joint is not finite, or vanishes in
+/// a robust estimate.
+pub fn identify_rows(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    source: &dyn RowSource,
+    estimator: Estimator,
+) -> Result<Identification, NumericsError> {
+    let motion = solve_ordinary(kept, factors)?;
+    let name = |column: usize| kept[column].to_string();
+    let (theta, rule) = match estimator {
+        Estimator::Huber => {
+            let found = huber(source, &RobustSettings::default(), name)?;
+            (found.solution.theta, found.rule)
+        }
+        _ => estimate(kept, factors, &motion, estimator)?,
+    };
+    let covariance = clustered(source, &theta, &rule, &ClusterSettings::default())?;
+    identified_parameters(
+        kept,
+        factors,
+        &motion,
+        theta,
+        Errors {
+            covariance: covariance.matrix,
+            freedom: covariance.freedom,
+            shares: covariance.independent_share,
+        },
+    )
+}
+
+/// Identifies the parameters `kept` `[b]` from the joints' factors `[n]`, `b` columns each, alone.
+///
+/// `independent_shares` `[n]` say how many of each joint's rows count as independent
+/// ([`JointResidual::independent_share`]). With `A = sum_j w_j W_jᵀW_j`, weights `w_j` and a joint's residual
+/// variance `s_j²`, the covariance is `A⁻¹ (sum_j w_j² s_j² / share_j W_jᵀW_j) A⁻¹`.
+///
+/// # Errors
+/// Those of [`identify_rows`]; [`NumericsError::Unsupported`] for an estimator that needs rows.
+pub fn identify_factors(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    independent_shares: &[f64],
+    estimator: Estimator,
+) -> Result<Identification, NumericsError> {
+    let motion = solve_ordinary(kept, factors)?;
+    let (theta, rule) = estimate(kept, factors, &motion, estimator)?;
+    let errors = errors_by_joint(factors, &theta, &rule, independent_shares)?;
+    identified_parameters(kept, factors, &motion, theta, errors)
+}
+
+/// As [`identify_factors`], with the noise of each joint given.
+///
+/// # Errors
+/// Those of [`identify_rows`].
+pub fn identify_weighted(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    independent_shares: &[f64],
+    rule: &WeightRule,
+) -> Result<Identification, NumericsError> {
+    let motion = solve_ordinary(kept, factors)?;
+    let weighed = joined(factors, rule, kept.len());
+    let theta = weighed.solve_bounded(MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?.theta;
+    let errors = errors_by_joint(factors, &theta, rule, independent_shares)?;
+    identified_parameters(kept, factors, &motion, theta, errors)
+}
+
+/// Standard errors `[b]` as they would be if the model were right and only the low-pass, which leaves
+/// `independent_fraction` of the rows independent, made rows depend on each other.
+///
+/// A doubt about the model is judged by these: clustered errors grow with what the model leaves out, and
+/// would excuse any geometry.
+///
+/// # Errors
+/// Those of [`identify_factors`].
+pub fn noise_errors(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    residual_std: f64,
+    independent_fraction: f64,
+) -> Result<Vec<f64>, NumericsError> {
+    let (stacked, rows) = stacked(kept, factors)?;
+    let motion = stacked.solve_bounded(MAX_SCALED_CONDITION, |column| kept[column].to_string())?;
+    let (rows, b) = (rows as f64, kept.len() as f64);
+    let independent = (rows * independent_fraction).max(b + 1.0);
+    let variance = residual_std * residual_std * (rows - b) / (independent - b);
+    Ok(motion.unscaled_variance.iter().map(|unscaled| (variance * unscaled).sqrt()).collect())
+}
+
+/// The ordinary solution: what judges the motion, whatever the estimator.
+fn solve_ordinary(kept: &[ParameterId], factors: &[TriangularFactor]) -> Result<LeastSquares, NumericsError> {
+    let (stacked, rows) = stacked(kept, factors)?;
+    Ok(LeastSquares { rows, ..stacked.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())? })
+}
+
+/// All joints' rows, each counted alike, and how many they are.
+fn stacked(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+) -> Result<(TriangularFactor, usize), NumericsError> {
+    let b = kept.len();
+    let rows = factors.iter().map(TriangularFactor::rows).sum();
+    let needed = MIN_ROWS_PER_COLUMN * b;
+    if rows < needed {
+        return Err(NumericsError::TooShort { what: "the excitation stage, joints stacked,", rows, needed });
+    }
+    Ok((joined(factors, &WeightRule::equal(factors.len()), b), rows))
+}
+
+fn estimate(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    ordinary: &LeastSquares,
+    estimator: Estimator,
+) -> Result<(Vec<f64>, WeightRule), NumericsError> {
+    match estimator {
+        Estimator::Ordinary => Ok((ordinary.theta.clone(), WeightRule::equal(factors.len()))),
+        Estimator::Weighted => {
+            let found = weighted(factors, MAX_WEIGHTED_CONDITION, |column| kept[column].to_string())?;
+            Ok((found.theta, found.rule))
+        }
+        Estimator::Huber => Err(NumericsError::Unsupported(
+            "a robust estimate from stored factors: it weighs single rows; choose ordinary or weighted",
+        )),
+    }
+}
+
+/// How well parameters are known.
+struct Errors {
+    /// Of the parameters, `[b x b]`.
+    covariance: Mat<f64>,
+    /// Degrees of freedom of each standard error, `[b]`.
+    freedom: Vec<f64>,
+    /// Independent share of each joint's rows, `[n]`.
+    shares: Vec<f64>,
+}
+
+/// Errors from factors: the sum of the joints' parts, with degrees of freedom after Satterthwaite
+/// (1946).
+fn errors_by_joint(
+    factors: &[TriangularFactor],
+    theta: &[f64],
+    rule: &WeightRule,
+    independent_shares: &[f64],
+) -> Result<Errors, NumericsError> {
+    let b = theta.len();
+    let inverse = joined(factors, rule, b).inverse_of_upper()?;
+    let inverse = &inverse * inverse.transpose();
+    let mut covariance = Mat::<f64>::zeros(b, b);
+    let mut of_variance = vec![0.0; b];
+    let share = |j: usize| independent_shares.get(j).copied().unwrap_or(1.0);
+    for (j, factor) in factors.iter().enumerate().filter(|(_, factor)| factor.rows() > 0) {
+        let independent = factor.rows() as f64 * share(j);
+        let deviation = (factor.residual_sum_of_squares(theta) / independent).sqrt();
+        let weight = 1.0 / (rule.sigma[j] * rule.sigma[j]);
+        let part = factor.upper().submatrix(0, 0, b, b) * &inverse * Scale(weight * deviation);
+        let part = part.transpose() * &part;
+        covariance += &part;
+        for (k, of_variance) in of_variance.iter_mut().enumerate() {
+            *of_variance += part[(k, k)] * part[(k, k)] / independent;
+        }
+    }
+    let freedom = |k: usize| (covariance[(k, k)] * covariance[(k, k)] / of_variance[k]).max(1.0);
+    Ok(Errors {
+        freedom: (0..b).map(freedom).collect(),
+        shares: (0..factors.len()).map(share).collect(),
+        covariance,
+    })
+}
+
+fn identified_parameters(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    motion: &LeastSquares,
+    theta: Vec<f64>,
+    errors: Errors,
+) -> Result<Identification, NumericsError> {
+    let squares: Vec<f64> = factors.iter().map(|factor| factor.residual_sum_of_squares(&theta)).collect();
+    let parameter = |(k, (&id, value)): (usize, (&ParameterId, f64))| IdentifiedParameter {
+        id,
+        value,
+        std_error: errors.covariance[(k, k)].sqrt(),
+        degrees_of_freedom: errors.freedom[k],
+    };
+    let parameters: Vec<IdentifiedParameter> = kept.iter().zip(theta).enumerate().map(parameter).collect();
+    if !parameters.iter().all(|p| p.value.is_finite() && p.std_error.is_finite()) {
+        return Err(NumericsError::NotFinite("the parameters"));
+    }
+    let residual = |(j, (factor, squares)): (usize, (&TriangularFactor, &f64))| JointResidual {
+        joint: JointIndex::new(j),
+        std: (squares / factor.rows() as f64).sqrt(),
+        independent_share: errors.shares[j],
+    };
+    Ok(Identification {
+        parameters,
+        residuals: factors.iter().zip(&squares).enumerate().map(residual).collect(),
+        samples: motion.rows / factors.len(),
+        condition_number: motion.condition_number,
+        scaled_condition_number: motion.scaled_condition_number,
+        residual_std: (squares.iter().sum::<f64>() / (motion.rows - kept.len()) as f64).sqrt(),
+    })
+}

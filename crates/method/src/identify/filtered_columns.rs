@@ -1,0 +1,89 @@
+//! Coulomb friction jumps where a motion turns round. The low-pass smears the jump in the measured
+//! torque, so the columns that jump go through the same low-pass: both sides of `tau = w theta` are
+//! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
+//! columns are smooth functions of channels that were filtered before.
+
+use crate::lanes::{LANES, Lanes};
+use crate::model::actuator::coupling_columns;
+use crate::model::regressor::Regressor;
+use crate::model::regressor_lanes::RegressorLanes;
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot};
+
+/// A column of the regressor that jumps, low-passed, in the rows of one joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilteredColumn {
+    /// The parameter.
+    pub id: ParameterId,
+    /// Column of the parameter in natural order.
+    pub column: usize,
+    /// The joint whose torque it is part of.
+    pub joint: JointIndex,
+    /// Torque per unit of the parameter `[rows]`.
+    pub values: Vec<f64>,
+}
+
+/// All columns of a robot's regressor that jump, low-passed over the rows of a cycle.
+#[must_use]
+pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Vec<FilteredColumn> {
+    let order = ParameterId::natural_order(robot);
+    let column_of = |id: ParameterId| order.iter().position(|of| *of == id);
+    let (mut found, mut raw): (Vec<FilteredColumn>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+    let mut add = |id: ParameterId, joint: JointIndex, series: Vec<f64>| {
+        if let Some(column) = column_of(id) {
+            found.push(FilteredColumn { id, column, joint, values: Vec::new() });
+            raw.push(series);
+        }
+    };
+    for joint in robot.joint_indices() {
+        let model = robot.friction_of(joint);
+        let qd = &filtered.qd[joint.index()];
+        for (place, &term) in model.terms().iter().enumerate().filter(|(_, term)| term.jumps()) {
+            let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
+            let mut values = filtered.room();
+            values.extend(qd.iter().map(|qd| model.columns(*qd)[place]));
+            add(id, joint, values);
+        }
+    }
+    for coupling in &robot.couplings {
+        let id =
+            ParameterId { joint: coupling.motor_joint, kind: ParameterKind::Coupling(CouplingTerm::Coulomb) };
+        let at = |row: usize| {
+            let of =
+                |channels: &[Vec<f64>]| channels.iter().map(|channel| channel[row]).collect::<Vec<f64>>();
+            coupling_columns(
+                coupling,
+                robot.friction_of(coupling.motor_joint).law,
+                &of(&filtered.qd),
+                &of(&filtered.qdd),
+            )
+        };
+        add(id, coupling.joint, series(filtered, |row| at(row).joint[2]));
+        add(id, coupling.motor_joint, series(filtered, |row| at(row).motor_joint[2]));
+    }
+    for (column, values) in found.iter_mut().zip(filtered.low_passed(&raw)) {
+        column.values = values;
+    }
+    filtered.give_back(raw);
+    found
+}
+
+fn series(filtered: &FilteredSignals, value: impl Fn(usize) -> f64) -> Vec<f64> {
+    let mut series = filtered.room();
+    series.extend((0..filtered.rows()).map(value));
+    series
+}
+
+/// Puts the low-passed values of `row` into its regressor.
+pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
+    for of in columns {
+        y.set(of.joint.index(), of.column, of.values[row]);
+    }
+}
+
+/// Puts the low-passed values of several rows, a lane each, into their regressor.
+pub fn write_filtered_lanes(columns: &[FilteredColumn], rows: &[usize; LANES], y: &mut RegressorLanes) {
+    for of in columns {
+        y.set(of.joint.index(), of.column, Lanes(rows.map(|row| of.values[row])));
+    }
+}

@@ -1,0 +1,11 @@
+//! Parameters of one cycle, and how well they explain its torques.
+
+pub mod cycle;
+pub(crate) mod row_lanes;
+pub mod cycle_rows;
+pub mod joint_factors;
+pub mod filtered_columns;
+pub mod verify;
+pub mod torque_noise;
+pub mod torque_series;
+pub mod channel_response;

@@ -1,0 +1,305 @@
+//! Householder QR of a block of rows beneath a triangle, which stays a triangle.
+//!
+//! A reflection that clears column `i` of the block touches row `i` of the triangle and the block, and no other row
+//! of the triangle. Of its vector `v = [v0; x]`, `x` is the column of the block itself. With `b = -sign(a) |[a; x]|`,
+//! `v0 = a - b` and `h = 2 / |v|²`, `1 - h v vᵀ` takes `[a; x]` to `[b; 0]` (Golub & Van Loan, Matrix Computations, 5.1).
+//!
+//! Four reflections make a panel before the columns behind it change, so that these are read and written a quarter as
+//! often. Reflection `k` meets a column `[a; y]` that those before it have changed:
+//! `f_k = h_k (v0_k a_k + x_k·y - Σ_{m<k} f_m x_m·x_k)`; then `a_k` becomes `a_k - f_k v0_k`, and `y` becomes
+//! `y - Σ f_k x_k` at once.
+
+use pulp::Simd;
+
+use crate::lanes::{LANES, VectorKernel, in_vectors};
+
+/// Reflections of a panel.
+const PANEL: usize = 4;
+
+/// Columns behind a panel that it is applied to at once: sums of two columns with four reflections take half of the
+/// sixteen registers of a processor with 256 bits.
+const COLUMNS: usize = 2;
+
+/// A column of the block whose squares add up to less is zero: what is left of few rows beneath a wide triangle
+/// becomes smaller by the rounding with each reflection, and squares near the smallest double have lost their digits.
+/// A column so short, 1e-140, changes nothing that a recording can show.
+const NEGLIGIBLE_SQUARES: f64 = 1e-280;
+
+/// Folds a block of rows into the upper triangle above them: `r` becomes the triangle of `[r; block]`.
+pub(super) struct Fold<'a> {
+    /// `width x width`, row after row; below the diagonal nothing is read or written.
+    pub r: &'a mut [f64],
+    /// `width` columns of `stride` numbers, of which the first `height` are rows; holds nothing of use afterwards.
+    pub block: &'a mut [f64],
+    /// Columns.
+    pub width: usize,
+    /// Numbers from one column to the next, a multiple of [`LANES`].
+    pub stride: usize,
+    /// Numbers of a column that are rows, a multiple of [`LANES`].
+    pub height: usize,
+}
+
+impl Fold<'_> {
+    pub(super) fn fold(self) {
+        in_vectors(self);
+    }
+}
+
+impl VectorKernel for Fold<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Self { r, block, width, stride, height } = self;
+        let (block, _) = S::as_mut_simd_f64s(block);
+        let (stride, height) = (stride / LANES, height / LANES);
+        for i in (0..width).step_by(PANEL) {
+            let count = PANEL.min(width - i);
+            let (columns, behind) = block[i * stride..].split_at_mut(count * stride);
+            let mut panel = Panel::default();
+            for k in 0..count {
+                let (x, y) = columns.split_at_mut(k * stride);
+                let above = &mut r[i * width + i + k..];
+                let mut met = Met { x, stride, height, above, width };
+                panel.products[k] = match k {
+                    0 => panel.next_column::<S, 0>(simd, &mut met, y),
+                    1 => panel.next_column::<S, 1>(simd, &mut met, y),
+                    2 => panel.next_column::<S, 2>(simd, &mut met, y),
+                    _ => panel.next_column::<S, 3>(simd, &mut met, y),
+                };
+                panel.reflections[k] = Reflection::of(&mut above[k * width], panel.products[k][k]);
+            }
+            let x = &*columns;
+            let mut j = i + count;
+            let mut groups = behind.chunks_exact_mut(COLUMNS * stride);
+            for group in &mut groups {
+                let above = &mut r[i * width + j..];
+                panel.apply::<S, PANEL, COLUMNS>(simd, &mut Met { x, stride, height, above, width }, group);
+                j += COLUMNS;
+            }
+            for column in groups.into_remainder().chunks_exact_mut(stride) {
+                let above = &mut r[i * width + j..];
+                panel.apply::<S, PANEL, 1>(simd, &mut Met { x, stride, height, above, width }, column);
+                j += 1;
+            }
+        }
+    }
+}
+
+/// A reflection `1 - h v vᵀ`; the rest of `v` is a column of the block.
+#[derive(Clone, Copy, Default)]
+struct Reflection {
+    v0: f64,
+    h: f64,
+}
+
+impl Reflection {
+    /// The reflection that clears a column with this sum of squares beneath `a`, which becomes what is left of it; none
+    /// where the column is zero.
+    #[inline(always)]
+    fn of(a: &mut f64, squares: f64) -> Self {
+        if squares < NEGLIGIBLE_SQUARES {
+            return Self { v0: 0.0, h: 0.0 };
+        }
+        let b = -(*a * *a + squares).sqrt().copysign(*a);
+        let v0 = *a - b;
+        *a = b;
+        Self { v0, h: 2.0 / (v0 * v0 + squares) }
+    }
+}
+
+/// What reflections meet: the columns `x` of the block that they were made of, and the triangle.
+struct Met<'a, V> {
+    x: &'a [V],
+    stride: usize,
+    height: usize,
+    /// The triangle from the row of the first reflection on, at the first column that is met.
+    above: &'a mut [f64],
+    width: usize,
+}
+
+/// Reflections one after the other, and the products `x_m·x_k` of their columns.
+#[derive(Default)]
+struct Panel {
+    reflections: [Reflection; PANEL],
+    products: [[f64; PANEL]; PANEL],
+}
+
+impl Panel {
+    /// Applies the first `K` reflections to the column behind theirs. Returns its products with their columns, and the
+    /// sum of its squares.
+    #[inline(always)]
+    fn next_column<S: Simd, const K: usize>(
+        &self,
+        simd: S,
+        met: &mut Met<'_, S::f64s>,
+        y: &mut [S::f64s],
+    ) -> [f64; PANEL] {
+        if K > 0 {
+            self.apply::<S, K, 1>(simd, met, y);
+        }
+        let y = &y[..met.height];
+        let x: [&[S::f64s]; K] = std::array::from_fn(|k| &met.x[k * met.stride..][..met.height]);
+        let (mut of_x, mut squares) = ([simd.splat_f64s(0.0); K], simd.splat_f64s(0.0));
+        for row in 0..met.height {
+            let y = y[row];
+            for k in 0..K {
+                of_x[k] = simd.add_f64s(of_x[k], simd.mul_f64s(x[k][row], y));
+            }
+            squares = simd.add_f64s(squares, simd.mul_f64s(y, y));
+        }
+        let mut products = [0.0; PANEL];
+        for k in 0..K {
+            products[k] = simd.reduce_sum_f64s(of_x[k]);
+        }
+        products[K] = simd.reduce_sum_f64s(squares);
+        products
+    }
+
+    /// Applies the first `K` reflections to `N` columns.
+    #[inline(always)]
+    fn apply<S: Simd, const K: usize, const N: usize>(
+        &self,
+        simd: S,
+        met: &mut Met<'_, S::f64s>,
+        columns: &mut [S::f64s],
+    ) {
+        let Met { stride, height, width, .. } = *met;
+        let x: [&[S::f64s]; K] = std::array::from_fn(|k| &met.x[k * stride..][..height]);
+        let y: [&[S::f64s]; N] = std::array::from_fn(|n| &columns[n * stride..][..height]);
+        let mut of_x = [[simd.splat_f64s(0.0); K]; N];
+        for row in 0..height {
+            for n in 0..N {
+                let y = y[n][row];
+                for k in 0..K {
+                    of_x[n][k] = simd.add_f64s(of_x[n][k], simd.mul_f64s(x[k][row], y));
+                }
+            }
+        }
+        let mut factors = [[simd.splat_f64s(0.0); K]; N];
+        for n in 0..N {
+            let mut f = [0.0; K];
+            for k in 0..K {
+                let (Reflection { v0, h }, a) = (self.reflections[k], &mut met.above[k * width + n]);
+                let mut along = v0 * *a + simd.reduce_sum_f64s(of_x[n][k]);
+                for (f, product) in f.iter().zip(&self.products[k]).take(k) {
+                    along -= f * product;
+                }
+                f[k] = h * along;
+                *a -= f[k] * v0;
+                factors[n][k] = simd.splat_f64s(f[k]);
+            }
+        }
+        let mut columns = columns.chunks_exact_mut(stride);
+        let y: [&mut [S::f64s]; N] =
+            std::array::from_fn(|_| &mut columns.next().unwrap_or_default()[..height]);
+        for row in 0..height {
+            for n in 0..N {
+                let mut left = y[n][row];
+                for k in 0..K {
+                    left = simd.sub_f64s(left, simd.mul_f64s(x[k][row], factors[n][k]));
+                }
+                y[n][row] = left;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::Mat;
+    use pulp::Scalar256b;
+
+    use super::*;
+
+    /// Reflections of some hundred rows, against the largest number.
+    const ROUNDING: f64 = 1e-13;
+
+    /// A column shorter than this counts as zero: what [`NEGLIGIBLE_SQUARES`] leaves out is far less.
+    const NOTHING: f64 = 1e-120;
+
+    fn number(k: usize) -> f64 {
+        ((k * 7919 % 1009) as f64 / 504.0 - 1.0) * 10_f64.powi((k % 5) as i32 - 2)
+    }
+
+    /// The Gram matrix of a triangle above a block, which reflections keep.
+    fn gram(r: &[f64], block: &[f64], width: usize, stride: usize, height: usize) -> Mat<f64> {
+        let row = |i: usize, j: usize| if i <= j { r[i * width + j] } else { 0.0 };
+        Mat::from_fn(width, width, |a, b| {
+            let above: f64 = (0..width).map(|i| row(i, a) * row(i, b)).sum();
+            let column = |k: usize| block[k * stride..][..height].iter();
+            above + column(a).zip(column(b)).map(|(x, y)| x * y).sum::<f64>()
+        })
+    }
+
+    fn folded(width: usize, stride: usize, height: usize, plainly: bool) -> Vec<f64> {
+        let mut r: Vec<f64> = (0..width * width).map(|k| number(k + 17)).collect();
+        let mut block: Vec<f64> = (0..width * stride).map(number).collect();
+        let expected = gram(&r, &block, width, stride, height);
+        let fold = Fold { r: &mut r, block: &mut block, width, stride, height };
+        if plainly {
+            fold.run(Scalar256b)
+        } else {
+            fold.fold()
+        }
+        let found = gram(&r, &[], width, 0, 0);
+        for (a, b) in (0..width).flat_map(|a| (0..width).map(move |b| (a, b))) {
+            let scale = (expected[(a, a)] * expected[(b, b)]).sqrt();
+            assert!((found[(a, b)] - expected[(a, b)]).abs() < ROUNDING * scale, "{width} {height} {a} {b}");
+        }
+        r
+    }
+
+    /// All remainders of columns and rows; what lies below the triangle and behind the rows is left out.
+    #[test]
+    fn the_gram_matrix_stays() {
+        for width in 1..=14 {
+            for (stride, height) in [(4, 4), (8, 4), (20, 20), (32, 12), (128, 128)] {
+                folded(width, stride, height, false);
+            }
+        }
+        folded(40, 128, 128, false);
+    }
+
+    #[test]
+    fn wide_registers_give_the_bits_of_narrow_ones() {
+        for width in [1, 2, 7, 40] {
+            assert_eq!(folded(width, 128, 128, false), folded(width, 128, 128, true));
+        }
+    }
+
+    /// Four rows beneath a triangle of forty columns: after four reflections the block holds rounding, after eight that
+    /// of rounding, and so on until squares are below the smallest double.
+    #[test]
+    fn few_rows_beneath_a_wide_triangle_keep_the_gram_matrix() {
+        let (width, height) = (40, LANES);
+        let empty = vec![0.0; width * width];
+        let slow: Vec<f64> = (0..width * width).map(|k| 1e-9 * number(k)).collect();
+        // one row, and others that repeat it: nothing is left after the first reflection
+        let rows = number;
+        let repeated = |k: usize| number(k / LANES);
+        for above in [&empty, &slow] {
+            for made in [&rows as &dyn Fn(usize) -> f64, &repeated] {
+                for size in [1.0, 1e-100, 1e-150, 1e-160, 1e-200, 1e-310, f64::MIN_POSITIVE, 5e-324] {
+                    let mut r = above.clone();
+                    let mut block: Vec<f64> = (0..width * height).map(|k| made(k) * size).collect();
+                    let expected = gram(&r, &block, width, height, height);
+                    Fold { r: &mut r, block: &mut block, width, stride: height, height }.fold();
+                    let found = gram(&r, &[], width, 0, 0);
+                    for (a, b) in (0..width).flat_map(|a| (0..width).map(move |b| (a, b))) {
+                        let length = |k: usize| expected[(k, k)].sqrt() + NOTHING;
+                        let error = (found[(a, b)] - expected[(a, b)]).abs();
+                        assert!(error <= ROUNDING * length(a) * length(b), "{size} {a} {b}: {error}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rows_of_zeros_change_nothing() {
+        let mut r: Vec<f64> = (0..36).map(number).collect();
+        let before = r.clone();
+        let mut block = vec![0.0; 6 * 16];
+        Fold { r: &mut r, block: &mut block, width: 6, stride: 16, height: 16 }.fold();
+        assert_eq!(r, before);
+    }
+}

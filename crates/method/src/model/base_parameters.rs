@@ -1,0 +1,542 @@
+//! Which parameters a motion can show at all: base parameters and what each of them stands for.
+
+use std::fmt::Write;
+
+use faer::Mat;
+
+use super::regressor::{Regressor, joint_torque_regressor};
+use crate::NumericsError;
+use crate::least_squares::factor::ZERO_COLUMN_THRESHOLD;
+use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
+use armwatch_model::robot::{ParameterId, ParameterKind, Robot};
+
+/// A column of unit norm is kept if more than this of it is independent of the columns before it;
+/// the threshold of the source [3.2, D].
+///
+/// Exact dependence leaves about 1e-13 and a parameter worth having about 1e-2. In between lie
+/// parameters that only rounded geometry brings about: an angle written as 1.5708 rad is off by 4e-6
+/// and would add columns that no recording can tell apart.
+const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
+
+/// Share of a unit-norm column below which its part in a grouping is rounding (about 1e-13) and is
+/// left out.
+const GROUPING_THRESHOLD: f64 = 1e-10;
+
+/// States the regressor is stacked over: each gives `n` rows, so that there are 17 rows a column.
+pub const PROBE_STATES: usize = 256;
+
+/// Posture, speed and acceleration of all joints: `[n]` each, rad, rad/s, rad/s² (m).
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointState {
+    /// Position.
+    pub q: Vec<f64>,
+    /// Velocity.
+    pub qd: Vec<f64>,
+    /// Acceleration.
+    pub qdd: Vec<f64>,
+}
+
+/// Base parameters of a robot [3.2, D]: a smallest set that gives every torque the full set gives.
+///
+/// Values are those of the kept parameters *with everything grouped into them*; without the formula
+/// of [`BaseParameters::grouping_formula`] they mean nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BaseParameters {
+    /// Kept parameters `[b]` in natural order.
+    pub kept: Vec<ParameterId>,
+    /// Their columns in the regressor `[b]`.
+    pub kept_columns: Vec<usize>,
+    /// Parameters that never change a torque.
+    pub unobservable: Vec<ParameterId>,
+    /// What each kept parameter carries beside itself `[b]`, in natural order.
+    pub grouping: Vec<Vec<GroupedParameter>>,
+    /// Rank of the inertial columns.
+    pub inertial_rank: usize,
+    /// Rank of inertial and motor-inertia columns together, couplings left out.
+    pub inertial_and_motor_rank: usize,
+    /// Rank `b` of all columns.
+    pub rank: usize,
+    /// How clearly that rank shows.
+    pub singular_value_gap: SingularValueGap,
+    /// Condition number of the kept columns over the probe states, in SI units.
+    pub condition_number: f64,
+    /// The same with each column scaled to unit norm.
+    pub scaled_condition_number: f64,
+}
+
+/// A dropped parameter within the grouping of a kept one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GroupedParameter {
+    /// The dropped parameter.
+    pub id: ParameterId,
+    /// Its column in the regressor.
+    pub column: usize,
+    /// What it is multiplied with before it is added to the kept one.
+    pub coefficient: f64,
+}
+
+/// The two singular values of the scaled regressor between which its rank lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SingularValueGap {
+    /// Smallest one that counts.
+    pub smallest_kept: f64,
+    /// Largest one that does not; 0 if all count.
+    pub largest_dropped: f64,
+}
+
+impl BaseParameters {
+    /// What the kept parameter at `index` stands for, such as `J2_mPx + 0.27 J3_m`. Coefficients to
+    /// six digits. Empty beyond the last parameter.
+    #[must_use]
+    pub fn grouping_formula(&self, index: usize) -> String {
+        let (Some(kept), Some(terms)) = (self.kept.get(index), self.grouping.get(index)) else {
+            return String::new();
+        };
+        terms.iter().fold(kept.to_string(), |mut formula, term| {
+            let sign = if term.coefficient < 0.0 { '-' } else { '+' };
+            let factor = match six_digits(term.coefficient.abs()) {
+                1.0 => String::new(),
+                factor => format!("{factor} "),
+            };
+            // Writing to a string cannot fail.
+            let _ = write!(formula, " {sign} {factor}{}", term.id);
+            formula
+        })
+    }
+
+    /// Base values `theta` `[b]` of a full set of parameters `phi` `[p]` in natural order.
+    ///
+    /// # Panics
+    /// If `phi` is shorter than that.
+    #[must_use]
+    pub fn group(&self, phi: &[f64]) -> Vec<f64> {
+        self.kept_columns
+            .iter()
+            .zip(&self.grouping)
+            .map(|(&column, terms)| {
+                phi[column] + terms.iter().map(|term| term.coefficient * phi[term.column]).sum::<f64>()
+            })
+            .collect()
+    }
+}
+
+/// Base parameters of a robot within its limits [3.2, D].
+///
+/// The regressor is stacked over [`PROBE_STATES`] states and its columns scaled to unit norm. They
+/// are gone through in natural order: one that is zero is unobservable, one that is independent of
+/// those kept so far is kept, any other is grouped into them. So which parameters are kept, and the
+/// coefficients, are the same on every machine, and like the source's for its arm.
+///
+/// # Errors
+/// [`NumericsError::TooShort`] for a robot without joints, [`NumericsError::NotFinite`] if geometry or
+/// limits give no finite numbers, [`NumericsError::RankUnclear`] if the singular values disagree with
+/// the number of columns kept.
+pub fn base_parameters(robot: &Robot) -> Result<BaseParameters, NumericsError> {
+    let n = robot.joint_count();
+    if n == 0 {
+        return Err(NumericsError::TooShort { what: "the chain of joints", rows: 0, needed: 1 });
+    }
+    let r = probe_factor(robot)?;
+    let ids = ParameterId::natural_order(robot);
+    let norms: Vec<f64> = (0..r.ncols()).map(|c| norm(&column(&r, c))).collect();
+    let longest = norms.iter().copied().fold(0.0, f64::max);
+    let (seen, zero): (Vec<usize>, Vec<usize>) =
+        (0..r.ncols()).partition(|&c| norms[c] > ZERO_COLUMN_THRESHOLD * longest);
+    let scaled: Vec<Vec<f64>> =
+        seen.iter().map(|&c| column(&r, c).iter().map(|x| x / norms[c]).collect()).collect();
+    let selection = independent_columns(&scaled);
+
+    let kept_columns: Vec<usize> = selection.kept.iter().map(|&k| seen[k]).collect();
+    // A set of columns is gone through on its own: a friction column that all together keep may be what
+    // makes a motor's inertia dependent, such as the offset of a lift that carries its mass.
+    let rank_of = |wanted: fn(ParameterKind) -> bool| {
+        let of_kind = seen.iter().zip(&scaled).filter(|(c, _)| wanted(ids[**c].kind));
+        let columns: Vec<Vec<f64>> = of_kind.map(|(_, column)| column.clone()).collect();
+        confirm_rank(independent_columns(&columns).kept.len(), &columns)
+    };
+    let inertial = rank_of(|kind| matches!(kind, ParameterKind::Inertial(_)))?;
+    let with_motor =
+        rank_of(|kind| matches!(kind, ParameterKind::Inertial(_) | ParameterKind::MotorInertia))?;
+    let all = confirm_rank(selection.kept.len(), &scaled)?;
+
+    let kept_raw: Vec<Vec<f64>> = kept_columns.iter().map(|&c| column(&r, c)).collect();
+    let kept_scaled: Vec<&[f64]> = selection.kept.iter().map(|&k| &scaled[k][..]).collect();
+    Ok(BaseParameters {
+        kept: kept_columns.iter().map(|&c| ids[c]).collect(),
+        unobservable: zero.iter().map(|&c| ids[c]).collect(),
+        grouping: groupings(&selection, &seen, &norms, &ids),
+        inertial_rank: inertial.rank,
+        inertial_and_motor_rank: with_motor.rank,
+        rank: all.rank,
+        singular_value_gap: all.gap,
+        condition_number: condition_number(&kept_raw.iter().map(Vec::as_slice).collect::<Vec<_>>())?,
+        scaled_condition_number: condition_number(&kept_scaled)?,
+        kept_columns,
+    })
+}
+
+/// State number `index` of a fixed sequence that fills the robot's limits evenly: multiples of the
+/// square roots of primes, modulo 1, one prime a coordinate (Kronecker sequence; Niederreiter 1992,
+/// chapter 3). The same states on every machine, and no randomness.
+#[must_use]
+pub fn probe_state(robot: &Robot, index: usize) -> JointState {
+    let mut coordinate = (2_u32..).filter(|p| is_prime(*p)).map(|p| {
+        // Starting at 1 avoids the corner of all smallest values.
+        ((index + 1) as f64 * f64::from(p).sqrt()).fract()
+    });
+    let mut within = |low: f64, high: f64| low + (high - low) * coordinate.next().unwrap_or(0.5);
+    let mut state = JointState { q: Vec::new(), qd: Vec::new(), qdd: Vec::new() };
+    for joint in &robot.joints {
+        let limits = &joint.limits;
+        state.q.push(within(limits.position_min, limits.position_max));
+        state.qd.push(within(-limits.velocity, limits.velocity));
+        state.qdd.push(within(-limits.acceleration, limits.acceleration));
+    }
+    state
+}
+
+fn is_prime(p: u32) -> bool {
+    (2..p).take_while(|d| d * d <= p).all(|d| !p.is_multiple_of(d))
+}
+
+/// Triangular factor `[p x p]` of the regressor stacked over the probe states: the same lengths
+/// of and angles between columns in a seventeenth of the rows.
+fn probe_factor(robot: &Robot) -> Result<Mat<f64>, NumericsError> {
+    let n = robot.joint_count();
+    let mut w = Mat::<f64>::zeros(n * PROBE_STATES, robot.parameter_count());
+    let mut y = Regressor::new(robot);
+    for index in 0..PROBE_STATES {
+        let state = probe_state(robot, index);
+        joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+        for c in 0..y.columns() {
+            for (j, value) in y.column(c).iter().enumerate() {
+                w[(n * index + j, c)] = *value;
+            }
+        }
+    }
+    let r = w.qr().thin_R().to_owned();
+    if r.is_all_finite() {
+        Ok(r)
+    } else {
+        Err(NumericsError::NotFinite("the regressor within the robot's limits"))
+    }
+}
+
+fn column(r: &Mat<f64>, c: usize) -> Vec<f64> {
+    r.col(c).iter().copied().collect()
+}
+
+/// Outcome of going through unit-norm columns in order; indices into those columns.
+struct Selection {
+    /// Columns kept.
+    kept: Vec<usize>,
+    /// Each other column with its shares of the kept ones that precede it.
+    dropped: Vec<(usize, Vec<f64>)>,
+}
+
+/// What each kept column carries, in units of the parameters: `seen` are the columns of the regressor
+/// that the selection speaks of, `norms` and `ids` those of all columns.
+fn groupings(
+    selection: &Selection,
+    seen: &[usize],
+    norms: &[f64],
+    ids: &[ParameterId],
+) -> Vec<Vec<GroupedParameter>> {
+    let mut grouping = vec![Vec::new(); selection.kept.len()];
+    for (dropped, shares) in &selection.dropped {
+        let column = seen[*dropped];
+        for (k, share) in shares.iter().enumerate().filter(|(_, share)| share.abs() > GROUPING_THRESHOLD) {
+            let coefficient = share * norms[column] / norms[seen[selection.kept[k]]];
+            grouping[k].push(GroupedParameter { id: ids[column], column, coefficient });
+        }
+    }
+    grouping
+}
+
+/// Keeps the columns that are independent of those before them.
+fn independent_columns(columns: &[Vec<f64>]) -> Selection {
+    let mut basis = OrthonormalBasis::default();
+    let mut factor: Vec<Vec<f64>> = Vec::new();
+    let mut selection = Selection { kept: Vec::new(), dropped: Vec::new() };
+    for (index, column) in columns.iter().enumerate() {
+        let rest = basis.rest(column);
+        if rest.length > INDEPENDENCE_THRESHOLD {
+            factor.push(rest.along.iter().copied().chain([rest.length]).collect());
+            basis.take(rest);
+            selection.kept.push(index);
+        } else {
+            selection.dropped.push((index, back_substitute(&factor, rest.along)));
+        }
+    }
+    selection
+}
+
+/// Solves `T x = b` for the upper triangular `T` given by its columns, down to the diagonal each.
+fn back_substitute(factor: &[Vec<f64>], mut b: Vec<f64>) -> Vec<f64> {
+    for (k, column) in factor.iter().enumerate().take(b.len()).rev() {
+        b[k] /= column[k];
+        let x = b[k];
+        b[..k].iter_mut().zip(column).for_each(|(b, t)| *b -= t * x);
+    }
+    b
+}
+
+struct ConfirmedRank {
+    rank: usize,
+    gap: SingularValueGap,
+}
+
+/// Counts the singular values of unit-norm columns and compares with how many of them were kept.
+fn confirm_rank(kept: usize, columns: &[Vec<f64>]) -> Result<ConfirmedRank, NumericsError> {
+    let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
+    let values = singular_values(&columns)?;
+    let rank = values.iter().filter(|&&s| s > INDEPENDENCE_THRESHOLD).count();
+    let gap = SingularValueGap {
+        smallest_kept: values.get(kept.wrapping_sub(1)).copied().unwrap_or(0.0),
+        largest_dropped: values.get(kept).copied().unwrap_or(0.0),
+    };
+    if rank == kept {
+        Ok(ConfirmedRank { rank, gap })
+    } else {
+        Err(NumericsError::RankUnclear {
+            kept,
+            rank,
+            smallest_kept: gap.smallest_kept,
+            largest_dropped: gap.largest_dropped,
+        })
+    }
+}
+
+/// Largest first.
+fn singular_values(columns: &[&[f64]]) -> Result<Vec<f64>, NumericsError> {
+    let rows = columns.first().map_or(0, |column| column.len());
+    let matrix = Mat::from_fn(rows, columns.len(), |i, j| columns[j][i]);
+    matrix.singular_values().map_err(|_| NumericsError::NotFinite("the singular values"))
+}
+
+/// Ratio of the largest to the smallest singular value; 1 without columns.
+fn condition_number(columns: &[&[f64]]) -> Result<f64, NumericsError> {
+    let values = singular_values(columns)?;
+    Ok(match (values.first(), values.last()) {
+        (Some(largest), Some(smallest)) => largest / smallest,
+        _ => 1.0,
+    })
+}
+
+/// Rounded to six significant digits, so that it prints short.
+fn six_digits(x: f64) -> f64 {
+    format!("{x:.5e}").parse().unwrap_or(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::dynamics::DynamicModel;
+    use armwatch_model::robot::JointKind::{Prismatic, Revolute};
+    use armwatch_testing::arms::{any_arm, arm, joint, numbers};
+    use armwatch_testing::{change_dh, er3a};
+
+    /// Shares are good to about 1e-13 and terms below [`GROUPING_THRESHOLD`] are left out.
+    const GROUPING_TOLERANCE: f64 = 1e-9;
+
+    fn names(ids: &[ParameterId]) -> Vec<String> {
+        ids.iter().map(ToString::to_string).collect()
+    }
+
+    fn formulas(base: &BaseParameters) -> Vec<String> {
+        (0..base.rank).map(|index| base.grouping_formula(index)).collect()
+    }
+
+    /// The 64 parameters of the source.
+    fn er3a_names() -> Vec<String> {
+        let mut expected = vec!["J1_Izz".to_string()];
+        for link in 2..=6 {
+            expected.extend(
+                ["mPx", "mPy", "Ixx", "Ixy", "Ixz", "Iyz", "Izz"].map(|name| format!("J{link}_{name}")),
+            );
+        }
+        for joint in 1..=6 {
+            expected.extend((1..=4).map(|k| format!("J{joint}_f{k}")));
+        }
+        expected.extend((3..=6).map(|joint| format!("J{joint}_I_m")));
+        expected
+    }
+
+    /// Worst difference between the torque of all parameters and of their base values, relative to
+    /// the torque, over states other than those of the analysis.
+    fn torque_change(robot: &Robot, base: &BaseParameters, phi: &[f64]) -> f64 {
+        let n = robot.joint_count();
+        let full = DynamicModel::from_parameters(
+            robot,
+            ParameterId::natural_order(robot).into_iter().zip(phi.iter().copied()),
+        );
+        let grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(phi)));
+        (PROBE_STATES..PROBE_STATES + 20)
+            .map(|index| {
+                let state = probe_state(robot, index);
+                let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
+                full.torque(robot, &state.q, &state.qd, &state.qdd, &mut a);
+                grouped.torque(robot, &state.q, &state.qd, &state.qdd, &mut b);
+                let deviation: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+                norm(&deviation) / norm(&a)
+            })
+            .fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn the_er3a_keeps_the_64_parameters_of_the_source() {
+        let base = base_parameters(&er3a()).expect("base parameters");
+        assert_eq!(names(&base.kept), er3a_names());
+        assert_eq!((base.inertial_rank, base.inertial_and_motor_rank, base.rank), (36, 40, 64));
+        let order = ParameterId::natural_order(&er3a());
+        assert!(base.kept.iter().zip(&base.kept_columns).all(|(id, &column)| order[column] == *id));
+        // Link 1 only turns about the vertical. The first moment of link 2 along its own axis is at a
+        // right angle to the arm that carries it (d = 0), so no inertia depends on it.
+        let mut unobservable = ["m", "mPx", "mPy", "mPz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz"]
+            .map(|name| format!("J1_{name}"))
+            .to_vec();
+        unobservable.push("J2_mPz".into());
+        assert_eq!(names(&base.unobservable), unobservable);
+        let gap = base.singular_value_gap;
+        assert!(gap.smallest_kept > 0.01 && gap.largest_dropped < 1e-12, "{gap:?}");
+    }
+
+    #[test]
+    fn the_er3a_groups_mass_into_first_moments_by_the_length_of_the_arm() {
+        let base = base_parameters(&er3a()).expect("base parameters");
+        let formulas = formulas(&base);
+        // All that hangs on the upper arm sits 0.27 m up its x axis; axes 2 and 3 are parallel.
+        assert_eq!(formulas[1], "J2_mPx + 0.27 J3_m + 0.27 J4_m + 0.27 J5_m + 0.27 J6_m");
+        // The motor of joint 1 turns with link 1 alone: no motion tells it from the link's inertia.
+        assert!(formulas[0].ends_with("+ J1_I_m"), "{}", formulas[0]);
+        assert_eq!(formulas[40], "J2_f1");
+        let position = |name: &str| base.kept.iter().position(|id| id.to_string() == name).expect("kept");
+        assert!(formulas[position("J2_Izz")].contains("+ 0.0729 J3_m"), "{}", formulas[position("J2_Izz")]);
+        assert!(formulas[position("J2_Izz")].ends_with("+ J2_I_m"));
+        assert_eq!(base.grouping_formula(64), "");
+    }
+
+    #[test]
+    fn a_twist_rounded_to_five_digits_adds_no_parameters() {
+        let mut robot = er3a();
+        for joint in 0..6 {
+            change_dh(&mut robot, joint, |row| row.alpha = (row.alpha * 1e4).round() / 1e4);
+        }
+        assert!(robot.joints[1].geometry.placement().rotation.m33.abs() > 1e-6);
+        let base = base_parameters(&robot).expect("base parameters");
+        assert_eq!(names(&base.kept), er3a_names());
+        assert!(base.singular_value_gap.largest_dropped > 1e-9);
+    }
+
+    #[test]
+    fn a_ceiling_keeps_the_set_and_a_wall_shows_the_first_moments_of_link_1() {
+        let mut robot = er3a();
+        robot.gravity = Vector3::new(0.0, 0.0, 9.81);
+        assert_eq!(names(&base_parameters(&robot).expect("ceiling").kept), er3a_names());
+        robot.gravity = Vector3::new(9.81, 0.0, 0.0);
+        let wall = base_parameters(&robot).expect("wall");
+        assert_eq!(names(&wall.kept)[..3], ["J1_mPx", "J1_mPy", "J1_Izz"]);
+        assert_eq!((wall.inertial_rank, wall.rank), (38, 66));
+    }
+
+    #[test]
+    fn a_planar_arm_of_two_links_has_its_textbook_set() {
+        let robot = arm(
+            vec![joint(Revolute, 0.0, 0.0, 0.0, 0.0), joint(Revolute, 0.5, 0.0, 0.0, 0.0)],
+            [0.0, -9.81, 0.0],
+        );
+        let base = base_parameters(&robot).expect("base parameters");
+        let friction = (1..=2).flat_map(|j| (1..=4).map(move |k| format!("J{j}_f{k}")));
+        let mut expected: Vec<String> =
+            ["J1_mPx + 0.5 J2_m", "J1_mPy", "J1_Izz + 0.25 J2_m + J1_I_m", "J2_mPx", "J2_mPy", "J2_Izz"]
+                .map(String::from)
+                .to_vec();
+        expected.extend(friction);
+        expected.push("J2_I_m".into());
+        assert_eq!(formulas(&base), expected);
+        assert_eq!((base.inertial_rank, base.inertial_and_motor_rank), (6, 7));
+    }
+
+    #[test]
+    fn a_level_slide_adds_up_masses_and_a_lift_tells_the_motor_apart() {
+        let level = arm(
+            vec![joint(Prismatic, 0.0, FRAC_PI_2, 0.0, 0.0), joint(Prismatic, 0.0, FRAC_PI_2, 0.0, 0.0)],
+            [0.0, 0.0, -9.81],
+        );
+        // Joint 1 slides level and joint 2, at right angles to it, up and down.
+        let base = base_parameters(&level).expect("base parameters");
+        let friction = (1..=2).flat_map(|j| (1..=4).map(move |k| format!("J{j}_f{k}")));
+        let mut expected = vec!["J1_m + J1_I_m".to_string(), "J2_m".to_string()];
+        expected.extend(friction);
+        expected.push("J2_I_m".into());
+        assert_eq!(formulas(&base), expected);
+        assert_eq!(base.unobservable.len(), 18);
+    }
+
+    #[test]
+    fn a_chain_without_joints_or_with_endless_limits_is_refused() {
+        let empty = arm(Vec::new(), [0.0, 0.0, -9.81]);
+        assert!(matches!(base_parameters(&empty), Err(NumericsError::TooShort { .. })));
+        let mut endless = er3a();
+        endless.joints[2].limits.velocity = f64::INFINITY;
+        assert!(matches!(base_parameters(&endless), Err(NumericsError::NotFinite(_))));
+    }
+
+    #[test]
+    fn a_count_that_the_singular_values_contradict_is_refused() {
+        let columns = [vec![1.0, 0.0, 0.0], vec![0.0, 1.0, 0.0], vec![0.6, 0.8, 0.0]];
+        assert_eq!(confirm_rank(2, &columns).map(|c| c.rank), Ok(2));
+        assert!(matches!(
+            confirm_rank(3, &columns),
+            Err(NumericsError::RankUnclear { kept: 3, rank: 2, .. })
+        ));
+    }
+
+    #[test]
+    fn probe_states_fill_the_limits_and_never_repeat() {
+        let robot = er3a();
+        let states: Vec<JointState> = (0..PROBE_STATES).map(|index| probe_state(&robot, index)).collect();
+        for (j, joint) in robot.joints.iter().enumerate() {
+            let limits = &joint.limits;
+            let mut q: Vec<f64> = states.iter().map(|state| state.q[j]).collect();
+            q.sort_by(f64::total_cmp);
+            assert!(q[0] >= limits.position_min && q[PROBE_STATES - 1] <= limits.position_max);
+            let widest = q.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+            // An even grid would leave 1/256; a Kronecker sequence stays within a few of those.
+            assert!(widest < 0.02 * (limits.position_max - limits.position_min), "joint {j}: {widest}");
+            assert!(q.windows(2).all(|pair| pair[1] > pair[0]));
+            assert!(states.iter().all(|state| state.qd[j].abs() <= limits.velocity));
+            assert!(states.iter().all(|state| state.qdd[j].abs() <= limits.acceleration));
+        }
+    }
+
+    proptest! {
+        // A case takes a factorisation of up to 2304 x 135.
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn grouping_leaves_the_torque_unchanged(robot in any_arm(), phi in numbers()) {
+            let base = base_parameters(&robot).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let change = torque_change(&robot, &base, &phi);
+            prop_assert!(change < GROUPING_TOLERANCE, "{change} {:?}", base.singular_value_gap);
+            prop_assert!(base.rank < robot.parameter_count());
+            prop_assert_eq!(base.kept.len(), base.rank);
+        }
+    }
+
+    #[test]
+    fn grouping_leaves_the_er3a_unchanged_and_matters() {
+        let robot = er3a();
+        let base = base_parameters(&robot).expect("base parameters");
+        let phi: Vec<f64> = (0..90).map(|k| 0.3 + (f64::from(k) * 2_f64.sqrt()).fract()).collect();
+        assert!(torque_change(&robot, &base, &phi) < GROUPING_TOLERANCE);
+        let mut without = base.clone();
+        without.grouping.iter_mut().for_each(Vec::clear);
+        assert!(torque_change(&robot, &without, &phi) > 0.1);
+    }
+}

@@ -1,0 +1,460 @@
+//! What torque a motion takes: recursive Newton-Euler in link frames, friction and motor inertia.
+//!
+//! Each link's wrench is written directly in mass, first moment and inertia about the frame's
+//! origin, so it is linear in the parameters and nothing divides by a mass.
+
+use nalgebra::Vector3;
+
+use super::actuator::coupling_columns;
+use super::kinematics::joint_transform;
+use armwatch_model::robot::{
+    CouplingTerm, FrictionModel, JointKind, MAX_JOINTS, ParameterId, ParameterKind, Robot,
+    StandardParameters, Transform,
+};
+
+/// Torque of the rigid links: recursive Newton-Euler [3.1-3.9, C].
+///
+/// Per link, with `a` the acceleration of the frame's origin (base: `-gravity`), `omega` and `alpha`
+/// its angular velocity and acceleration, in the link's frame:
+/// `f = m a + alpha x mP + omega x (omega x mP)`, `n = I alpha + omega x I omega + mP x a`.
+///
+/// `parameters` `[n]`; `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints); writes
+/// `tau` `[n]` in Nm (N). Parameters need not be those of a real body. Friction and motor inertia are
+/// not included. Nothing is allocated.
+///
+/// # Panics
+/// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
+pub fn inverse_dynamics(
+    robot: &Robot,
+    parameters: &[StandardParameters],
+    q: &[f64],
+    qd: &[f64],
+    qdd: &[f64],
+    tau: &mut [f64],
+) {
+    let n = robot.joint_count();
+    let mut transforms = [Transform::IDENTITY; MAX_JOINTS];
+    let mut wrenches = [Wrench::ZERO; MAX_JOINTS];
+    let mut motion = LinkMotion::base(&robot.gravity);
+    for (i, joint) in robot.joints.iter().enumerate() {
+        transforms[i] = joint_transform(joint, q[i]);
+        motion = motion.next(&transforms[i], joint.kind, qd[i], qdd[i]);
+        wrenches[i] = link_wrench(&parameters[i], &motion);
+    }
+    let mut carried = Wrench::ZERO;
+    for i in (0..n).rev() {
+        let force = wrenches[i].force + carried.force;
+        let moment = wrenches[i].moment + carried.moment;
+        tau[i] = match robot.joints[i].kind {
+            JointKind::Revolute => moment.z,
+            JointKind::Prismatic => force.z,
+        };
+        let outer_force = transforms[i].to_outer(&force);
+        carried.moment = transforms[i].to_outer(&moment) + transforms[i].translation.cross(&outer_force);
+        carried.force = outer_force;
+    }
+}
+
+/// Torque that holds the arm still at `q` `[n]` (rad; m): [`inverse_dynamics`] without motion. Writes
+/// `tau` `[n]` in Nm (N).
+///
+/// # Panics
+/// As [`inverse_dynamics`].
+pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64], tau: &mut [f64]) {
+    let still = [0.0; MAX_JOINTS];
+    inverse_dynamics(robot, parameters, q, &still, &still, tau);
+}
+
+/// Mechanical energy of the rigid links, J.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MechanicalEnergy {
+    /// Of the motion.
+    pub kinetic: f64,
+    /// In the field of gravity, zero for masses at the base's origin.
+    pub potential: f64,
+}
+
+/// Energy of the rigid links at the posture `q` and speed `qd` `[n]` (rad, rad/s; m, m/s).
+///
+/// Its rate is the power of the joint torques, which is how [`inverse_dynamics`] is checked; so it
+/// has its own recursion, without accelerations.
+#[must_use]
+pub fn mechanical_energy(
+    robot: &Robot,
+    parameters: &[StandardParameters],
+    q: &[f64],
+    qd: &[f64],
+) -> MechanicalEnergy {
+    let mut pose = Transform::IDENTITY;
+    let (mut omega, mut velocity) = (Vector3::zeros(), Vector3::<f64>::zeros());
+    let mut energy = MechanicalEnergy { kinetic: 0.0, potential: 0.0 };
+    for (i, (joint, phi)) in robot.joints.iter().zip(parameters).enumerate() {
+        let transform = joint_transform(joint, q[i]);
+        velocity = transform.to_inner(&(velocity + omega.cross(&transform.translation)));
+        omega = transform.to_inner(&omega);
+        match joint.kind {
+            JointKind::Revolute => omega.z += qd[i],
+            JointKind::Prismatic => velocity.z += qd[i],
+        }
+        pose = pose.then(&transform);
+        let (m, mp) = (phi.mass(), phi.first_moment());
+        energy.kinetic += 0.5 * m * velocity.norm_squared()
+            + velocity.dot(&omega.cross(&mp))
+            + 0.5 * omega.dot(&(phi.inertia() * omega));
+        energy.potential -= robot.gravity.dot(&(m * pose.translation + pose.to_outer(&mp)));
+    }
+    energy
+}
+
+/// All parameters of an arm's model by joint: links, friction, motor inertia, couplings.
+///
+/// Holds base parameters as well: with the dropped parameters at zero, a kept parameter that carries
+/// its whole grouping gives the same torque as the full set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DynamicModel {
+    /// Inertial parameters of each link `[n]`.
+    pub inertial: Vec<StandardParameters>,
+    /// Friction coefficients of each joint `[n]`, in the order of the robot's
+    /// [`FrictionModel::terms`] of [`Robot::friction_of`].
+    pub friction: Vec<[f64; FrictionModel::MAX_TERMS]>,
+    /// Motor inertia seen at each joint `[n]`, kg m² (kg).
+    pub motor_inertia: Vec<f64>,
+    /// `Iam`, `fvm`, `fsm` of each of the robot's couplings.
+    pub coupling: Vec<[f64; CouplingTerm::ALL.len()]>,
+}
+
+impl DynamicModel {
+    /// A model of `robot` with the given parameters, every other one zero. Parameters that the robot
+    /// does not have, by its joints, friction columns and couplings, are left out.
+    #[must_use]
+    pub fn from_parameters(robot: &Robot, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
+        let n = robot.joint_count();
+        let mut model = Self {
+            inertial: vec![StandardParameters::default(); n],
+            friction: vec![[0.0; FrictionModel::MAX_TERMS]; n],
+            motor_inertia: vec![0.0; n],
+            coupling: vec![[0.0; CouplingTerm::ALL.len()]; robot.couplings.len()],
+        };
+        for (id, value) in parameters.filter(|(id, _)| id.joint.index() < n) {
+            if let Some(place) = model.place(robot, id) {
+                *place = value;
+            }
+        }
+        model
+    }
+
+    fn place(&mut self, robot: &Robot, id: ParameterId) -> Option<&mut f64> {
+        let joint = id.joint.index();
+        match id.kind {
+            ParameterKind::Inertial(k) => self.inertial[joint].0.get_mut(usize::from(k)),
+            ParameterKind::Friction(term) => {
+                let k = robot.friction_of(id.joint).terms().iter().position(|known| *known == term)?;
+                self.friction[joint].get_mut(k)
+            }
+            ParameterKind::MotorInertia => {
+                self.motor_inertia.get_mut(joint).filter(|_| robot.has_motor_inertia())
+            }
+            ParameterKind::Coupling(term) => {
+                let coupling = robot.couplings.iter().position(|known| known.motor_joint == id.joint)?;
+                let k = CouplingTerm::ALL.iter().position(|known| *known == term)?;
+                self.coupling[coupling].get_mut(k)
+            }
+        }
+    }
+
+    /// Motor torque at the joints: rigid links, friction, `I_m qdd` and couplings.
+    ///
+    /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
+    ///
+    /// # Panics
+    /// As [`inverse_dynamics`], and if the model has fewer joints than the robot.
+    pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
+        inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
+        for joint in robot.joint_indices() {
+            let i = joint.index();
+            let friction = robot.friction_of(joint).torque(&self.friction[i], qd[i]);
+            tau[i] += friction + self.motor_inertia[i] * qdd[i];
+        }
+        for (coupling, parameters) in robot.couplings.iter().zip(&self.coupling) {
+            let columns = coupling_columns(coupling, robot.friction_of(coupling.motor_joint).law, qd, qdd);
+            let along =
+                |columns: [f64; 3]| -> f64 { columns.iter().zip(parameters).map(|(c, p)| c * p).sum() };
+            tau[coupling.joint.index()] += along(columns.joint);
+            tau[coupling.motor_joint.index()] += along(columns.motor_joint);
+        }
+    }
+}
+
+/// Motion of a link frame, expressed in that frame. Gravity is in it as an acceleration of the base.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LinkMotion {
+    /// Angular velocity, rad/s.
+    pub omega: Vector3<f64>,
+    /// Angular acceleration, rad/s².
+    pub alpha: Vector3<f64>,
+    /// Acceleration of the origin, m/s².
+    pub a: Vector3<f64>,
+}
+
+impl LinkMotion {
+    /// A base that rests in `gravity` (m/s²) feels like one that accelerates against it.
+    pub fn base(gravity: &Vector3<f64>) -> Self {
+        Self { omega: Vector3::zeros(), alpha: Vector3::zeros(), a: -gravity }
+    }
+
+    /// Motion of the next link: [3.1-3.3], the latter with both terms under the rotation.
+    #[inline]
+    pub fn next(&self, transform: &Transform, kind: JointKind, qd: f64, qdd: f64) -> Self {
+        let p = &transform.translation;
+        let carried = transform.to_inner(&self.omega);
+        let mut omega = carried;
+        let mut alpha = transform.to_inner(&self.alpha);
+        let mut a =
+            transform.to_inner(&(self.a + self.alpha.cross(p) + self.omega.cross(&self.omega.cross(p))));
+        // `carried x z` is (y, -x, 0).
+        match kind {
+            JointKind::Revolute => {
+                omega.z += qd;
+                alpha += Vector3::new(carried.y * qd, -carried.x * qd, qdd);
+            }
+            JointKind::Prismatic => {
+                a += Vector3::new(2.0 * carried.y * qd, -2.0 * carried.x * qd, qdd);
+            }
+        }
+        Self { omega, alpha, a }
+    }
+}
+
+/// Force in N and moment about the frame's origin in Nm.
+#[derive(Debug, Clone, Copy)]
+struct Wrench {
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
+}
+
+impl Wrench {
+    const ZERO: Self = Self { force: Vector3::new(0.0, 0.0, 0.0), moment: Vector3::new(0.0, 0.0, 0.0) };
+}
+
+/// What it takes to move a link so [3.4-3.7], about the frame's origin.
+#[inline]
+fn link_wrench(phi: &StandardParameters, motion: &LinkMotion) -> Wrench {
+    let LinkMotion { omega, alpha, a } = motion;
+    let [m, mpx, mpy, mpz, xx, xy, xz, yy, yz, zz] = phi.0;
+    let mp = Vector3::new(mpx, mpy, mpz);
+    let inertia_times = |v: &Vector3<f64>| {
+        Vector3::new(
+            xx * v.x + xy * v.y + xz * v.z,
+            xy * v.x + yy * v.y + yz * v.z,
+            xz * v.x + yz * v.y + zz * v.z,
+        )
+    };
+    Wrench {
+        force: m * a + alpha.cross(&mp) + omega.cross(&omega.cross(&mp)),
+        moment: inertia_times(alpha) + omega.cross(&inertia_times(omega)) + mp.cross(a),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::model::kinematics::forward_kinematics;
+    use armwatch_testing::arms::{any_arm, arm, joint, numbers};
+    use armwatch_testing::{change_dh, er3a};
+
+    /// The reference has twelve digits.
+    const REFERENCE_DIGITS: f64 = 1e-9;
+    /// Fourth-order central differences over [`STEP`]: truncation and rounding are both below.
+    const DIFFERENCES: f64 = 1e-8;
+    /// Step of a numeric derivative, rad or s.
+    const STEP: f64 = 1e-3;
+    /// A few hundred operations of unit rounding.
+    const ROUNDING: f64 = 1e-12;
+
+    fn slope(f: impl Fn(f64) -> f64, step: f64) -> f64 {
+        (8.0 * (f(step) - f(-step)) - (f(2.0 * step) - f(-2.0 * step))) / (12.0 * step)
+    }
+
+    fn nominal(robot: &Robot) -> Vec<StandardParameters> {
+        robot.joints.iter().map(|j| j.nominal.expect("the ER3A has nominal parameters").inertial).collect()
+    }
+
+    fn links(phi: &[f64], n: usize) -> Vec<StandardParameters> {
+        (0..n).map(|i| StandardParameters(std::array::from_fn(|k| phi[10 * i + k]))).collect()
+    }
+
+    fn norm(v: &[f64]) -> f64 {
+        v.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    #[test]
+    fn the_er3a_agrees_with_pinocchio() {
+        let robot = er3a();
+        let parameters = nominal(&robot);
+        let reference = include_str!("../../../../tests/reference/er3a_inverse_dynamics.csv");
+        let mut rows = 0;
+        for line in reference.lines().skip(1) {
+            let row: Vec<f64> = line.split(',').map(|cell| cell.parse().expect("a number")).collect();
+            let (q, qd, qdd, expected) = (&row[..6], &row[6..12], &row[12..18], &row[18..24]);
+            let mut tau = [0.0; 6];
+            inverse_dynamics(&robot, &parameters, q, qd, qdd, &mut tau);
+            let deviation: Vec<f64> = tau.iter().zip(expected).map(|(a, b)| a - b).collect();
+            assert!(norm(&deviation) < REFERENCE_DIGITS * norm(expected), "row {rows}: {deviation:?}");
+            let pose = forward_kinematics(&robot, q);
+            assert!((pose.translation - Vector3::from_column_slice(&row[24..27])).norm() < REFERENCE_DIGITS);
+            assert!(
+                (pose.rotation - nalgebra::Matrix3::from_row_slice(&row[27..36])).norm() < REFERENCE_DIGITS
+            );
+            rows += 1;
+        }
+        assert_eq!(rows, 60);
+    }
+
+    #[test]
+    fn a_pendulum_takes_its_textbook_torque() {
+        // A rod that hangs along x of its frame; the axis is horizontal.
+        let robot = arm(vec![joint(JointKind::Revolute, 0.0, 0.0, 0.0, 0.0)], [0.0, -9.81, 0.0]);
+        let (mass, length, inertia) = (2.0, 0.4, 0.5);
+        let mut rod = StandardParameters::default();
+        (rod.0[0], rod.0[1], rod.0[9]) = (mass, mass * length, inertia);
+        let mut tau = [0.0];
+        inverse_dynamics(&robot, &[rod], &[0.3], &[2.0], &[1.5], &mut tau);
+        let expected = inertia * 1.5 + mass * 9.81 * length * 0.3_f64.cos();
+        assert!((tau[0] - expected).abs() < ROUNDING * expected);
+    }
+
+    #[test]
+    fn a_lift_takes_weight_and_acceleration_whatever_its_speed() {
+        let robot = arm(vec![joint(JointKind::Prismatic, 0.0, 0.0, 0.2, 0.0)], [0.0, 0.0, -9.81]);
+        let mut box_ = StandardParameters::default();
+        (box_.0[0], box_.0[1]) = (3.0, 0.6);
+        let mut tau = [0.0];
+        inverse_dynamics(&robot, &[box_], &[0.4], &[1.2], &[0.7], &mut tau);
+        assert!((tau[0] - 3.0 * (9.81 + 0.7)).abs() < ROUNDING * 30.0);
+    }
+
+    #[test]
+    fn a_mass_sliding_on_a_turntable_feels_coriolis_and_centrifugal_force() {
+        // The slide's z axis is horizontal and turns with the table: tau = 2 m r w v, f = -m r w^2.
+        let robot = arm(
+            vec![
+                joint(JointKind::Revolute, 0.0, 0.0, 0.0, 0.0),
+                joint(JointKind::Prismatic, 0.0, std::f64::consts::FRAC_PI_2, 0.0, 0.0),
+            ],
+            [0.0, 0.0, -9.81],
+        );
+        let mut point = StandardParameters::default();
+        point.0[0] = 1.7;
+        let (r, w, v) = (0.6, 2.5, 0.8);
+        let mut tau = [0.0; 2];
+        inverse_dynamics(
+            &robot,
+            &[StandardParameters::default(), point],
+            &[0.4, r],
+            &[w, v],
+            &[0.0, 0.0],
+            &mut tau,
+        );
+        assert!((tau[0] - 2.0 * 1.7 * r * w * v).abs() < ROUNDING * 10.0, "{tau:?}");
+        assert!((tau[1] + 1.7 * r * w * w).abs() < ROUNDING * 10.0, "{tau:?}");
+    }
+
+    #[test]
+    fn hanging_from_the_ceiling_is_a_base_turned_over() {
+        let mut ceiling = er3a();
+        ceiling.gravity = Vector3::new(0.0, 0.0, 9.81);
+        let mut turned = er3a();
+        change_dh(&mut turned, 0, |row| row.alpha += std::f64::consts::PI);
+        let parameters = nominal(&ceiling);
+        let (q, qd, qdd) = (
+            [0.3, -0.4, 0.5, 0.6, -0.7, 0.8],
+            [1.0, -2.0, 1.5, 2.0, -1.0, 3.0],
+            [4.0, -3.0, 2.0, -1.0, 5.0, 6.0],
+        );
+        let (mut a, mut b) = ([0.0; 6], [0.0; 6]);
+        inverse_dynamics(&ceiling, &parameters, &q, &qd, &qdd, &mut a);
+        inverse_dynamics(&turned, &parameters, &q, &qd, &qdd, &mut b);
+        for (a, b) in a.iter().zip(b) {
+            assert!((a - b).abs() < ROUNDING * 20.0);
+        }
+        let (mut floor, mut hanging) = ([0.0; 6], [0.0; 6]);
+        gravity_torque(&er3a(), &parameters, &q, &mut floor);
+        gravity_torque(&ceiling, &parameters, &q, &mut hanging);
+        assert!(norm(&floor) > 1.0);
+        for (a, b) in floor.iter().zip(hanging) {
+            assert!((a + b).abs() < ROUNDING * 20.0);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn gravity_torque_is_the_gradient_of_potential_energy(
+            robot in any_arm(), phi in numbers(), q in numbers(),
+        ) {
+            let n = robot.joint_count();
+            let parameters = links(&phi, n);
+            let mut tau = vec![0.0; n];
+            gravity_torque(&robot, &parameters, &q, &mut tau);
+            for j in 0..n {
+                let gradient = slope(|step| {
+                    let mut q = q[..n].to_vec();
+                    q[j] += step;
+                    mechanical_energy(&robot, &parameters, &q, &vec![0.0; n]).potential
+                }, STEP);
+                prop_assert!((tau[j] - gradient).abs() < DIFFERENCES * (1.0 + norm(&tau)));
+            }
+        }
+
+        #[test]
+        fn the_power_of_the_torques_is_the_rate_of_energy(
+            robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
+        ) {
+            let n = robot.joint_count();
+            let parameters = links(&phi, n);
+            let mut tau = vec![0.0; n];
+            inverse_dynamics(&robot, &parameters, &q, &qd, &qdd, &mut tau);
+            let power: f64 = tau.iter().zip(&qd).map(|(tau, qd)| tau * qd).sum();
+            let rate = slope(|t| {
+                let q: Vec<f64> = (0..n).map(|i| q[i] + qd[i] * t + 0.5 * qdd[i] * t * t).collect();
+                let qd: Vec<f64> = (0..n).map(|i| qd[i] + qdd[i] * t).collect();
+                let energy = mechanical_energy(&robot, &parameters, &q, &qd);
+                energy.kinetic + energy.potential
+            }, STEP);
+            prop_assert!((power - rate).abs() < DIFFERENCES * (1.0 + norm(&tau)), "{power} {rate}");
+        }
+
+        #[test]
+        fn a_model_adds_friction_motor_inertia_and_couplings_to_the_links(
+            robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
+        ) {
+            let n = robot.joint_count();
+            let ids = ParameterId::natural_order(&robot);
+            let model = DynamicModel::from_parameters(&robot, ids.iter().copied().zip(phi.iter().copied()));
+            let (mut whole, mut rigid) = (vec![0.0; n], vec![0.0; n]);
+            model.torque(&robot, &q, &qd, &qdd, &mut whole);
+            inverse_dynamics(&robot, &links(&phi, n), &q, &qd, &qdd, &mut rigid);
+            let terms = robot.friction.terms().len();
+            let mut extra: Vec<f64> = (0..n)
+                .map(|j| {
+                    let columns = robot.friction.columns(qd[j]);
+                    let friction: f64 =
+                        (0..terms).map(|k| columns[k] * phi[10 * n + terms * j + k]).sum();
+                    friction + phi[(10 + terms) * n + j] * qdd[j]
+                })
+                .collect();
+            for (k, coupling) in robot.couplings.iter().enumerate() {
+                let columns = coupling_columns(coupling, robot.friction.law, &qd, &qdd);
+                for term in 0..3 {
+                    let value = phi[(11 + terms) * n + 3 * k + term];
+                    extra[coupling.joint.index()] += columns.joint[term] * value;
+                    extra[coupling.motor_joint.index()] += columns.motor_joint[term] * value;
+                }
+            }
+            for j in 0..n {
+                prop_assert!((whole[j] - rigid[j] - extra[j]).abs() < ROUNDING * (1.0 + norm(&rigid)));
+            }
+        }
+    }
+}

@@ -1,0 +1,445 @@
+//! Full standard parameters that a body can have, from the factor of base parameters.
+//!
+//! A convex problem: the data's sum of squares and, for each link, the log-det (entropic) divergence of
+//! its pseudo-inertia from the nominal one, which grows without end at the border of bodies (Lee,
+//! Wensing & Park 2020). So there is one answer, whatever the start, and it is a body.
+
+use faer::Mat;
+use nalgebra::Matrix4;
+
+use super::data_share::{BodyEstimate, Estimated, body_estimate};
+use super::pseudo_inertia::{coordinates, definiteness, directions, lifted, pseudo_inertia, symmetric};
+use crate::NumericsError;
+use crate::least_squares::factor::TriangularFactor;
+use crate::least_squares::orthonormal::dot;
+use crate::model::base_parameters::BaseParameters;
+use crate::model::dynamics::DynamicModel;
+use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
+
+/// Factor of the data's weight from one descent to the next, which starts where the one before ended: near a solution
+/// Newton's method takes whole steps.
+const SHARE_STEP: f64 = 3.0;
+/// Least weight that data begin with.
+const LEAST_SHARE: f64 = 1e-9;
+/// Largest part of the way to the border of bodies that a step goes.
+const TO_THE_BORDER: f64 = 0.99;
+/// Halvings by which the lowest point along a step is found.
+const HALVINGS: usize = 40;
+/// Largest length of Newton's step, in units in which the prior's curvature is one, at which its decrement says how far
+/// the cost is above its least (Nesterov & Nemirovskii 1994).
+const LOCAL: f64 = 0.25;
+/// Standard deviation about zero of friction and coupling parameters, in their SI units: far beyond
+/// any arm's, so that it decides only what neither data nor anything else does.
+const FREE_STD: f64 = 1e4;
+
+/// What the fit may be told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhysicalSettings {
+    /// Relative standard deviation of a nominal pseudo-inertia in each direction, such as that of a mass,
+    /// and of a nominal motor inertia. Data do not decide all of the full set; this does the rest.
+    pub prior_std: f64,
+    /// Share of the data's rows that are independent.
+    pub independent_fraction: f64,
+    /// Most steps at each weight of the data.
+    pub max_steps: usize,
+    /// Newton decrement, in units of the noise's variance and relative to the cost above one, at which the
+    /// fit has settled, unless the step is long.
+    pub settled: f64,
+}
+
+impl Default for PhysicalSettings {
+    fn default() -> Self {
+        Self { prior_std: 2.0, independent_fraction: 1.0, max_steps: 200, settled: 1e-6 }
+    }
+}
+
+/// Where the fit starts and what it leans on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NominalModel {
+    /// Inertial parameters of the links `[n]`; those that are no body are lifted to one.
+    pub inertial: Vec<StandardParameters>,
+    /// Motor inertias `[n]`, positive.
+    pub motor_inertia: Vec<f64>,
+}
+
+/// A fit of full parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhysicalEstimate {
+    /// All parameters: links are bodies, motor inertias positive, friction and couplings free.
+    pub model: DynamicModel,
+    /// The same in natural order, `phi` `[p]`.
+    pub phi: Vec<f64>,
+    /// Mass, centre of mass and inertia about it of the links `[n]`, and how far data decide them.
+    pub bodies: Vec<BodyEstimate>,
+    /// Motor inertias `[n]`, and how far data decide them.
+    pub motor_inertia: Vec<Estimated>,
+    /// Smallest over largest eigenvalue of each link's pseudo-inertia, `[n]`.
+    pub definiteness: Vec<f64>,
+    /// Residual sum of squares of the data.
+    pub residual_sum_of_squares: f64,
+    /// Residual sum of squares of unconstrained base parameters: what physics costs is the difference.
+    pub unconstrained_sum_of_squares: f64,
+    /// Steps taken.
+    pub steps: usize,
+    /// Whether the fit settled: what another step could gain is far below the noise.
+    pub settled: bool,
+}
+
+/// Fits the full set of standard parameters, physically consistent, to the factor of
+/// `[w | tau]` of the base parameters, in units of the noise.
+///
+/// Minimises over all parameters `phi` `[p]` in natural order
+/// `|r11 G phi - r12|² + 2/s² sum_links D(J, J0) + 2/s² sum_motors (k - ln k - 1)`, where `G` groups full
+/// into base parameters, `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and
+/// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
+/// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
+/// Newton's method to the lowest point along each step, with data that weigh more and more; each step is a least-squares
+/// problem in the coordinates of `directions`, solved by folding its rows into a triangular factor.
+///
+/// # Errors
+/// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
+/// [`NumericsError::NotFinite`] if it has a motor inertia that is not positive or the data are not
+/// finite.
+pub fn physical(
+    robot: &Robot,
+    base: &BaseParameters,
+    factor: &TriangularFactor,
+    nominal: &NominalModel,
+    settings: &PhysicalSettings,
+) -> Result<PhysicalEstimate, NumericsError> {
+    let n = robot.joint_count();
+    let given = nominal.inertial.len().min(nominal.motor_inertia.len());
+    if given != n || n == 0 {
+        return Err(NumericsError::TooShort { what: "the nominal model", rows: given, needed: n.max(1) });
+    }
+    if !nominal.motor_inertia.iter().all(|inertia| inertia.is_finite() && *inertia > 0.0) {
+        return Err(NumericsError::NotFinite("the logarithm of a nominal motor inertia"));
+    }
+    let mut problem = Problem::new(robot, base, factor, nominal, settings)?;
+    let mut phi = problem.nominal.clone();
+    // at the start, data cost no more than one row of noise does
+    let residuals = problem.data_residuals(&phi);
+    problem.data_share = (1.0 / dot(&residuals, &residuals).sqrt().max(1.0)).max(LEAST_SHARE);
+    let mut steps = 0;
+    loop {
+        let (end, settled) = problem.descend(phi, settings, &mut steps)?;
+        if problem.data_share >= 1.0 {
+            return problem.estimate(robot, end, steps, settled);
+        }
+        phi = end;
+        problem.data_share = (SHARE_STEP * problem.data_share).min(1.0);
+    }
+}
+
+/// `r11 G` `[b x p]`: what the factor's rows see of each parameter in natural order.
+pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p: usize) -> Mat<f64> {
+    let (r, b) = (factor.upper(), factor.columns());
+    let mut map = Mat::zeros(b, p);
+    for k in 0..b {
+        for i in 0..=k {
+            map[(i, base.kept_columns[k])] += r[(i, k)];
+            for term in &base.grouping[k] {
+                map[(i, term.column)] += r[(i, k)] * term.coefficient;
+            }
+        }
+    }
+    map
+}
+
+/// The convex problem in `phi` `[p]`: ten a link, then whatever the robot has beside links.
+struct Problem<'a> {
+    factor: &'a TriangularFactor,
+    base: &'a BaseParameters,
+    ids: Vec<ParameterId>,
+    /// `r11 G` times the root of the independent share, `[b x p]`, and `r12` likewise.
+    map: Mat<f64>,
+    right: Vec<f64>,
+    /// Nominal `phi`, and the inverses of the links' nominal pseudo-inertias `[n]`.
+    nominal: Vec<f64>,
+    inverse: Vec<Matrix4<f64>>,
+    /// One over the prior's standard deviation.
+    firmness: f64,
+    data_share: f64,
+}
+
+/// Coordinates about a point, in which the prior's curvature is the same in all directions.
+struct Local {
+    /// Lower factors of the links' pseudo-inertias `[n]`.
+    lower: Vec<Matrix4<f64>>,
+    /// Change of the link's parameters by its coordinates, `[n][10]`.
+    links: Vec<[StandardParameters; 10]>,
+    /// Change of the parameters beside links by theirs; `[p - 10n]`.
+    beside: Vec<f64>,
+}
+
+impl<'a> Problem<'a> {
+    fn new(
+        robot: &Robot,
+        base: &'a BaseParameters,
+        factor: &'a TriangularFactor,
+        nominal: &NominalModel,
+        settings: &PhysicalSettings,
+    ) -> Result<Self, NumericsError> {
+        let b = factor.columns();
+        let ids = ParameterId::natural_order(robot);
+        let root = settings.independent_fraction.sqrt();
+        let map = seen_by_factor(base, factor, ids.len()) * faer::Scale(root);
+        let right = (0..b).map(|i| root * factor.upper()[(i, b)]).collect();
+        let (mut phi, mut inverse) = (Vec::with_capacity(ids.len()), Vec::new());
+        for link in &nominal.inertial {
+            let body = if definiteness(link) > 0.0 { *link } else { lifted(link) };
+            let cholesky = pseudo_inertia(&body).cholesky();
+            inverse
+                .push(cholesky.ok_or(NumericsError::NotFinite("the nominal inertia of a link"))?.inverse());
+            phi.extend(body.0);
+        }
+        for id in &ids[phi.len()..] {
+            let motor = id.kind == ParameterKind::MotorInertia;
+            phi.push(if motor { nominal.motor_inertia[id.joint.index()] } else { 0.0 });
+        }
+        let firmness = 1.0 / settings.prior_std;
+        Ok(Self { factor, base, ids, map, right, nominal: phi, inverse, firmness, data_share: 1.0 })
+    }
+
+    fn link(&self, phi: &[f64], link: usize) -> StandardParameters {
+        StandardParameters(std::array::from_fn(|k| phi[StandardParameters::COUNT * link + k]))
+    }
+
+    fn links(&self) -> usize {
+        self.inverse.len()
+    }
+
+    fn is_motor(&self, k: usize) -> bool {
+        self.ids[k].kind == ParameterKind::MotorInertia
+    }
+
+    /// `None` where a link is no body or a motor's inertia is not positive.
+    fn local(&self, phi: &[f64]) -> Option<Local> {
+        let lower: Option<Vec<Matrix4<f64>>> = (0..self.links())
+            .map(|link| Some(pseudo_inertia(&self.link(phi, link)).cholesky()?.l()))
+            .collect();
+        let first = StandardParameters::COUNT * self.links();
+        let beside = (first..phi.len()).map(|k| if self.is_motor(k) { phi[k] } else { 1.0 });
+        let beside: Vec<f64> = beside.collect();
+        let lower = lower?;
+        beside.iter().all(|scale| *scale > 0.0).then(|| Local {
+            links: lower.iter().map(directions).collect(),
+            lower,
+            beside,
+        })
+    }
+
+    /// What the data see of parameters or of their change.
+    fn seen(&self, phi: &[f64]) -> Vec<f64> {
+        let row = |i| self.map.row(i).iter().zip(phi).map(|(map, phi)| map * phi).sum::<f64>();
+        (0..self.right.len()).map(|i| self.data_share * row(i)).collect()
+    }
+
+    fn data_residuals(&self, phi: &[f64]) -> Vec<f64> {
+        self.seen(phi).iter().zip(&self.right).map(|(seen, right)| self.data_share * right - seen).collect()
+    }
+
+    /// What is minimised; endless where there is no body.
+    fn cost(&self, phi: &[f64]) -> f64 {
+        let data: f64 = self.data_residuals(phi).iter().map(|residual| residual * residual).sum();
+        let divergence = (0..self.links()).map(|link| {
+            let j = pseudo_inertia(&self.link(phi, link));
+            let ratio = self.inverse[link] * j;
+            match j.cholesky() {
+                Some(_) => ratio.trace() - ratio.determinant().ln() - 4.0,
+                None => f64::INFINITY,
+            }
+        });
+        let beside = (StandardParameters::COUNT * self.links()..phi.len()).map(|k| {
+            if !self.is_motor(k) {
+                return (phi[k] / FREE_STD).powi(2);
+            }
+            let ratio = phi[k] / self.nominal[k];
+            let own = if ratio > 0.0 { ratio - ratio.ln() - 1.0 } else { f64::INFINITY };
+            2.0 * self.firmness.powi(2) * own
+        });
+        data + 2.0 * self.firmness.powi(2) * divergence.sum::<f64>() + beside.sum::<f64>()
+    }
+
+    /// Weight of each coordinate in the prior, `[p]`.
+    fn weights(&self) -> Vec<f64> {
+        let first = StandardParameters::COUNT * self.links();
+        let free = |k: usize| k >= first && !self.is_motor(k);
+        (0..self.ids.len()).map(|k| if free(k) { 1.0 / FREE_STD } else { self.firmness }).collect()
+    }
+
+    /// Factor of the least-squares problem of Newton's step in local coordinates: rows of the data, then
+    /// one a coordinate, `w s = -w g` with the prior's slope `g`.
+    fn newton(&self, phi: &[f64], local: &Local) -> TriangularFactor {
+        let (b, p) = (self.right.len(), phi.len());
+        let first = StandardParameters::COUNT * self.links();
+        let mut rows = Mat::zeros(b + p, p + 1);
+        let (residuals, weights) = (self.data_residuals(phi), self.weights());
+        for (i, residual) in residuals.iter().enumerate() {
+            for (k, along) in local.links.iter().flatten().enumerate() {
+                let link = StandardParameters::COUNT * (k / StandardParameters::COUNT);
+                let seen = along.0.iter().enumerate().map(|(m, along)| along * self.map[(i, link + m)]);
+                rows[(i, k)] = self.data_share * seen.sum::<f64>();
+            }
+            for (k, scale) in (first..p).zip(&local.beside) {
+                rows[(i, k)] = self.data_share * scale * self.map[(i, k)];
+            }
+            rows[(i, p)] = *residual;
+        }
+        for (k, (weight, slope)) in weights.iter().zip(self.slopes(phi, local)).enumerate() {
+            rows[(b + k, k)] = *weight;
+            rows[(b + k, p)] = -weight * slope;
+        }
+        let mut factor = TriangularFactor::new(p);
+        factor.fold(rows.as_ref());
+        factor
+    }
+
+    /// Slope of the prior by each coordinate over its curvature, `[p]`: `Lᵀ J0⁻¹ L - 1` of a link,
+    /// `k - 1` of a motor.
+    fn slopes(&self, phi: &[f64], local: &Local) -> Vec<f64> {
+        let of_link = |(l, inverse): (&Matrix4<f64>, &Matrix4<f64>)| {
+            coordinates(&(l.transpose() * inverse * l - Matrix4::identity()))
+        };
+        let mut slopes: Vec<f64> = local.lower.iter().zip(&self.inverse).flat_map(of_link).collect();
+        let beside = (slopes.len()..phi.len()).map(|k| match self.is_motor(k) {
+            true => phi[k] / self.nominal[k] - 1.0,
+            false => phi[k],
+        });
+        slopes.extend(beside.collect::<Vec<f64>>());
+        slopes
+    }
+
+    /// Newton's method from `phi`, at one weight of the data; the end, and whether it settled there.
+    fn descend(
+        &self,
+        mut phi: Vec<f64>,
+        settings: &PhysicalSettings,
+        steps: &mut usize,
+    ) -> Result<(Vec<f64>, bool), NumericsError> {
+        let p = phi.len();
+        for _ in 0..settings.max_steps {
+            *steps += 1;
+            let Some(local) = self.local(&phi) else { return Ok((phi, false)) };
+            let factor = self.newton(&phi, &local);
+            let right = factor.upper().submatrix(0, p, p, 1);
+            let decrement = right.col(0).squared_norm_l2();
+            let s = factor.inverse_of_upper()? * right;
+            let s: Vec<f64> = (0..p).map(|k| s[(k, 0)]).collect();
+            let change = local.change(&s);
+            let cost = self.cost(&phi);
+            let is_local = decrement <= (LOCAL * self.firmness).powi(2);
+            let settled = is_local && decrement <= settings.settled * cost.max(1.0);
+            // what rounding leaves of the slope cannot judge the last step
+            let part = if settled { 1.0 } else { self.lowest(&phi, &change, &local, &s) };
+            let moved: Vec<f64> = phi.iter().zip(&change).map(|(x, dx)| x + part * dx).collect();
+            let is_better = self.cost(&moved) <= cost;
+            if is_better {
+                phi = moved;
+            }
+            if settled || !is_better {
+                return Ok((phi, settled));
+            }
+        }
+        Ok((phi, false))
+    }
+
+    /// Part of a step at which the cost is least along it. The cost is convex there: the only root of its slope.
+    fn lowest(&self, phi: &[f64], change: &[f64], local: &Local, s: &[f64]) -> f64 {
+        let first = StandardParameters::COUNT * self.links();
+        let (links, beside) = s.split_at(first);
+        let [fixed, seen] = [self.data_residuals(phi), self.seen(change)];
+        let data = [dot(&seen, &seen), dot(&fixed, &seen)];
+        let eigenvalues: Vec<f64> = links
+            .chunks_exact(StandardParameters::COUNT)
+            .flat_map(|s| symmetric(s).symmetric_eigenvalues().as_slice().to_vec())
+            .chain((first..phi.len()).zip(beside).filter(|(k, _)| self.is_motor(*k)).map(|(_, s)| *s))
+            .collect();
+        let of_link = |link: usize| (self.inverse[link] * pseudo_inertia(&self.link(change, link))).trace();
+        let of_motor = |k: usize| change[k] / self.nominal[k];
+        let trace = (0..self.links()).map(of_link).sum::<f64>()
+            + (first..phi.len()).filter(|k| self.is_motor(*k)).map(of_motor).sum::<f64>();
+        let free = (first..phi.len()).filter(|k| !self.is_motor(*k));
+        let free = free.fold([0.0; 2], |[square, product], k| {
+            [square + (change[k] / FREE_STD).powi(2), product + phi[k] * change[k] / FREE_STD.powi(2)]
+        });
+        let slope = |part: f64| {
+            let barrier: f64 = eigenvalues.iter().map(|value| value / (1.0 + part * value)).sum();
+            part * data[0] - data[1] + self.firmness.powi(2) * (trace - barrier) + free[0] * part + free[1]
+        };
+        let (mut low, mut high) = (0.0, (TO_THE_BORDER * local.border(s, |k| self.is_motor(k))).min(1.0));
+        if slope(high) <= 0.0 {
+            return high;
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            *(if slope(middle) < 0.0 { &mut low } else { &mut high }) = middle;
+        }
+        low
+    }
+
+    fn estimate(
+        &self,
+        robot: &Robot,
+        phi: Vec<f64>,
+        steps: usize,
+        settled: bool,
+    ) -> Result<PhysicalEstimate, NumericsError> {
+        let nowhere = NumericsError::NotFinite("the physically consistent parameters");
+        if !phi.iter().all(|value| value.is_finite()) {
+            return Err(nowhere);
+        }
+        let local = self.local(&phi).ok_or(nowhere)?;
+        let b = self.factor.columns();
+        let pairs = self.ids.iter().copied().zip(phi.iter().copied());
+        let model = DynamicModel::from_parameters(robot, pairs);
+        // The squares of a row's entries add up to the variance of its coordinate.
+        let root = self.newton(&phi, &local).inverse_of_upper()?;
+        let bodies = local.links.iter().enumerate().map(|(link, along)| {
+            let first = StandardParameters::COUNT * link;
+            let own = root.as_ref().subrows(first, StandardParameters::COUNT);
+            body_estimate(&model.inertial[link], along, own, &[self.firmness; 10])
+        });
+        let motors = (0..phi.len()).filter(|k| self.is_motor(*k)).map(|k| Estimated {
+            value: phi[k],
+            std: phi[k] * root.row(k).norm_l2(),
+            std_without_data: phi[k] / self.firmness,
+        });
+        Ok(PhysicalEstimate {
+            bodies: bodies.collect(),
+            motor_inertia: motors.collect(),
+            definiteness: model.inertial.iter().map(definiteness).collect(),
+            residual_sum_of_squares: self.factor.residual_sum_of_squares(&self.base.group(&phi)),
+            unconstrained_sum_of_squares: self.factor.upper()[(b, b)].powi(2),
+            model,
+            phi,
+            steps,
+            settled,
+        })
+    }
+}
+
+impl Local {
+    /// Change of all parameters `[p]` by coordinates `[p]`.
+    fn change(&self, s: &[f64]) -> Vec<f64> {
+        let (of_links, of_others) = s.split_at(StandardParameters::COUNT * self.links.len());
+        let link = |(along, s): (&[StandardParameters; 10], &[f64])| -> [f64; 10] {
+            std::array::from_fn(|m| along.iter().zip(s).map(|(along, s)| s * along.0[m]).sum())
+        };
+        let links = self.links.iter().zip(of_links.chunks_exact(StandardParameters::COUNT)).flat_map(link);
+        links.chain(self.beside.iter().zip(of_others).map(|(scale, s)| scale * s)).collect()
+    }
+
+    /// Part of the step `s` `[p]` at which a link or a motor stops being one; endless if none does.
+    fn border(&self, s: &[f64], is_motor: impl Fn(usize) -> bool) -> f64 {
+        let first = StandardParameters::COUNT * self.links.len();
+        let links = s[..first].chunks_exact(StandardParameters::COUNT);
+        let smallest = links.map(|s| symmetric(s).symmetric_eigenvalues().min());
+        let motors = (first..s.len()).filter(|k| is_motor(*k)).map(|k| s[k]);
+        let worst = smallest.chain(motors).fold(0.0, f64::min);
+        if worst < 0.0 { -1.0 / worst } else { f64::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,180 @@
+//! Standard errors from the scatter between whole cycles, exact from their factors.
+//!
+//! Rows of a cycle share whatever the model leaves out: ripple, temperature, the path of the motion.
+//! Cycles are recorded minutes or days apart, so only they are taken as independent: the score of cycle
+//! `c` is `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections
+//! keep products of columns.
+
+use faer::{Mat, Side};
+
+use super::pool::{CycleParts, RowWeights};
+use crate::NumericsError;
+use crate::identify::joint_factors::FactorColumns;
+use armwatch_model::robot::JointIndex;
+
+/// Fewest cycles whose scatter is believed: with fewer, Student's quantile of the few degrees of freedom
+/// makes intervals so wide and so uncertain that the noise of the rows says more.
+pub const FEWEST_CYCLES: usize = 8;
+
+/// Leverage of a cycle is kept below this, so that one that alone decides a parameter gives a large and not
+/// an endless error.
+const MAX_LEVERAGE: f64 = 0.99;
+
+/// Which columns a problem has, and where each joint's columns stand among them.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Design {
+    width: usize,
+    /// `[n][columns of the joint]`; `None` for a column that the problem leaves out.
+    places: Vec<Vec<Option<usize>>>,
+}
+
+impl Design {
+    /// All joints stacked [3.22] over the columns `kept`, rising places among all.
+    #[must_use]
+    pub fn stacked(columns: &FactorColumns, kept: &[usize]) -> Self {
+        let place = |all: &usize| kept.binary_search(all).ok();
+        let of_joint = |j: usize| columns.places(JointIndex::new(j)).iter().map(place).collect();
+        Self { width: kept.len(), places: (0..columns.joint_count()).map(of_joint).collect() }
+    }
+
+    /// One joint alone [3.21] over the columns `kept` of its own, rising.
+    #[must_use]
+    pub fn of_joint(columns: &FactorColumns, joint: JointIndex, kept: &[usize]) -> Self {
+        let mut places: Vec<Vec<Option<usize>>> =
+            columns.by_joint().iter().map(|of| vec![None; of.len()]).collect();
+        if let Some(own) = places.get_mut(joint.index()) {
+            for (place, &column) in kept.iter().enumerate() {
+                own[column] = Some(place);
+            }
+        }
+        Self { width: kept.len(), places }
+    }
+
+    /// How many of the cycles have rows of this problem.
+    #[must_use]
+    pub fn cycles(&self, cycles: &[CycleParts]) -> usize {
+        cycles.iter().filter(|cycle| self.has_rows(cycle)).count()
+    }
+
+    fn has_rows(&self, cycle: &CycleParts) -> bool {
+        (0..self.places.len()).any(|j| self.takes(cycle, j))
+    }
+
+    fn takes(&self, cycle: &CycleParts, j: usize) -> bool {
+        self.places[j].iter().any(Option::is_some) && cycle.by_joint[j].rows() > 0
+    }
+}
+
+/// Covariance of `theta` `[width]` with the cycles as clusters, and the degrees of freedom of each
+/// parameter. `inverse` `[width x width]` is the inverse triangular factor of the weighted problem, with
+/// its prior rows if it has any. Scores are corrected for leverage as leaving a cycle out would (CR3):
+/// with `(C - 1) / C` before the sum this is the jackknife over cycles.
+///
+/// # Errors
+/// [`NumericsError::TooShort`] for fewer than two cycles, [`NumericsError::NotFinite`] if a leverage
+/// cannot be had.
+pub(super) fn between_cycles(
+    cycles: &[CycleParts],
+    design: &Design,
+    weights: &RowWeights,
+    theta: &[f64],
+    inverse: &Mat<f64>,
+) -> Result<Sandwich, NumericsError> {
+    let taking_part = design.cycles(cycles);
+    if taking_part < 2 {
+        return Err(NumericsError::TooShort { what: "the choice of cycles", rows: taking_part, needed: 2 });
+    }
+    let with_rows = cycles.iter().enumerate().filter(|(_, cycle)| design.has_rows(cycle));
+    let blocks = with_rows.map(|(c, cycle)| {
+        let of_joint = |j| weights.of(c, j);
+        block(cycle, design, of_joint, theta, inverse)
+    });
+    sandwich(inverse, blocks)
+}
+
+fn block(
+    cycle: &CycleParts,
+    design: &Design,
+    weight: impl Fn(usize) -> f64,
+    theta: &[f64],
+    inverse: &Mat<f64>,
+) -> CycleBlock {
+    let joints: Vec<usize> = (0..cycle.by_joint.len()).filter(|&j| design.takes(cycle, j)).collect();
+    let rows = joints.iter().map(|&j| cycle.by_joint[j].columns() + 1).sum();
+    let mut w = Mat::<f64>::zeros(rows, design.width);
+    let mut e = Mat::<f64>::zeros(rows, 1);
+    let mut at = 0;
+    for j in joints {
+        let (r, places) = (cycle.by_joint[j].upper(), &design.places[j]);
+        let (root, b) = (weight(j).sqrt(), places.len());
+        for i in 0..=b {
+            let mut residual = r[(i, b)];
+            for (k, place) in places.iter().enumerate().skip(i) {
+                if let Some(place) = *place {
+                    w[(at + i, place)] = root * r[(i, k)];
+                    residual -= r[(i, k)] * theta[place];
+                }
+            }
+            e[(at + i, 0)] = root * residual;
+        }
+        at += b + 1;
+    }
+    let w = w * inverse;
+    CycleBlock { information: w.transpose() * &w, score: w.transpose() * e }
+}
+
+/// What blocks say of an estimate's scatter.
+pub(super) struct Sandwich {
+    /// Covariance, `[b x b]`.
+    pub(super) matrix: Mat<f64>,
+    /// Degrees of freedom of each parameter, `[b]`.
+    pub(super) freedom: Vec<f64>,
+}
+
+/// Covariance of an estimate from its blocks, at least two. `inverse` is `r11⁻¹` of the factor that
+/// gave the estimate.
+fn sandwich(
+    inverse: &Mat<f64>,
+    blocks: impl IntoIterator<Item = CycleBlock>,
+) -> Result<Sandwich, NumericsError> {
+    let b = inverse.ncols();
+    let mut matrix = Mat::<f64>::zeros(b, b);
+    let (mut total, mut squares, mut count) = (vec![0.0; b], vec![0.0; b], 0.0);
+    for block in blocks {
+        let score = corrected(&block)?;
+        let moved = inverse * score;
+        matrix += &moved * moved.transpose();
+        let spread = inverse * &block.information;
+        for k in 0..b {
+            let share: f64 = (0..b).map(|i| spread[(k, i)] * inverse[(k, i)]).sum();
+            total[k] += share;
+            squares[k] += share * share;
+        }
+        count += 1.0;
+    }
+    matrix *= faer::Scale((count - 1.0) / count);
+    let freedom = (0..b).map(|k| (total[k] * total[k] / squares[k] - 1.0).max(1.0)).collect();
+    Ok(Sandwich { matrix, freedom })
+}
+
+/// Sums over one block in coordinates in which `wᵀw` is the identity.
+struct CycleBlock {
+    /// `wᵀw` of the block, `[b x b]`: its eigenvalues are leverages.
+    information: Mat<f64>,
+    /// `wᵀe` of the block, `[b x 1]`.
+    score: Mat<f64>,
+}
+
+/// The block's score with its residuals corrected for having been fitted, as leaving the block out
+/// would: `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so that a matrix of `b` rows is enough.
+fn corrected(block: &CycleBlock) -> Result<Mat<f64>, NumericsError> {
+    let eigen = block
+        .information
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| NumericsError::NotFinite("the leverage of a block"))?;
+    let leverage = eigen.S().column_vector();
+    let along = eigen.U().transpose() * &block.score;
+    let scaled =
+        Mat::from_fn(along.nrows(), 1, |i, _| along[(i, 0)] / (1.0 - leverage[i].clamp(0.0, MAX_LEVERAGE)));
+    Ok(eigen.U() * scaled)
+}

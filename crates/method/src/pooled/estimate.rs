@@ -1,0 +1,420 @@
+//! Estimators that work on the stored factors of cycles and need no recording.
+//!
+//! An estimator is a choice of weights: a joint's residual variance is a number for its factors, a
+//! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with
+//! enough cycles it is their scatter ([`super::cycle_errors`]).
+
+use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
+use super::pool::{PooledFactors, RowWeights};
+use crate::NumericsError;
+use crate::identify::cycle::identify_weighted;
+use crate::least_squares::conditioning::identifiability;
+use crate::least_squares::essential::{EssentialSettings, essential};
+use crate::least_squares::factor::TriangularFactor;
+use crate::least_squares::huber::{HUBER_CONSTANT, torque_change};
+use crate::least_squares::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
+use crate::least_squares::solution::MAX_WEIGHTED_CONDITION;
+use crate::least_squares::weighted::{WeightRule, joined, per_joint, weighted};
+use crate::statistics::descriptive::{median, robust_deviation};
+use crate::statistics::distributions::student_quantile;
+use armwatch_model::analysis::estimator_kind::{ErrorSource, EstimatorKind};
+use armwatch_model::analysis::interval::LEVEL;
+use armwatch_model::analysis::{Identification, IdentifiedParameter};
+use armwatch_model::robot::{JointIndex, ParameterId};
+
+/// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
+const FEWEST_FOR_HUBER: usize = 5;
+/// Rounds in which weights of cycles settle; some ten are usual.
+const MAX_ROUNDS: usize = 100;
+/// Change of the estimated torque, relative to the noise, at which an estimate has settled.
+const SETTLED: f64 = 1e-6;
+
+/// How the rows of all joints, stacked, become parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StackedEstimator {
+    /// Every row counts alike [3.22].
+    Ordinary,
+    /// Rows count by the residual variance of their joint [3.22].
+    Weighted,
+    /// As weighted; a joint's rows of a cycle in which its residual is beyond
+    /// [`HUBER_CONSTANT`] robust spreads above the median cycle's lose weight.
+    Huber,
+    /// Towards what is known beforehand. Rows count by the residual variance of their joint.
+    Prior {
+        /// What is known, by parameter.
+        priors: Vec<(ParameterId, Prior)>,
+        /// How firmly it is believed.
+        strength: PriorStrength,
+    },
+}
+
+impl StackedEstimator {
+    /// Its name alone.
+    #[must_use]
+    pub fn kind(&self) -> EstimatorKind {
+        match self {
+            Self::Ordinary => EstimatorKind::Ordinary,
+            Self::Weighted => EstimatorKind::Weighted,
+            Self::Huber => EstimatorKind::Huber,
+            Self::Prior { .. } => EstimatorKind::Prior,
+        }
+    }
+}
+
+/// What standard errors stand on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ErrorBasis {
+    /// The scatter between cycles.
+    Cycles {
+        /// How many.
+        count: usize,
+    },
+    /// The residual, and the share of rows that are independent.
+    IndependentRows {
+        /// That share.
+        fraction: f64,
+    },
+}
+
+impl ErrorBasis {
+    /// Its name alone.
+    #[must_use]
+    pub fn source(self) -> ErrorSource {
+        match self {
+            Self::Cycles { .. } => ErrorSource::Cycles,
+            Self::IndependentRows { .. } => ErrorSource::IndependentRows,
+        }
+    }
+}
+
+/// Parameters from cycles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PooledEstimate {
+    /// Values with standard errors. Parameters taken away as not essential are 0 without an error.
+    pub identification: Identification,
+    /// Half the width of the 95 % interval of each parameter.
+    pub half_width: Vec<f64>,
+    /// What the standard errors stand on.
+    pub errors: ErrorBasis,
+    /// Weights of the rows.
+    pub weights: RowWeights,
+    /// Whether iterated weights have settled.
+    pub settled: bool,
+    /// What a prior did.
+    pub prior: Option<PriorReport>,
+    /// What was taken away, if that was asked for.
+    pub essential: Option<EssentialReport>,
+}
+
+/// What a prior did to an estimate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PriorReport {
+    /// How much of each parameter is data: 1 all data, 0 all prior.
+    pub data_share: Vec<f64>,
+    /// Factor on the prior's standard deviations.
+    pub spread: f64,
+}
+
+/// Which parameters are not worth their uncertainty.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EssentialReport {
+    /// Taken away, the least certain first.
+    pub removed: Vec<ParameterId>,
+    /// F statistic of the smaller set against the full one.
+    pub f_statistic: f64,
+    /// Largest F that counts as no worse.
+    pub f_limit: f64,
+    /// The full set.
+    pub full: Vec<IdentifiedParameter>,
+}
+
+/// Identifies one parameter set on all cycles, joints stacked.
+///
+/// # Errors
+/// [`NumericsError::RankDeficient`] if the motion does not show every parameter (not with a prior on those
+/// it does not), [`NumericsError::TooShort`] with too few rows, or too few cycles for
+/// [`StackedEstimator::Huber`]; those of [`weighted`] and [`with_prior`].
+pub fn estimate(
+    union: &PooledFactors,
+    estimator: &StackedEstimator,
+) -> Result<PooledEstimate, NumericsError> {
+    let all: Vec<usize> = (0..union.columns().kept().len()).collect();
+    match estimator {
+        StackedEstimator::Prior { priors, strength } => {
+            let of = |id: &ParameterId| priors.iter().find(|(of, _)| of == id).map(|(_, prior)| *prior);
+            let priors: Vec<Option<Prior>> = union.columns().kept().iter().map(of).collect();
+            towards_prior(union, &priors, *strength)
+        }
+        _ => {
+            let (weights, settled) = weights(union, estimator)?;
+            least_squares(union, &all, weights, settled)
+        }
+    }
+}
+
+/// As [`estimate`], with the fewest parameters that explain the torque as well.
+///
+/// # Errors
+/// Those of [`estimate`]; [`NumericsError::Unsupported`] with a prior, which leaves no parameter out.
+pub fn estimate_essential(
+    union: &PooledFactors,
+    estimator: &StackedEstimator,
+    settings: &EssentialSettings,
+) -> Result<PooledEstimate, NumericsError> {
+    if matches!(estimator, StackedEstimator::Prior { .. }) {
+        return Err(NumericsError::Unsupported("essential parameters together with a prior"));
+    }
+    let full = estimate(union, estimator)?;
+    let factor = union.stacked(&full.weights);
+    let fewest = essential(&factor, factor.rows(), union.independent_fraction(), settings)?;
+    let mut found = least_squares(union, &fewest.kept, full.weights, full.settled)?;
+    let ids = union.columns().kept();
+    found.essential = Some(EssentialReport {
+        removed: fewest.removed.iter().map(|&k| ids[k]).collect(),
+        f_statistic: fewest.f_statistic,
+        f_limit: fewest.f_limit,
+        full: full.identification.parameters,
+    });
+    Ok(found)
+}
+
+fn weights(union: &PooledFactors, estimator: &StackedEstimator) -> Result<(RowWeights, bool), NumericsError> {
+    let n = union.columns().joint_count();
+    match estimator {
+        StackedEstimator::Weighted => {
+            let found = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+            Ok((RowWeights::of_noise(&found.rule.sigma), found.settled))
+        }
+        StackedEstimator::Huber => huber_weights(union),
+        StackedEstimator::Ordinary | StackedEstimator::Prior { .. } => Ok((RowWeights::equal(n), true)),
+    }
+}
+
+fn names(union: &PooledFactors) -> impl Fn(usize) -> String {
+    |column| union.columns().kept()[column].to_string()
+}
+
+/// Solves for the columns `kept` with given weights; the others count as zero.
+fn least_squares(
+    union: &PooledFactors,
+    kept: &[usize],
+    weights: RowWeights,
+    settled: bool,
+) -> Result<PooledEstimate, NumericsError> {
+    let ids = union.columns().kept();
+    let fraction = union.independent_fraction();
+    let own: Vec<ParameterId> = kept.iter().map(|&k| ids[k]).collect();
+    let by_joint: Vec<TriangularFactor> =
+        union.embedded_shares(&weights).iter().map(|factor| factor.restricted(kept)).collect();
+    let sigma = weights.by_joint.iter().map(|weight| weight.sqrt().recip()).collect();
+    let rule = WeightRule { sigma, huber: None };
+    let mut solved = identify_weighted(&own, &by_joint, &union.independent_shares(), &rule)?;
+    let theta: Vec<f64> = solved.parameters.iter().map(|p| p.value).collect();
+    let mut half_width: Vec<f64> =
+        solved.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
+    let mut errors = ErrorBasis::IndependentRows { fraction };
+    let design = Design::stacked(union.columns(), kept);
+    let count = design.cycles(union.cycles());
+    if count >= FEWEST_CYCLES {
+        let inverse = joined(&by_joint, &rule, kept.len()).inverse_of_upper()?;
+        let scatter = between_cycles(union.cycles(), &design, &weights, &theta, &inverse)?;
+        for (k, parameter) in solved.parameters.iter_mut().enumerate() {
+            parameter.std_error = scatter.matrix[(k, k)].sqrt();
+            parameter.degrees_of_freedom = scatter.freedom[k];
+            half_width[k] = half(parameter.std_error, scatter.freedom[k]);
+        }
+        errors = ErrorBasis::Cycles { count };
+    }
+    let mut found = PooledEstimate {
+        identification: Identification { parameters: Vec::new(), ..solved },
+        half_width: vec![f64::NAN; ids.len()],
+        errors,
+        weights,
+        settled,
+        prior: None,
+        essential: None,
+    };
+    let absent = |&id: &ParameterId| IdentifiedParameter {
+        id,
+        value: 0.0,
+        std_error: f64::NAN,
+        degrees_of_freedom: f64::NAN,
+    };
+    found.identification.parameters = ids.iter().map(absent).collect();
+    for ((&place, parameter), half) in kept.iter().zip(solved.parameters).zip(half_width) {
+        found.identification.parameters[place] = parameter;
+        found.half_width[place] = half;
+    }
+    found.identification.residual_std = residual_std(union, &found.identification.parameters, kept.len());
+    Ok(found)
+}
+
+/// Half the width of the interval with the probability [`LEVEL`].
+pub(super) fn half(std_error: f64, freedom: f64) -> f64 {
+    student_quantile(0.5 + 0.5 * LEVEL, freedom) * std_error
+}
+
+/// Standard deviation of the unweighted torque residual, Nm.
+fn residual_std(union: &PooledFactors, parameters: &[IdentifiedParameter], count: usize) -> f64 {
+    let theta: Vec<f64> = parameters.iter().map(|p| p.value).collect();
+    let (mut squares, mut rows) = (0.0, 0);
+    for (factor, joint) in union.by_joint().iter().zip((0..).map(JointIndex::new)) {
+        squares += factor.residual_sum_of_squares(&union.columns().select(joint, &theta));
+        rows += factor.rows();
+    }
+    (squares / (rows as f64 - count as f64).max(1.0)).sqrt()
+}
+
+/// Weights of joints and of their cycles, iterated: a joint's noise is the median over the cycles of
+/// the RMS residual; a cycle beyond the median by more than Huber's constant times the robust spread
+/// weighs as much less as its residual is larger than that limit.
+fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsError> {
+    let cycles = union.cycles();
+    if cycles.len() < FEWEST_FOR_HUBER {
+        return Err(NumericsError::TooShort {
+            what: "the choice of cycles, which a robust estimate weighs against each other,",
+            rows: cycles.len(),
+            needed: FEWEST_FOR_HUBER,
+        });
+    }
+    let start = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+    let mut theta = start.theta;
+    for _ in 0..MAX_ROUNDS {
+        let weights = reweighted(union, &theta)?;
+        let factor = union.stacked(&weights);
+        let next = factor.solve_bounded(MAX_WEIGHTED_CONDITION, names(union))?.theta;
+        let step: Vec<f64> = next.iter().zip(&theta).map(|(a, b)| a - b).collect();
+        theta = next;
+        if torque_change(&factor, &step) < SETTLED {
+            return Ok((weights, true));
+        }
+    }
+    Ok((reweighted(union, &theta)?, false))
+}
+
+fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, NumericsError> {
+    let (cycles, n) = (union.cycles(), union.columns().joint_count());
+    let mut noise = vec![1.0; n];
+    let mut kept = vec![vec![1.0; n]; cycles.len()];
+    for j in 0..n {
+        let own = union.columns().select(JointIndex::new(j), theta);
+        let of_cycle: Vec<(usize, f64)> = cycles
+            .iter()
+            .enumerate()
+            .filter(|(_, cycle)| cycle.by_joint[j].rows() > 0)
+            .map(|(c, cycle)| {
+                let part = &cycle.by_joint[j];
+                (c, (part.residual_sum_of_squares(&own) / part.rows() as f64).sqrt())
+            })
+            .collect();
+        let values: Vec<f64> = of_cycle.iter().map(|(_, value)| *value).collect();
+        let (Some(middle), Some(spread)) = (median(&values), robust_deviation(&values)) else { continue };
+        if !(middle > 0.0 && middle.is_finite()) {
+            return Err(NumericsError::NotFinite("a joint's median residual"));
+        }
+        noise[j] = middle;
+        let limit = middle + HUBER_CONSTANT * spread;
+        for (c, value) in of_cycle {
+            kept[c][j] = (limit / value).min(1.0);
+        }
+    }
+    Ok(RowWeights { kept: Some(kept), ..RowWeights::of_noise(&noise) })
+}
+
+/// A poor motion leaves no stacked solution to take each joint's noise from, so it comes from the
+/// joint's own fit.
+fn towards_prior(
+    union: &PooledFactors,
+    priors: &[Option<Prior>],
+    strength: PriorStrength,
+) -> Result<PooledEstimate, NumericsError> {
+    let ids = union.columns().kept();
+    let weights = RowWeights::of_noise(&own_noise(union)?);
+    let factor = union.stacked(&weights);
+    let (fraction, rows) = (union.independent_fraction(), factor.rows());
+    let found = with_prior(&factor, fraction, rows, priors, strength)?;
+    let mut sigma = found.sigma;
+    let rows_freedom = (rows as f64 * fraction - found.data_share.iter().sum::<f64>()).max(1.0);
+    let mut freedom = vec![rows_freedom; ids.len()];
+    let mut errors = ErrorBasis::IndependentRows { fraction };
+    let all: Vec<usize> = (0..ids.len()).collect();
+    let count = Design::stacked(union.columns(), &all).cycles(union.cycles());
+    if count >= FEWEST_CYCLES {
+        let both = with_prior_rows(&factor, fraction, priors, found.spread);
+        (sigma, freedom) = prior_scatter(union, &weights, &both, &found.theta, priors, found.spread)?;
+        errors = ErrorBasis::Cycles { count };
+    }
+    let of_parameter = |(k, &id): (usize, &ParameterId)| IdentifiedParameter {
+        id,
+        value: found.theta[k],
+        std_error: sigma[k],
+        degrees_of_freedom: freedom[k],
+    };
+    let parameters: Vec<IdentifiedParameter> = ids.iter().enumerate().map(of_parameter).collect();
+    let shown = identifiability(&factor)?;
+    Ok(PooledEstimate {
+        identification: Identification {
+            residual_std: residual_std(union, &parameters, ids.len()),
+            parameters,
+            residuals: Vec::new(),
+            samples: rows / union.columns().joint_count().max(1),
+            condition_number: shown.condition_number,
+            scaled_condition_number: shown.scaled_condition_number,
+        },
+        half_width: sigma.iter().zip(&freedom).map(|(s, f)| half(*s, *f)).collect(),
+        errors,
+        weights,
+        settled: true,
+        prior: Some(PriorReport { data_share: found.data_share, spread: found.spread }),
+        essential: None,
+    })
+}
+
+/// Standard errors and degrees of freedom of an estimate with a prior: the scatter of the cycles' scores
+/// beside the variance of the prior's own rows, which is 1 each.
+fn prior_scatter(
+    union: &PooledFactors,
+    weights: &RowWeights,
+    both: &TriangularFactor,
+    theta: &[f64],
+    priors: &[Option<Prior>],
+    spread: f64,
+) -> Result<(Vec<f64>, Vec<f64>), NumericsError> {
+    let (b, fraction) = (theta.len(), union.independent_fraction());
+    let all: Vec<usize> = (0..b).collect();
+    let inverse = both.inverse_of_upper()?;
+    let by_joint = weights.by_joint.iter().map(|w| w * fraction).collect();
+    let weights = RowWeights { by_joint, kept: None };
+    let design = Design::stacked(union.columns(), &all);
+    let scatter = between_cycles(union.cycles(), &design, &weights, theta, &inverse)?;
+    let covariance = &inverse * inverse.transpose();
+    let of_prior = |k: usize| -> f64 {
+        let row = |(i, prior): (usize, &Option<Prior>)| {
+            prior.map_or(0.0, |prior| (covariance[(k, i)] / (spread * prior.std)).powi(2))
+        };
+        priors.iter().enumerate().map(row).sum()
+    };
+    let combined = |k: usize| {
+        let (data, prior) = (scatter.matrix[(k, k)], of_prior(k));
+        // what the prior adds is known, and leaves the scatter's degrees of freedom their share
+        let freedom = scatter.freedom[k] * ((data + prior) / data.max(f64::MIN_POSITIVE)).powi(2);
+        ((data + prior).sqrt(), freedom)
+    };
+    Ok((0..b).map(combined).unzip())
+}
+
+/// Noise of each joint, `[n]`: the residual of the joint's own fit.
+fn own_noise(union: &PooledFactors) -> Result<Vec<f64>, NumericsError> {
+    let of_joint = |factor: &TriangularFactor| match factor.rows() {
+        0 => Ok(1.0),
+        _ => per_joint(factor, f64::INFINITY, |k| k.to_string()).map(|found| found.sigma),
+    };
+    let noise: Vec<f64> = union.by_joint().iter().map(of_joint).collect::<Result<_, _>>()?;
+    match noise.iter().all(|sigma| *sigma > 0.0 && sigma.is_finite()) {
+        true => Ok(noise),
+        false => Err(NumericsError::NotFinite("a joint's residual standard deviation")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

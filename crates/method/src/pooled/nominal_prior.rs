@@ -1,0 +1,137 @@
+//! Priors from what is known of an arm: its description's nominal parameters, or values with their
+//! standard errors from elsewhere.
+
+use crate::least_squares::prior::Prior;
+use crate::model::base_parameters::BaseParameters;
+use armwatch_model::robot::{CouplingTerm, ParameterId, ParameterKind, Robot};
+
+/// Part of a value that its prior's standard deviation is where nothing else is said: a drawing without
+/// cables and grease, or a catalogue's friction, is rarely better.
+pub const PRIOR_STD_FRACTION: f64 = 0.3;
+
+/// Base parameters `[b]` of the nominal parameters of a description, with everything grouped into them.
+/// `None` where a parameter or one of its group has no nominal value: a joint without nominal
+/// parameters, a coupled motor, friction of another law than the nominal one.
+#[must_use]
+pub fn nominal_base(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
+    let value = |id: ParameterId| nominal_value(robot, id);
+    base.kept
+        .iter()
+        .zip(&base.grouping)
+        .map(|(&id, group)| {
+            group.iter().try_fold(value(id)?, |sum, term| Some(sum + term.coefficient * value(term.id)?))
+        })
+        .collect()
+}
+
+/// The description's value of a parameter.
+fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
+    let nominal = robot.joints.get(id.joint.index())?.nominal.as_ref()?;
+    match id.kind {
+        ParameterKind::Inertial(k) => nominal.inertial.0.get(usize::from(k)).copied(),
+        ParameterKind::MotorInertia => Some(nominal.motor_inertia),
+        ParameterKind::Friction(term) => term.nominal(&nominal.friction),
+        ParameterKind::Coupling(_) => None,
+    }
+}
+
+/// Priors whose standard deviations are `fraction` of the value, or of the root mean square of the
+/// joint's values of the same kind and unit if that is more: a product of inertia that happens to be
+/// zero is not known to be zero. No prior where all of these are zero, or for `None`.
+#[must_use]
+pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<Option<Prior>> {
+    let scale = |id: ParameterId| {
+        let like = |other: &ParameterId| other.joint == id.joint && kin(other.kind) == kin(id.kind);
+        let squares: Vec<f64> =
+            values.iter().filter(|(other, _)| like(other)).filter_map(|(_, v)| Some((*v)?.powi(2))).collect();
+        (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+    };
+    let prior = |&(id, value): &(ParameterId, Option<f64>)| {
+        let value = value?;
+        let std = fraction * scale(id).max(value.abs());
+        (std > 0.0 && std.is_finite()).then_some(Prior { value, std })
+    };
+    values.iter().map(prior).collect()
+}
+
+/// Which parameters of a joint are of one size: those of one unit.
+fn kin(kind: ParameterKind) -> u8 {
+    match kind {
+        ParameterKind::Inertial(0) => 0,
+        ParameterKind::Inertial(1..=3) => 1,
+        ParameterKind::Inertial(_) => 2,
+        ParameterKind::MotorInertia | ParameterKind::Coupling(CouplingTerm::Inertia) => 3,
+        ParameterKind::Friction(term) => 4 + term as u8,
+        ParameterKind::Coupling(CouplingTerm::Viscous) => 100,
+        ParameterKind::Coupling(CouplingTerm::Coulomb) => 101,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::base_parameters::base_parameters;
+    use crate::model::dynamics::DynamicModel;
+    use armwatch_model::robot::{FrictionTerm, JointIndex};
+    use armwatch_testing::er3a;
+
+    /// Rounding of a few hundred operations.
+    const ROUNDING: f64 = 1e-9;
+
+    #[test]
+    fn grouped_nominal_parameters_give_the_torque_of_the_full_ones() {
+        let robot = er3a();
+        let base = base_parameters(&robot).expect("base parameters");
+        let values: Vec<(ParameterId, f64)> = base
+            .kept
+            .iter()
+            .zip(nominal_base(&robot, &base))
+            .map(|(&id, value)| (id, value.expect("nominal")))
+            .collect();
+        assert_eq!(values.len(), 64);
+        let full = ParameterId::natural_order(&robot).into_iter();
+        let full = full.map(|id| (id, nominal_value(&robot, id).expect("nominal")));
+        let (full, grouped) = (
+            DynamicModel::from_parameters(&robot, full),
+            DynamicModel::from_parameters(&robot, values.into_iter()),
+        );
+        let (q, qd, qdd) = (
+            [0.3, -0.4, 0.5, 0.6, -0.7, 0.8],
+            [1.0, -0.5, 0.7, 1.1, -0.9, 0.4],
+            [2.0, 1.0, -1.5, 3.0, 0.5, -2.0],
+        );
+        let (mut expected, mut found) = ([0.0; 6], [0.0; 6]);
+        full.torque(&robot, &q, &qd, &qdd, &mut expected);
+        grouped.torque(&robot, &q, &qd, &qdd, &mut found);
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < ROUNDING * expected.abs().max(1.0), "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_joint_without_nominal_parameters_has_no_prior_and_spoils_its_groups_only() {
+        let mut robot = er3a();
+        let base = base_parameters(&robot).expect("base parameters");
+        robot.joints[5].nominal = None;
+        let known = nominal_base(&robot, &base);
+        for (id, value) in base.kept.iter().zip(&known) {
+            if id.joint.index() == 5 {
+                assert!(value.is_none(), "{id}");
+            }
+        }
+        assert!(known.iter().flatten().count() > 30);
+    }
+
+    #[test]
+    fn a_zero_among_others_is_as_uncertain_as_they_are() {
+        let id = |k| ParameterId { joint: JointIndex::new(0), kind: ParameterKind::Inertial(k) };
+        let friction =
+            ParameterId { joint: JointIndex::new(0), kind: ParameterKind::Friction(FrictionTerm::F3) };
+        let values = [(id(4), Some(2.0)), (id(5), Some(0.0)), (id(6), None), (friction, Some(0.0))];
+        let priors = with_fraction(&values, 0.5);
+        let std = |k: usize| priors[k].map(|p| p.std);
+        assert_eq!(std(0), Some(1.0));
+        assert!((std(1).expect("a prior") - 0.5 * 2.0_f64.sqrt()).abs() < ROUNDING);
+        assert_eq!((priors[2], priors[3]), (None, None));
+    }
+}

@@ -1,0 +1,72 @@
+//! Each joint's rows alone [3.21], from the stored factors of cycles.
+
+use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
+use super::estimate::{ErrorBasis, half};
+use super::pool::{PooledFactors, RowWeights};
+use crate::NumericsError;
+use crate::identify::cycle::identify_factors;
+use crate::least_squares::solution::MAX_SCALED_CONDITION;
+use crate::least_squares::weighted::per_joint;
+use armwatch_model::analysis::{Estimator, Identification};
+use armwatch_model::robot::{JointIndex, ParameterId};
+
+/// What one joint's rows alone say [3.21].
+#[derive(Debug, Clone, PartialEq)]
+pub struct PerJointEstimate {
+    /// The joint.
+    pub joint: JointIndex,
+    /// The parameters that it tells apart; samples are its rows.
+    pub identification: Identification,
+    /// Half the width of the 95 % interval of each.
+    pub half_width: Vec<f64>,
+    /// Parameters that it sees only within those before them: their share is in these.
+    pub within_others: Vec<ParameterId>,
+    /// Parameters that never changed its torque, by the arm's structure or in this motion.
+    pub unseen: Vec<ParameterId>,
+    /// What the standard errors stand on.
+    pub errors: ErrorBasis,
+}
+
+/// Each joint's view of the parameters [3.21], from its own rows alone; an error in place of a view
+/// where its motion is too poor.
+#[must_use]
+pub fn per_joint_estimates(
+    union: &PooledFactors,
+) -> Vec<(JointIndex, Result<PerJointEstimate, NumericsError>)> {
+    let joints = (0..union.columns().joint_count()).map(JointIndex::new);
+    joints.map(|joint| (joint, joint_view(union, joint))).collect()
+}
+
+fn joint_view(union: &PooledFactors, joint: JointIndex) -> Result<PerJointEstimate, NumericsError> {
+    let j = joint.index();
+    let (factor, ids) = (&union.by_joint()[j], &union.columns().by_joint()[j]);
+    let fraction = union.independent_shares()[j];
+    let found = per_joint(factor, MAX_SCALED_CONDITION, |k| ids[k].to_string())?;
+    let own: Vec<ParameterId> = found.kept.iter().map(|&k| ids[k]).collect();
+    let restricted = factor.restricted(&found.kept);
+    let alone = std::slice::from_ref(&restricted);
+    let mut identification = identify_factors(&own, alone, &[fraction], Estimator::Ordinary)?;
+    identification.residuals.iter_mut().for_each(|residual| residual.joint = joint);
+    let mut freedom: Vec<f64> = identification.parameters.iter().map(|p| p.degrees_of_freedom).collect();
+    let mut errors = ErrorBasis::IndependentRows { fraction };
+    let design = Design::of_joint(union.columns(), joint, &found.kept);
+    let count = design.cycles(union.cycles());
+    if count >= FEWEST_CYCLES {
+        let theta: Vec<f64> = identification.parameters.iter().map(|p| p.value).collect();
+        let equal = RowWeights::equal(union.columns().joint_count());
+        let inverse = restricted.inverse_of_upper()?;
+        let scatter = between_cycles(union.cycles(), &design, &equal, &theta, &inverse)?;
+        for (k, parameter) in identification.parameters.iter_mut().enumerate() {
+            parameter.std_error = scatter.matrix[(k, k)].sqrt();
+            parameter.degrees_of_freedom = scatter.freedom[k];
+        }
+        freedom = scatter.freedom;
+        errors = ErrorBasis::Cycles { count };
+    }
+    let within_others: Vec<ParameterId> = found.grouped.iter().map(|&k| ids[k]).collect();
+    let seen = |id: &ParameterId| own.contains(id) || within_others.contains(id);
+    let unseen = union.columns().kept().iter().copied().filter(|id| !seen(id)).collect();
+    let half_width =
+        identification.parameters.iter().zip(&freedom).map(|(p, f)| half(p.std_error, *f)).collect();
+    Ok(PerJointEstimate { joint, identification, half_width, within_others, unseen, errors })
+}

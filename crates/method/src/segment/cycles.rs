@@ -1,0 +1,477 @@
+//! Where cycles begin, and which rows belong to which stage.
+//!
+//! A cycle begins where the recorded cycle counter changes or, without a counter, where the stage
+//! signal falls back to an earlier stage: excitation, friction and warming follow each other in
+//! this order inside a cycle.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use crate::buffers::Buffers;
+use armwatch_model::run::{Cycle, Samples, Stage};
+
+/// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
+/// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
+pub const MAX_CYCLE_ROWS: usize = 1_000_000;
+
+/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, for nobody knows its length: one of
+/// six minutes at 250 Hz. Where channels grow by and by, the memory that they leave lies idle.
+const GUESSED_ROWS: usize = 100_000;
+
+/// Why a recording has no cycles.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SegmentError {
+    /// The stage signal never leaves "between stages".
+    #[error(
+        "no stage signal: none of the {rows} rows is in an excitation, friction or warming stage; record the \
+         controller's stage signal, or set its values in the layout's [stage] section"
+    )]
+    NoStage {
+        /// Rows of the recording.
+        rows: u64,
+    },
+    /// A cycle does not end.
+    #[error(
+        "no cycle boundary in {rows} rows from time {start_s} s; record a cycle counter, or the stage signal of \
+         every cycle"
+    )]
+    Endless {
+        /// Rows since the last boundary.
+        rows: usize,
+        /// Time of the first of them, s.
+        start_s: f64,
+    },
+    /// The cycle counter stands at zero inside a cycle.
+    #[error(
+        "the cycle counter comes back to {counter} at time {time_s} s after it stood at zero; export each test to a \
+         file of its own, or leave the counter as it is inside a cycle"
+    )]
+    CounterReturns {
+        /// Counter before and after.
+        counter: u32,
+        /// Row of the recording at which it is back, from 0.
+        row: u64,
+        /// Time of that row, s.
+        time_s: f64,
+    },
+    /// The cycle counter runs backwards.
+    #[error(
+        "the cycle counter falls from {from} to {to} at time {time_s} s; export each test to a file of its own"
+    )]
+    CounterFalls {
+        /// Counter before.
+        from: u32,
+        /// Counter after.
+        to: u32,
+        /// Row of the recording at which it falls, from 0.
+        row: u64,
+        /// Time of that row, s.
+        time_s: f64,
+    },
+}
+
+/// Cuts a stream of rows into cycles. Chunks may have any size: the cycles are the same.
+#[derive(Debug, Default)]
+pub struct CycleCutter {
+    pending: Samples,
+    /// Rows of `pending` already searched for a boundary.
+    searched: usize,
+    stage_reached: Option<Stage>,
+    counter: Option<u32>,
+    /// Largest counter so far; zero, before and after a test, does not count as falling.
+    counter_reached: u32,
+    /// Number of the cycle that was cut last; zero before the first.
+    number_cut: u32,
+    cycles_cut: u32,
+    /// Rows before the first of `pending`.
+    rows_cut: u64,
+    rows_seen: u64,
+    stage_seen: bool,
+    /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
+    most_rows: Option<usize>,
+    /// Most rows that were pushed at once: so many of the next cycle may come with the end of one.
+    most_pushed: usize,
+    /// Whether a cycle needs no stage.
+    of_windows: bool,
+    /// Memory of channels.
+    buffers: Buffers,
+}
+
+/// Where a cutter stands behind its last cut: with it and the rows from there on, another one goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct CutterState {
+    /// Rows before the first one that is in no cycle yet.
+    pub rows_cut: u64,
+    /// Cycles cut so far.
+    pub cycles_cut: u32,
+    /// Number of the last one; zero before the first.
+    pub number_cut: u32,
+    /// Largest cycle counter so far.
+    pub counter_reached: u32,
+}
+
+impl CycleCutter {
+    /// A cutter at the start of a recording.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The same with another bound on the rows of a cycle than [`MAX_CYCLE_ROWS`].
+    #[must_use]
+    pub fn with_most_rows(self, rows: usize) -> Self {
+        Self { most_rows: Some(rows), ..self }
+    }
+
+    /// The same with channels of cycles in memory of `buffers`.
+    #[must_use]
+    pub fn with_buffers(self, buffers: Buffers) -> Self {
+        Self { buffers, ..self }
+    }
+
+    /// A cutter of a recording without stages, whose counter numbers windows.
+    #[must_use]
+    pub fn of_windows() -> Self {
+        Self { of_windows: true, ..Self::default() }
+    }
+
+    /// The same as another cutter that stood at `state`; the next row is the one behind its last cut.
+    #[must_use]
+    pub fn at(self, state: CutterState) -> Self {
+        let CutterState { rows_cut, cycles_cut, number_cut, counter_reached } = state;
+        // what was cut as a cycle had a stage
+        let stage_seen = cycles_cut > 0;
+        Self { rows_cut, rows_seen: rows_cut, cycles_cut, number_cut, counter_reached, stage_seen, ..self }
+    }
+
+    /// Where it stands.
+    #[must_use]
+    pub fn state(&self) -> CutterState {
+        // rows that are in no cycle yet have one counter, so that it may have reached theirs
+        CutterState {
+            rows_cut: self.rows_cut,
+            cycles_cut: self.cycles_cut,
+            number_cut: self.number_cut,
+            counter_reached: self.counter_reached,
+        }
+    }
+
+    /// Rows of the cycle that has not ended yet.
+    #[must_use]
+    pub fn open_rows(&self) -> usize {
+        self.pending.rows()
+    }
+
+    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind
+    /// one, nothing is to be pushed.
+    ///
+    /// # Errors
+    /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`].
+    pub fn push(&mut self, chunk: Samples, cycles: &mut Vec<Cycle>) -> Result<(), SegmentError> {
+        let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
+        self.rows_seen += chunk.rows() as u64;
+        self.most_pushed = self.most_pushed.max(chunk.rows());
+        let rows = self.pending.rows();
+        if rows > 0 && self.pending.time.capacity() < rows + chunk.rows() {
+            self.pending.reserve(GUESSED_ROWS.min(8 * rows).saturating_sub(rows));
+        }
+        self.pending.append(chunk);
+        while self.searched < self.pending.rows() {
+            if self.begins_cycle(self.searched)? {
+                cycles.extend(self.cut(self.searched));
+            }
+            // row by row, so that it does not matter in which pieces they come
+            if self.searched >= most_rows {
+                return Err(SegmentError::Endless { rows: self.searched + 1, start_s: self.pending.time[0] });
+            }
+            self.note_row(self.searched);
+            self.searched += 1;
+        }
+        Ok(())
+    }
+
+    /// Ends the recording and returns its last cycle, if the rows left hold a stage.
+    ///
+    /// # Errors
+    /// [`SegmentError::NoStage`] if no row of the whole recording was in a stage.
+    pub fn finish(mut self) -> Result<Option<Cycle>, SegmentError> {
+        if !self.stage_seen && !self.of_windows {
+            return Err(SegmentError::NoStage { rows: self.rows_seen });
+        }
+        Ok(self.cut(self.pending.rows()))
+    }
+
+    fn begins_cycle(&self, row: usize) -> Result<bool, SegmentError> {
+        if let Some(counters) = &self.pending.cycle {
+            let (Some(from), to) = (self.counter, counters[row]) else { return Ok(false) };
+            let (time_s, row) = (self.pending.time[row], self.rows_cut + row as u64);
+            if to != 0 && to < self.counter_reached {
+                return Err(SegmentError::CounterFalls { from: self.counter_reached, to, row, time_s });
+            }
+            if to != from && to != 0 && to == self.number_cut {
+                return Err(SegmentError::CounterReturns { counter: to, row, time_s });
+            }
+            return Ok(to != from);
+        }
+        let stage = self.pending.stage[row];
+        Ok(stage != Stage::Between && self.stage_reached.is_some_and(|reached| stage < reached))
+    }
+
+    fn note_row(&mut self, row: usize) {
+        self.counter = self.pending.cycle.as_ref().map(|counters| counters[row]);
+        self.counter_reached = self.counter_reached.max(self.counter.unwrap_or(0));
+        let stage = self.pending.stage[row];
+        if stage != Stage::Between {
+            self.stage_reached = Some(stage);
+            self.stage_seen = true;
+        }
+    }
+
+    /// Takes the first `rows` rows as a cycle. Rows before the first stage of a test, and a counter
+    /// of zero, are not a cycle.
+    fn cut(&mut self, rows: usize) -> Option<Cycle> {
+        let samples = self.pending.take_front(rows);
+        // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
+        let room = rows + rows / 64 + self.most_pushed;
+        for channel in self.pending.channels_mut() {
+            let mut roomy = self.buffers.room(room.max(channel.len()));
+            roomy.extend_from_slice(channel);
+            *channel = roomy;
+        }
+        self.pending.reserve(room.saturating_sub(self.pending.rows()));
+        self.rows_cut += rows as u64;
+        self.searched = 0;
+        self.stage_reached = None;
+        let staged = match self.of_windows {
+            true => !samples.is_empty(),
+            false => samples.stage.iter().any(|stage| *stage != Stage::Between),
+        };
+        let number = match samples.cycle.as_ref().and_then(|counters| counters.first()) {
+            Some(counter) => *counter,
+            None => self.cycles_cut + u32::from(staged),
+        };
+        if !staged || number == 0 {
+            return None;
+        }
+        self.cycles_cut += 1;
+        self.number_cut = number;
+        Some(Cycle { number, samples })
+    }
+}
+
+/// Contiguous ranges of `0..rows` in which `holds` is true.
+pub fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+    let mut ranges = Vec::new();
+    let mut start = None;
+    for row in 0..rows {
+        match (holds(row), start) {
+            (true, None) => start = Some(row),
+            (false, Some(first)) => {
+                ranges.push(first..row);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    if let Some(first) = start {
+        ranges.push(first..rows);
+    }
+    ranges
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn samples(stages: &[u8], counters: Option<&[u32]>) -> Samples {
+        let stage =
+            |s: &u8| [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming][usize::from(*s)];
+        let time: Vec<f64> = (0..stages.len()).map(|i| i as f64 * 0.01).collect();
+        Samples {
+            position: vec![time.clone()],
+            velocity: Some(vec![time.clone()]),
+            torque: vec![time.clone()],
+            time,
+            stage: stages.iter().map(stage).collect(),
+            cycle: counters.map(<[u32]>::to_vec),
+            friction_signal: None,
+            temperatures: None,
+        }
+    }
+
+    fn cut_all(samples: Samples, chunk: usize) -> Vec<(u32, usize)> {
+        let mut rest = samples;
+        let mut cutter = CycleCutter::new();
+        let mut cycles = Vec::new();
+        while !rest.is_empty() {
+            let front = rest.take_front(chunk.min(rest.rows()));
+            cutter.push(front, &mut cycles).expect("cuts");
+        }
+        cycles.extend(cutter.finish().expect("has stages"));
+        cycles.iter().map(|c| (c.number, c.samples.rows())).collect()
+    }
+
+    #[test]
+    fn the_stage_sequence_cuts_where_it_falls_back() {
+        let stages = [0, 0, 1, 1, 0, 2, 2, 0, 3, 3, 0, 1, 1, 2, 3, 3, 0, 0];
+        assert_eq!(cut_all(samples(&stages, None), 100), vec![(1, 11), (2, 7)]);
+    }
+
+    #[test]
+    fn a_missing_stage_does_not_join_two_cycles() {
+        let stages = [2, 2, 3, 2, 3, 3, 2];
+        assert_eq!(cut_all(samples(&stages, None), 100), vec![(1, 3), (2, 3), (3, 1)]);
+    }
+
+    #[test]
+    fn the_counter_wins_and_zero_is_outside_the_test() {
+        let stages = [0, 1, 1, 3, 0, 1, 3, 3, 0, 0];
+        let counters = [0, 1, 1, 1, 3, 3, 3, 3, 0, 0];
+        assert_eq!(cut_all(samples(&stages, Some(&counters)), 100), vec![(1, 3), (3, 4)]);
+    }
+
+    #[test]
+    fn a_counter_that_falls_is_refused_with_both_values() {
+        let mut cutter = CycleCutter::new();
+        let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3])), &mut Vec::new()).expect_err("falls");
+        assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, row: 2, time_s: 0.02 });
+    }
+
+    #[test]
+    fn the_row_of_a_fault_counts_from_the_start_of_the_recording_whatever_the_pieces() {
+        let recording = || samples(&[1, 1, 2, 1, 1, 2, 1], Some(&[4, 4, 4, 5, 5, 5, 2]));
+        for chunk in [1, 2, 7] {
+            let (_, fault) = cut_from(CycleCutter::new(), recording(), chunk);
+            let row = fault.map(|fault| match fault {
+                SegmentError::CounterFalls { row, .. } => row,
+                other => panic!("{other}"),
+            });
+            assert_eq!(row, Some(6), "pieces of {chunk} rows");
+        }
+    }
+
+    /// Two cycles of one number were refused by the database, which stopped the program.
+    #[test]
+    fn a_counter_that_comes_back_from_zero_is_refused_unless_no_stage_was_before() {
+        let mut cutter = CycleCutter::new();
+        let error =
+            cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1])), &mut Vec::new()).expect_err("comes back");
+        assert_eq!(error, SegmentError::CounterReturns { counter: 1, row: 2, time_s: 0.02 });
+        assert_eq!(cut_all(samples(&[0, 0, 1], Some(&[1, 0, 1])), 100), vec![(1, 1)]);
+    }
+
+    #[test]
+    fn a_recording_without_stages_is_refused() {
+        let mut cutter = CycleCutter::new();
+        let mut cycles = Vec::new();
+        assert_eq!((cutter.push(samples(&[0, 0, 0], None), &mut cycles), &cycles), (Ok(()), &vec![]));
+        assert_eq!(cutter.finish(), Err(SegmentError::NoStage { rows: 3 }));
+    }
+
+    #[test]
+    fn an_endless_cycle_is_refused_before_memory_grows() {
+        let mut cutter = CycleCutter::new();
+        let chunk = samples(&vec![1; MAX_CYCLE_ROWS + 1], None);
+        let rows = MAX_CYCLE_ROWS + 1;
+        assert_eq!(cutter.push(chunk, &mut Vec::new()), Err(SegmentError::Endless { rows, start_s: 0.0 }));
+    }
+
+    /// The cycles of a recording in pieces of `chunk` rows, each with its rows and where it leaves the cutter, and the
+    /// fault that ends it.
+    fn cut_from(
+        mut cutter: CycleCutter,
+        mut rest: Samples,
+        chunk: usize,
+    ) -> (Vec<(u32, usize, CutterState)>, Option<SegmentError>) {
+        let mut found = Vec::new();
+        while !rest.is_empty() {
+            let mut cycles = Vec::new();
+            let fault = cutter.push(rest.take_front(chunk.min(rest.rows())), &mut cycles).err();
+            let state = cutter.state();
+            found.extend(cycles.iter().map(|cycle| (cycle.number, cycle.samples.rows(), state)));
+            if fault.is_some() {
+                return (found, fault);
+            }
+        }
+        let state = cutter.state();
+        match cutter.finish() {
+            Ok(last) => found.extend(last.map(|last| (last.number, last.samples.rows(), state))),
+            Err(fault) => return (found, Some(fault)),
+        }
+        (found, None)
+    }
+
+    fn without_states(found: &[(u32, usize, CutterState)]) -> Vec<(u32, usize)> {
+        found.iter().map(|(number, rows, _)| (*number, *rows)).collect()
+    }
+
+    /// Counters that rise, fall, come back, and stand at zero.
+    fn counters() -> impl Strategy<Value = Vec<u32>> {
+        let steps = prop::collection::vec((0_u32..6, 1_usize..12), 1..20);
+        steps.prop_map(|steps| {
+            let mut reached = 0;
+            let step = |(step, rows)| {
+                let counter = match step {
+                    0 => 0,
+                    1 => reached,
+                    2 => u32::saturating_sub(reached, 1),
+                    _ => reached + 1,
+                };
+                reached = reached.max(counter);
+                std::iter::repeat_n(counter, rows)
+            };
+            steps.into_iter().flat_map(step).collect()
+        })
+    }
+
+    proptest! {
+        /// Cycles that end in the same piece as a fault were lost.
+        #[test]
+        fn any_chunking_gives_the_same_cycles_and_the_same_fault(
+            counters in prop::option::of(counters()),
+            stages in prop::collection::vec(0_u8..4, 240),
+            most_rows in 3_usize..40,
+            chunk in 1_usize..50,
+        ) {
+            let stages = &stages[..counters.as_ref().map_or(240, Vec::len)];
+            let rows = samples(stages, counters.as_deref());
+            let cutter = || CycleCutter::new().with_most_rows(most_rows);
+            let (whole, fault) = cut_from(cutter(), rows.clone(), rows.rows());
+            let (cut, same_fault) = cut_from(cutter(), rows, chunk);
+            prop_assert_eq!(without_states(&cut), without_states(&whole));
+            prop_assert_eq!(same_fault, fault);
+        }
+
+        #[test]
+        fn a_cutter_that_stands_behind_a_cut_goes_on_as_the_other_did(
+            counters in prop::option::of(counters()),
+            stages in prop::collection::vec(0_u8..4, 240),
+            chunk in 1_usize..50,
+        ) {
+            let stages = &stages[..counters.as_ref().map_or(240, Vec::len)];
+            let rows = samples(stages, counters.as_deref());
+            let (whole, fault) = cut_from(CycleCutter::new(), rows.clone(), 1);
+            for (place, (_, _, state)) in whole.iter().enumerate() {
+                let mut rest = rows.clone();
+                rest.take_front(usize::try_from(state.rows_cut).expect("few"));
+                let (after, same_fault) = cut_from(CycleCutter::new().at(*state), rest, chunk);
+                // the last cycle ends with the recording, and then nothing was cut behind it
+                let expected = if state.cycles_cut as usize > place { &whole[place + 1..] } else { &whole[place..] };
+                prop_assert_eq!(without_states(&after), without_states(expected));
+                prop_assert_eq!(&same_fault, &fault);
+            }
+        }
+
+        #[test]
+        fn any_chunking_gives_the_same_cycles(
+            stages in prop::collection::vec(0_u8..4, 1..200),
+            chunk in 1_usize..50,
+        ) {
+            prop_assume!(stages.iter().any(|s| *s != 0));
+            let whole = cut_all(samples(&stages, None), stages.len());
+            prop_assert_eq!(cut_all(samples(&stages, None), chunk), whole);
+        }
+    }
+}

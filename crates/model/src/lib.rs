@@ -1,0 +1,8 @@
+//! The nouns of armwatch: a robot makes runs, a run has an analysis, analyses yield anomalies.
+//!
+//! Angles are in rad, positions in m, torques in Nm, times in s; joints count from 0 ([`robot::JointIndex`]).
+
+pub mod robot;
+pub mod run;
+pub mod analysis;
+pub mod anomaly;

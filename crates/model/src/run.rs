@@ -1,0 +1,401 @@
+//! What was recorded: a run is one export, made of cycles, each made of stages.
+
+pub mod channel_delays;
+pub mod stage_rule;
+pub mod temperature;
+
+use std::fmt;
+
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use temperature::Temperatures;
+
+use crate::robot::JointIndex;
+
+/// Part of a cycle, as the controller's stage signal separates them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub enum Stage {
+    /// Between stages: moving to the next posture or waiting.
+    Between,
+    /// Fourier trajectory and full-speed trajectory, for identification.
+    Excitation,
+    /// Each joint alone, back and forth at constant speeds.
+    Friction,
+    /// All joints together, to warm the gearboxes.
+    Warming,
+}
+
+impl Stage {
+    /// The three stages that are analysed, in the order of a test.
+    pub const ANALYSED: [Self; 3] = [Self::Excitation, Self::Friction, Self::Warming];
+
+    /// Number in the native layout.
+    #[must_use]
+    pub fn number(self) -> u8 {
+        match self {
+            Self::Between => 0,
+            Self::Excitation => 1,
+            Self::Friction => 2,
+            Self::Warming => 3,
+        }
+    }
+
+    /// Name as in the view `cycle_rmsd`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Between => "between",
+            Self::Excitation => "excitation",
+            Self::Friction => "friction",
+            Self::Warming => "warming",
+        }
+    }
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Which joint moves in a row of the friction stage, and at which speed level (from 1), as the
+/// controller's signals say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrictionSignal {
+    /// The joint under test.
+    pub joint: JointIndex,
+    /// Speed level, from 1 upwards.
+    pub level: u8,
+}
+
+/// Consecutive rows of a recording in SI units, one vector per channel; `S` is the channel of stages.
+///
+/// All vectors have the same length `rows`. Joint channels are `[n][rows]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Rows<S> {
+    /// Time since the start of the recording, s.
+    pub time: Vec<f64>,
+    /// Joint positions, rad (m); not a number in logs without positions.
+    pub position: Vec<Vec<f64>>,
+    /// Joint velocities, rad/s (m/s), where recorded.
+    pub velocity: Option<Vec<Vec<f64>>>,
+    /// Joint torques, Nm (N).
+    pub torque: Vec<Vec<f64>>,
+    /// Stage of each row, or what the export says of it.
+    pub stage: S,
+    /// Cycle counter of each row, from 1, where recorded; 0 before and after the test.
+    pub cycle: Option<Vec<u32>>,
+    /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
+    pub friction_signal: Option<Vec<Option<FrictionSignal>>>,
+    /// Temperatures of motors and hall, where any is recorded.
+    pub temperatures: Option<Temperatures>,
+}
+
+/// Rows whose stages are known.
+pub type Samples = Rows<Vec<Stage>>;
+
+/// Rows as an export holds them: [`armwatch_method::segment::stages`] gives them their stages.
+pub type RawSamples = Rows<StageReading>;
+
+/// What an export says of the stages of rows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum StageReading {
+    /// The stage of each row.
+    Known(Vec<Stage>),
+    /// The level of an analogue signal in each row, in the unit of the export.
+    Level(Vec<f64>),
+    /// Nothing.
+    #[default]
+    Unknown,
+}
+
+/// A channel of stages, which grows and is divided with the rows.
+pub trait StageChannel: Default {
+    /// Appends a channel of the same kind.
+    fn append(&mut self, other: Self);
+    /// Takes away and returns what follows the first `rows` rows.
+    fn split_off(&mut self, rows: usize) -> Self;
+    /// Gives back memory beyond what the rows need.
+    fn shrink_to_fit(&mut self);
+    /// Makes room for so many more rows.
+    fn reserve(&mut self, rows: usize);
+}
+
+impl StageChannel for Vec<Stage> {
+    fn append(&mut self, mut other: Self) {
+        Self::append(self, &mut other);
+    }
+
+    fn split_off(&mut self, rows: usize) -> Self {
+        Self::split_off(self, rows)
+    }
+
+    fn shrink_to_fit(&mut self) {
+        Self::shrink_to_fit(self);
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        Self::reserve(self, rows);
+    }
+}
+
+impl StageChannel for StageReading {
+    fn append(&mut self, other: Self) {
+        match (self, other) {
+            (Self::Known(mine), Self::Known(mut theirs)) => mine.append(&mut theirs),
+            (Self::Level(mine), Self::Level(mut theirs)) => mine.append(&mut theirs),
+            _ => {}
+        }
+    }
+
+    fn split_off(&mut self, rows: usize) -> Self {
+        match self {
+            Self::Known(stages) => Self::Known(stages.split_off(rows)),
+            Self::Level(levels) => Self::Level(levels.split_off(rows)),
+            Self::Unknown => Self::Unknown,
+        }
+    }
+
+    fn shrink_to_fit(&mut self) {
+        match self {
+            Self::Known(stages) => stages.shrink_to_fit(),
+            Self::Level(levels) => levels.shrink_to_fit(),
+            Self::Unknown => {}
+        }
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        match self {
+            Self::Known(stages) => stages.reserve(rows),
+            Self::Level(levels) => levels.reserve(rows),
+            Self::Unknown => {}
+        }
+    }
+}
+
+impl<S> Rows<S> {
+    /// The same rows with another channel of stages.
+    #[must_use]
+    pub fn with_stages<T>(self, stage: T) -> Rows<T> {
+        let Self { time, position, velocity, torque, stage: _, cycle, friction_signal, temperatures } = self;
+        Rows { time, position, velocity, torque, stage, cycle, friction_signal, temperatures }
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Whether there is no row.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// Whether positions are recorded.
+    #[must_use]
+    pub fn has_positions(&self) -> bool {
+        !self.position.iter().any(|joint| joint.first().is_some_and(|position| position.is_nan()))
+    }
+
+    /// Number of joints `n`.
+    #[must_use]
+    pub fn joint_count(&self) -> usize {
+        self.position.len()
+    }
+}
+
+impl RawSamples {
+    /// The rows with the stages that their export says; without any, they are between stages.
+    #[must_use]
+    pub fn as_recorded(mut self) -> Samples {
+        let stages = match std::mem::take(&mut self.stage) {
+            StageReading::Known(stages) => stages,
+            StageReading::Level(_) | StageReading::Unknown => vec![Stage::Between; self.rows()],
+        };
+        self.with_stages(stages)
+    }
+}
+
+impl<S: StageChannel> Rows<S> {
+    /// Appends `other`, which has the same channels.
+    pub fn append(&mut self, mut other: Self) {
+        if self.is_empty() {
+            *self = other;
+            return;
+        }
+        self.time.append(&mut other.time);
+        append_channels(&mut self.position, &mut other.position);
+        if let (Some(mine), Some(theirs)) = (&mut self.velocity, &mut other.velocity) {
+            append_channels(mine, theirs);
+        }
+        append_channels(&mut self.torque, &mut other.torque);
+        self.stage.append(other.stage);
+        if let (Some(mine), Some(theirs)) = (&mut self.cycle, &mut other.cycle) {
+            mine.append(theirs);
+        }
+        if let (Some(mine), Some(theirs)) = (&mut self.friction_signal, &mut other.friction_signal) {
+            mine.append(theirs);
+        }
+        if let (Some(mine), Some(theirs)) = (&mut self.temperatures, other.temperatures) {
+            mine.append(theirs);
+        }
+    }
+
+    /// Gives back memory beyond what the rows need, where it is much: more than a quarter. Channels that grew piece by piece
+    /// hold up to twice what they need.
+    pub fn shrink_to_fit(&mut self) {
+        let enough = self.rows() + self.rows() / 4;
+        let roomy = self.channels_mut().filter(|channel| channel.capacity() > enough);
+        roomy.for_each(|channel| channel.shrink_to(enough));
+        self.stage.shrink_to_fit();
+        self.cycle.iter_mut().for_each(Vec::shrink_to_fit);
+        self.friction_signal.iter_mut().for_each(Vec::shrink_to_fit);
+    }
+
+    /// Channels of numbers: time, positions, velocities, torques.
+    pub fn channels_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+        let joints = self.position.iter_mut().chain(self.velocity.iter_mut().flatten());
+        std::iter::once(&mut self.time).chain(joints).chain(&mut self.torque)
+    }
+
+    /// Makes room for so many more rows, temperatures apart, which are few.
+    pub fn reserve(&mut self, rows: usize) {
+        self.channels_mut().for_each(|channel| channel.reserve(rows));
+        self.stage.reserve(rows);
+        self.cycle.iter_mut().for_each(|cycle| cycle.reserve(rows));
+        self.friction_signal.iter_mut().for_each(|signal| signal.reserve(rows));
+    }
+
+    /// Takes away and returns the first `rows` rows; the rest stays.
+    pub fn take_front(&mut self, rows: usize) -> Self {
+        let first_temperatures = self.temperatures.as_mut().map(|t| t.take_front(rows));
+        let rest = Self {
+            time: self.time.split_off(rows),
+            position: split_channels(&mut self.position, rows),
+            velocity: self.velocity.as_mut().map(|v| split_channels(v, rows)),
+            torque: split_channels(&mut self.torque, rows),
+            stage: self.stage.split_off(rows),
+            cycle: self.cycle.as_mut().map(|c| c.split_off(rows)),
+            friction_signal: self.friction_signal.as_mut().map(|f| f.split_off(rows)),
+            temperatures: self.temperatures.take(),
+        };
+        Self { temperatures: first_temperatures, ..std::mem::replace(self, rest) }
+    }
+}
+
+fn append_channels(mine: &mut [Vec<f64>], theirs: &mut [Vec<f64>]) {
+    for (a, b) in mine.iter_mut().zip(theirs) {
+        a.append(b);
+    }
+}
+
+fn split_channels(channels: &mut [Vec<f64>], at: usize) -> Vec<Vec<f64>> {
+    channels.iter_mut().map(|c| c.split_off(at)).collect()
+}
+
+/// One repetition of the test: the unit of transfer and of analysis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cycle {
+    /// Number in the run, from 1.
+    pub number: u32,
+    /// Rows of the cycle, those between stages included.
+    pub samples: Samples,
+}
+
+/// BLAKE3 hash of an export's bytes as they lie on disk: the identity of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct ContentHash(pub [u8; 32]);
+
+impl fmt::Display for ContentHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+/// The first bytes of an export, known by their hash: what stored cycles were read from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ContentPrefix {
+    /// Number of bytes, from the first.
+    pub bytes: u64,
+    /// BLAKE3 hash of these bytes.
+    pub hash: ContentHash,
+}
+
+/// A file as its file system numbers it, whatever it is called. A number is given again once its file
+/// is gone, so it only says where to look; content decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct FileId {
+    /// Number of the file system.
+    pub device: u64,
+    /// Number of the file in it.
+    pub inode: u64,
+}
+
+/// What is known of an export before its rows are read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunHeader {
+    /// The individual robot, such as `R00`.
+    pub robot: String,
+    /// Model of its description, such as `er3a`.
+    pub model: String,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// File name of the export, without its folder.
+    pub source_name: String,
+    /// Whole path of the export, as it was found.
+    pub source_path: String,
+    /// Identity of the content; of a file that still grows, of what it held when it was opened.
+    pub content_hash: ContentHash,
+    /// Bytes of the export on disk.
+    pub source_bytes: u64,
+}
+
+/// What a run is a recording of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub enum RunKind {
+    /// The test: stages from which parameters and friction are identified.
+    #[default]
+    Test,
+    /// Ordinary work, held against the parameters of tests.
+    Production,
+}
+
+impl RunKind {
+    /// Name as in the view `runs`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Test => "test",
+            Self::Production => "production",
+        }
+    }
+}
+
+/// Where a run stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum RunStatus {
+    /// Cycles are being stored.
+    Streaming,
+    /// Every cycle is stored.
+    Complete,
+    /// The export was not understood; the reason is with the run.
+    Quarantined,
+    /// Another content was written in its place; what was stored of it is kept and takes no part in
+    /// conclusions.
+    Superseded,
+}
+
+impl RunStatus {
+    /// Name as in the view `runs`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Streaming => "streaming",
+            Self::Complete => "complete",
+            Self::Quarantined => "quarantined",
+            Self::Superseded => "superseded",
+        }
+    }
+}

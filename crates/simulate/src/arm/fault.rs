@@ -1,0 +1,200 @@
+//! Faults that a simulated arm develops over its runs.
+
+mod backlash;
+mod delay;
+pub mod in_run;
+mod text;
+
+pub use text::FaultParseError;
+
+use armwatch_model::robot::JointIndex;
+
+/// Largest wear unless said otherwise: friction doubled.
+const DEFAULT_CAP: f64 = 1.0;
+
+/// A fault. Runs and cycles count from 1, as people read them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fault {
+    /// What is wrong.
+    pub kind: FaultKind,
+    /// The joint; `None` where it is the whole arm's.
+    pub joint: Option<JointIndex>,
+    /// First run that shows it.
+    pub start_run: u32,
+    /// Last run that shows it; `None` if it stays.
+    pub last_run: Option<u32>,
+}
+
+/// What is wrong, and how much.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum FaultKind {
+    /// All friction grows by the fraction `rate_per_run` of healthy friction a run, up to `cap`.
+    Wear {
+        /// Growth a run, as a fraction of healthy friction.
+        rate_per_run: f64,
+        /// Largest growth, as a fraction of healthy friction.
+        cap: f64,
+    },
+    /// All friction is larger by a fraction at once.
+    Step {
+        /// The fraction.
+        size: f64,
+        /// First cycle of the first run that shows it.
+        cycle: u32,
+    },
+    /// All friction of each cycle is larger or smaller by a fraction that is drawn for the cycle.
+    Jitter {
+        /// Standard deviation of the fraction.
+        size: f64,
+    },
+    /// The slow time constant of the warm-up is longer.
+    WarmUp {
+        /// How many times.
+        factor: f64,
+    },
+    /// A point mass at the tool frame.
+    Load {
+        /// Mass, kg.
+        mass: f64,
+        /// Its place in the tool frame, m.
+        centre: [f64; 3],
+    },
+    /// A constant in the torque signal.
+    Offset {
+        /// Nm (N).
+        torque: f64,
+    },
+    /// The torque signal is larger by a fraction.
+    Gain {
+        /// The fraction.
+        size: f64,
+    },
+    /// The noise of the torque signal is larger.
+    Noise {
+        /// How many times.
+        factor: f64,
+    },
+    /// A constant in the position signal.
+    Zero {
+        /// rad (m).
+        position: f64,
+    },
+    /// The torque signal goes no further.
+    Saturation {
+        /// Nm (N).
+        torque: f64,
+    },
+    /// The torque signal keeps its first value of the run.
+    Stuck,
+    /// The torque signal is late.
+    Delay {
+        /// s
+        seconds: f64,
+    },
+    /// The gear has play: where the torque that it carries changes its sign, the driven side is free for a moment.
+    Backlash {
+        /// Width of the play at the joint, rad (m).
+        play: f64,
+    },
+    /// Something outside pushes the joint during a twentieth of one cycle.
+    Contact {
+        /// Nm (N).
+        torque: f64,
+        /// The cycle.
+        cycle: u32,
+    },
+}
+
+impl FaultKind {
+    /// Whether it is the whole arm's.
+    fn is_of_arm(self) -> bool {
+        matches!(self, Self::Load { .. })
+    }
+}
+
+impl Fault {
+    /// Wear of a joint up to twice its friction.
+    #[must_use]
+    pub fn wear(joint: JointIndex, start_run: u32, rate_per_run: f64) -> Self {
+        let kind = FaultKind::Wear { rate_per_run, cap: DEFAULT_CAP };
+        Self { kind, joint: Some(joint), start_run, last_run: None }
+    }
+
+    /// Whether run `run` shows it.
+    #[must_use]
+    pub fn is_in(&self, run: u32) -> bool {
+        run >= self.start_run && self.last_run.is_none_or(|last| run <= last)
+    }
+
+    /// How large the fault is in run `run`, in the unit of its kind; 0 where it is not there. The first run that
+    /// shows wear has grown by one step.
+    #[must_use]
+    pub fn size(&self, run: u32) -> f64 {
+        if !self.is_in(run) {
+            return 0.0;
+        }
+        match self.kind {
+            FaultKind::Wear { rate_per_run, cap } => {
+                (rate_per_run * (f64::from(run - self.start_run) + 1.0)).min(cap)
+            }
+            FaultKind::Step { size, .. } | FaultKind::Jitter { size } | FaultKind::Gain { size } => size,
+            FaultKind::WarmUp { factor } | FaultKind::Noise { factor } => factor,
+            FaultKind::Load { mass, .. } => mass,
+            FaultKind::Offset { torque }
+            | FaultKind::Saturation { torque }
+            | FaultKind::Contact { torque, .. } => torque,
+            FaultKind::Zero { position } => position,
+            FaultKind::Delay { seconds } => seconds,
+            FaultKind::Backlash { play } => play,
+            FaultKind::Stuck => 1.0,
+        }
+    }
+
+    fn is_of(&self, joint: usize) -> bool {
+        self.joint.is_none_or(|of| of.index() == joint)
+    }
+}
+
+/// Growth of friction of `joint` in run `run` over all its wear.
+#[must_use]
+pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
+    // A sum over nothing is -0.0, which looks odd in a truth file.
+    let worn =
+        faults.iter().filter(|of| matches!(of.kind, FaultKind::Wear { .. }) && of.is_of(joint.index()));
+    worn.fold(0.0, |total, fault| total + fault.size(run))
+}
+
+/// How many times longer the slow time constant of the warm-up of `joint` is in run `run`.
+#[must_use]
+pub fn warm_up_factor(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
+    let longer = |fault: &Fault| match fault.kind {
+        FaultKind::WarmUp { factor } if fault.is_in(run) && fault.is_of(joint.index()) => Some(factor),
+        _ => None,
+    };
+    faults.iter().filter_map(longer).product()
+}
+
+/// The point masses of run `run`: mass, kg, and place in the tool frame, m.
+pub fn loads(faults: &[Fault], run: u32) -> impl Iterator<Item = (f64, [f64; 3])> {
+    faults.iter().filter_map(move |fault| match fault.kind {
+        FaultKind::Load { mass, centre } if fault.is_in(run) => Some((mass, centre)),
+        _ => None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wear_grows_from_its_run_to_its_cap() {
+        let fault: Fault = "wear:joint=2,from=4,rate=0.1,cap=0.25".parse().unwrap();
+        let sizes: Vec<f64> = (1..=8).map(|run| fault.size(run)).collect();
+        assert_eq!(sizes, [0.0, 0.0, 0.0, 0.1, 0.2, 0.25, 0.25, 0.25]);
+        let joint = JointIndex::new(1);
+        assert_eq!(wear(&[fault, fault], joint, 4), 0.2, "two faults add");
+        assert_eq!(wear(&[fault], JointIndex::new(0), 4), 0.0, "another joint is healthy");
+        assert!(wear(&[], joint, 4).is_sign_positive(), "a truth file must not say -0.0");
+    }
+}

@@ -1,0 +1,169 @@
+//! The columns of an export in any layout: what stands in each, in which unit and on which side of the
+//! gears.
+
+use std::io::Write;
+
+use crate::run::recording::Row;
+use armwatch_model::run::Stage;
+
+/// Columns of an export in their order. Numbers are written with all their digits, so that the same run
+/// in two formats is the same recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExportFormat {
+    /// Separator between columns.
+    pub delimiter: u8,
+    /// Whether the first line names the columns.
+    pub header: bool,
+    /// The columns.
+    pub columns: Vec<ExportColumn>,
+}
+
+/// One column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExportColumn {
+    /// Name in the header.
+    pub name: String,
+    /// What stands in it.
+    pub cell: Cell,
+}
+
+/// What stands in a column.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// Time since the start of the run, in units of which a second has this many.
+    Time(f64),
+    /// Positions of the joints.
+    Position(Weighted),
+    /// Their velocities.
+    Velocity(Weighted),
+    /// Their torques.
+    Torque(Weighted),
+    /// Stage signal: values for between stages, excitation, friction and warming.
+    Stage([i64; 4]),
+    /// Stage signal in words, in the same order.
+    StageWord([String; 4]),
+    /// Whether a stage goes on, 1 or 0.
+    StageFlag(Stage),
+    /// Analogue stage signal: levels in the same order, and how far it strays from them; now and then a row
+    /// shows another level.
+    StageLevel {
+        /// The levels.
+        levels: [f64; 4],
+        /// Largest deviation from the level.
+        noise: f64,
+    },
+    /// Cycle counter.
+    Cycle,
+    /// Joint under friction test, from 1; 0 outside.
+    FrictionJoint,
+    /// Its speed level, from 1; 0 outside.
+    FrictionLevel,
+    /// Temperature of a joint's motor.
+    MotorTemperature {
+        /// Place of the joint, from 0.
+        joint: usize,
+        /// Unit.
+        scale: TemperatureScale,
+    },
+    /// Temperature of the hall.
+    AmbientTemperature(TemperatureScale),
+    /// Nothing that anybody reads.
+    Unused,
+}
+
+/// A scale of temperature: so many of its degrees at 0 K, and in a kelvin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TemperatureScale {
+    /// Value at 0 K.
+    pub at_zero: f64,
+    /// Degrees in a kelvin.
+    pub per_kelvin: f64,
+}
+
+impl TemperatureScale {
+    fn of(self, kelvin: f64) -> f64 {
+        self.at_zero + self.per_kelvin * kelvin
+    }
+}
+
+/// A weighted sum of the joints' signals: units, signs, gears and couplings in one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Weighted {
+    /// One weight a joint.
+    pub weights: Vec<f64>,
+    /// Added to the sum.
+    pub constant: f64,
+}
+
+impl Weighted {
+    fn of(&self, signals: &[f64]) -> f64 {
+        self.constant + self.weights.iter().zip(signals).map(|(w, x)| w * x).sum::<f64>()
+    }
+}
+
+impl ExportFormat {
+    /// Appends the header line, if there is to be one.
+    pub(super) fn push_header(&self, text: &mut Vec<u8>) {
+        if self.header {
+            let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
+            text.extend_from_slice(names.join(&char::from(self.delimiter).to_string()).as_bytes());
+            text.push(b'\n');
+        }
+    }
+
+    /// Appends a row.
+    pub(super) fn push_row(&self, text: &mut Vec<u8>, row: &Row) {
+        for (place, column) in self.columns.iter().enumerate() {
+            if place > 0 {
+                text.push(self.delimiter);
+            }
+            // Writing to memory does not fail.
+            let _ = match &column.cell {
+                Cell::Time(per_second) => write!(text, "{}", row.time * per_second),
+                Cell::Position(sum) => write!(text, "{}", sum.of(&row.position)),
+                Cell::Velocity(sum) => write!(text, "{}", sum.of(&row.velocity)),
+                Cell::Torque(sum) => write!(text, "{}", sum.of(&row.torque)),
+                Cell::Stage(values) => write!(text, "{}", values[stage_index(row.stage)]),
+                Cell::StageWord(words) => write!(text, "{}", words[stage_index(row.stage)]),
+                Cell::StageFlag(stage) => write!(text, "{}", u8::from(row.stage == *stage)),
+                Cell::StageLevel { levels, noise } => {
+                    write!(text, "{:.4}", level(levels, *noise, stage_index(row.stage), row.time))
+                }
+                Cell::Cycle => write!(text, "{}", row.cycle),
+                Cell::FrictionJoint => write!(text, "{}", row.signal.map_or(0, |s| s.joint.number())),
+                Cell::FrictionLevel => write!(text, "{}", row.signal.map_or(0, |s| s.level)),
+                Cell::MotorTemperature { joint, scale } => {
+                    write!(text, "{:.2}", scale.of(row.motor_temperature[*joint]))
+                }
+                Cell::AmbientTemperature(scale) => write!(text, "{:.2}", scale.of(row.ambient_temperature)),
+                Cell::Unused => write!(text, "0"),
+            };
+        }
+        text.push(b'\n');
+    }
+}
+
+/// One row in this many shows another level than that of its stage.
+const SPIKE_EVERY: u64 = 400;
+
+/// An analogue level with noise and single spikes, which follow from the time alone: the same run has the
+/// same bytes.
+fn level(levels: &[f64; 4], noise: f64, stage: usize, time: f64) -> f64 {
+    // splitmix64, a mixer of bits without state
+    let mut bits = time.to_bits().wrapping_add(0x9e37_79b9_7f4a_7c15);
+    bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^= bits >> 31;
+    let shown = if bits.is_multiple_of(SPIKE_EVERY) { (stage + 1) % levels.len() } else { stage };
+    let uniform = (bits >> 11) as f64 / (1_u64 << 53) as f64;
+    levels[shown] + noise * (2.0 * uniform - 1.0)
+}
+
+fn stage_index(stage: Stage) -> usize {
+    match stage {
+        Stage::Between => 0,
+        Stage::Excitation => 1,
+        Stage::Friction => 2,
+        Stage::Warming => 3,
+    }
+}

@@ -1,0 +1,266 @@
+//! What a message about an anomaly is made of.
+
+use jiff::Timestamp;
+use sqlx::{AssertSqlSafe, Row};
+
+use super::event::told;
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::robot::alarms::alarm_state::EventKind;
+use crate::values::{named, time};
+use armwatch_model::anomaly::Severity;
+
+/// Most runs of a series: a trend stands on the latest.
+const SERIES_RUNS: i64 = 12;
+
+/// An event of an anomaly, with the anomaly as far as a message says it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AlarmEvent {
+    /// Number of the event.
+    pub event_id: i64,
+    /// Number of the anomaly.
+    pub anomaly_id: i64,
+    /// What happened.
+    pub what: EventKind,
+    /// When.
+    pub at: Timestamp,
+    /// The robot.
+    pub robot: String,
+    /// The joint as people count, from 1; `None` where the cause is the whole arm's.
+    pub joint: Option<i64>,
+    /// Kind of the anomaly.
+    pub kind: String,
+    /// The quantity that changed, with its unit where it has one.
+    pub quantity: String,
+    /// Severity then.
+    pub severity: Severity,
+    /// What a technician should read, as it was then.
+    pub message: String,
+    /// How far out it was then, in the scale of `threshold`; smoothed where the detector smooths.
+    pub score: Option<f64>,
+    /// Score at which the anomaly begins.
+    pub threshold: Option<f64>,
+    /// The value of the latest run that had shown it then.
+    pub value: Option<f64>,
+    /// What was expected.
+    pub baseline: Option<f64>,
+    /// The value that was furthest out.
+    pub peak_value: Option<f64>,
+    /// Its score.
+    pub peak_score: Option<f64>,
+    /// Where the change most likely began.
+    pub onset_at: Option<Timestamp>,
+    /// The run of that moment.
+    pub onset_run_id: Option<i64>,
+    /// The cycle of that run.
+    pub onset_cycle: Option<i64>,
+    /// Start of the first run that showed it.
+    pub first_seen_at: Timestamp,
+    /// Start of the latest run that showed it.
+    pub last_seen_at: Timestamp,
+    /// Odds of the named cause against all others together.
+    pub odds: Option<f64>,
+    /// Where people have put it, such as `open`.
+    pub state: String,
+    /// Why, in a person's words.
+    pub why: Option<String>,
+    /// The quantity in the latest runs, oldest first: start of the run and value. Empty where runs have no such
+    /// figure.
+    pub series: Vec<(Timestamp, f64)>,
+    /// Kind and severity of the anomaly that the same receiver was told before, where they were others.
+    pub told_before: Vec<(String, String)>,
+}
+
+/// Columns of an [`AlarmEvent`] without its series.
+pub(super) const COLUMNS: &str = "
+    anomaly_event.anomaly_event_id, anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.at,
+    robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly.quantity, anomaly_event.severity,
+    anomaly_event.message, anomaly_event.score, anomaly.threshold, anomaly_event.value, anomaly.baseline,
+    anomaly.peak_value, anomaly.peak_score, anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
+    anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
+
+/// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
+pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
+    let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
+    let onset_at = match row.try_get::<Option<i64>, _>("onset_at")? {
+        Some(_) => Some(time(row, "onset_at")?),
+        None => None,
+    };
+    Ok(Some(AlarmEvent {
+        event_id: row.try_get("anomaly_event_id")?,
+        anomaly_id: row.try_get("anomaly_id")?,
+        what,
+        at: time(row, "at")?,
+        robot: row.try_get("robot")?,
+        joint: row.try_get("joint")?,
+        kind: row.try_get("kind")?,
+        quantity: row.try_get("quantity")?,
+        severity: named(row, "severity", &Severity::ALL, Severity::name)?,
+        message: row.try_get("message")?,
+        score: row.try_get("score")?,
+        threshold: row.try_get("threshold")?,
+        value: row.try_get("value")?,
+        baseline: row.try_get("baseline")?,
+        peak_value: row.try_get("peak_value")?,
+        peak_score: row.try_get("peak_score")?,
+        onset_at,
+        onset_run_id: row.try_get("onset_run_id")?,
+        onset_cycle: row.try_get("onset_cycle")?,
+        first_seen_at: time(row, "first_seen_at")?,
+        last_seen_at: time(row, "last_seen_at")?,
+        odds: row.try_get("odds")?,
+        state: row.try_get("state")?,
+        why: row.try_get("why")?,
+        series: Vec::new(),
+        told_before: Vec::new(),
+    }))
+}
+
+/// Adds what the latest runs gave of the quantity, and what the route was told before.
+pub(super) async fn complete(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    event: &mut AlarmEvent,
+) -> Result<(), sqlx::Error> {
+    event.series = series(&mut *connection, event).await?;
+    event.told_before = told_before(connection, route_id, event).await?;
+    Ok(())
+}
+
+async fn series(
+    executor: impl EngineExecutor<'_>,
+    event: &AlarmEvent,
+) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
+    // the swing of an RMSD, and a step inside a test that is told as a ratio, are no values that tests have
+    let is_ratio = event.kind == "step" && event.baseline == Some(1.0) && event.quantity.ends_with("_nm");
+    if event.kind == "oscillation" || is_ratio {
+        return Ok(Vec::new());
+    }
+    let (table, column) = match event.quantity.as_str() {
+        "friction_index" => ("run_friction_index", "friction_index"),
+        "warm_friction_nm" => ("run_joint_summary", "warm_friction_nm"),
+        "excitation_friction_nm" => ("run_joint_summary", "excitation_friction_nm"),
+        "moving_relative_rmsd" => ("run_joint_summary", "relative_rmsd"),
+        _ => return Ok(Vec::new()),
+    };
+    let statement = format!(
+        "SELECT started_at, value FROM (
+             SELECT run.run_id, run.started_at, figure.{column} AS value
+             FROM run
+             JOIN robot USING (robot_id)
+             JOIN {table} AS figure USING (run_id)
+             WHERE robot.name = $1 AND figure.joint = $2 AND run.status = 'complete' AND run.kind = 'test'
+                   AND run.superseded_by_run_id IS NULL AND figure.{column} IS NOT NULL
+             ORDER BY run.started_at DESC, run.run_id DESC
+             LIMIT $3
+         ) AS latest
+         ORDER BY started_at, run_id"
+    );
+    sqlx::query(AssertSqlSafe(statement))
+        .bind(&event.robot)
+        .bind(event.joint)
+        .bind(SERIES_RUNS)
+        .try_map(|row: EngineRow| Ok((time(&row, "started_at")?, row.try_get("value")?)))
+        .fetch_all(executor)
+        .await
+}
+
+async fn told_before(
+    executor: impl EngineExecutor<'_>,
+    route_id: i64,
+    event: &AlarmEvent,
+) -> Result<Vec<(String, String)>, sqlx::Error> {
+    sqlx::query_as(
+        "SELECT DISTINCT told_kind, told_severity
+         FROM delivery
+         JOIN anomaly_event USING (anomaly_event_id)
+         WHERE delivery_route_id = $1 AND anomaly_id = $2 AND attempts > 0 AND told_kind IS NOT NULL
+               AND (told_kind <> $3 OR told_severity <> $4)
+         ORDER BY told_kind, told_severity",
+    )
+    .bind(route_id)
+    .bind(event.anomaly_id)
+    .bind(&event.kind)
+    .bind(event.severity.name())
+    .fetch_all(executor)
+    .await
+}
+
+impl Store {
+    /// What tells this database from others at a receiver of both.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn identity(&self) -> Result<String, StoreError> {
+        let identity = sqlx::query_scalar("SELECT identity FROM database_identity").fetch_one(&self.readers);
+        self.checked(identity.await)
+    }
+
+    /// Open alarms, those of the least numbers first: the latest event of each that says there is something to see.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn open_alarms(&self) -> Result<Vec<AlarmEvent>, StoreError> {
+        self.checked(open_alarms(&self.readers).await)
+    }
+
+    /// What the receiver of a route holds for open: of each anomaly that is not closed the latest event that it has had. One that was
+    /// closed while the receiver could not be reached is told as open no more.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn told_alarms(&self, route_id: i64) -> Result<Vec<AlarmEvent>, StoreError> {
+        self.checked(told_alarms(&self.readers, route_id).await)
+    }
+}
+
+pub(super) async fn open_alarms(executor: impl EngineExecutor<'_>) -> Result<Vec<AlarmEvent>, sqlx::Error> {
+    let statement = format!(
+        "SELECT {COLUMNS}
+         FROM anomaly
+         JOIN robot USING (robot_id)
+         JOIN anomaly_event ON anomaly_event.anomaly_event_id = (
+             SELECT max(latest.anomaly_event_id) FROM anomaly_event AS latest
+             WHERE latest.anomaly_id = anomaly.anomaly_id AND latest.what IN {}
+         )
+         WHERE anomaly.state = 'open' AND NOT anomaly.withdrawn
+         ORDER BY anomaly.anomaly_id",
+        super::event::SPEAKING
+    );
+    let rows =
+        sqlx::query(AssertSqlSafe(statement)).try_map(|row| from_row(&row)).fetch_all(executor).await?;
+    Ok(rows.into_iter().flatten().collect())
+}
+
+async fn told_alarms(
+    executor: impl EngineExecutor<'_>,
+    route_id: i64,
+) -> Result<Vec<AlarmEvent>, sqlx::Error> {
+    let statement = format!(
+        "SELECT {COLUMNS}, told_kind
+         FROM delivery
+         JOIN anomaly_event USING (anomaly_event_id)
+         JOIN anomaly USING (anomaly_id)
+         JOIN robot USING (robot_id)
+         WHERE delivery.delivery_route_id = $1 AND delivery.state = 'sent' AND anomaly_event.what IN {}
+               AND NOT anomaly.ended AND NOT anomaly.withdrawn AND anomaly.state NOT IN ('resolved', 'false_alarm')
+               AND NOT EXISTS (
+                   SELECT 1 FROM delivery AS later
+                   JOIN anomaly_event AS event ON event.anomaly_event_id = later.anomaly_event_id
+                   WHERE later.delivery_route_id = $1 AND later.state = 'sent'
+                         AND event.anomaly_id = anomaly_event.anomaly_id
+                         AND event.anomaly_event_id > anomaly_event.anomaly_event_id
+               )
+         ORDER BY anomaly_event.anomaly_id",
+        super::event::SPEAKING
+    );
+    let read = |row: EngineRow| {
+        let event = from_row(&row)?;
+        let told: Option<String> = row.try_get("told_kind")?;
+        // under the labels that it was told by
+        Ok(event.map(|event| AlarmEvent { kind: told.unwrap_or_else(|| event.kind.clone()), ..event }))
+    };
+    let rows = sqlx::query(AssertSqlSafe(statement)).bind(route_id).try_map(read).fetch_all(executor).await?;
+    Ok(rows.into_iter().flatten().collect())
+}

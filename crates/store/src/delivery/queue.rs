@@ -1,0 +1,364 @@
+//! What waits for a receiver: the next message, the attempt, and what became of it.
+
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+use sqlx::{AssertSqlSafe, Row};
+
+use super::alarm::{self, AlarmEvent, COLUMNS};
+use super::clock::NOT_AHEAD;
+use super::routes::{Held, RouteEntry};
+use crate::engine::{EngineConnection, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::time;
+
+/// Most alarms of one digest: a mail of some pages.
+const DIGEST_ALARMS: i64 = 200;
+
+/// A message that is due: one alarm, or a digest of several.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DueMessage {
+    /// Rows of `delivery`, in the order of `alarms`.
+    pub delivery_ids: Vec<i64>,
+    /// Number of the digest.
+    pub digest: Option<i64>,
+    /// What it says.
+    pub alarms: Vec<AlarmEvent>,
+    /// Attempts so far.
+    pub attempts: u32,
+}
+
+/// Where a route stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RouteState {
+    /// Attempts in a row that did not reach the receiver.
+    pub failures: u32,
+    /// When the next one is made; `None`: now.
+    pub retry_at: Option<Timestamp>,
+    /// When the next message is due; `None`: nothing waits.
+    pub next_due_at: Option<Timestamp>,
+    /// Messages sent within the time that was asked for.
+    pub sent: u32,
+    /// When the first of these was sent.
+    pub first_sent_at: Option<Timestamp>,
+}
+
+/// What is to be done after an attempt that failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Again {
+    /// Nothing is sent on the route before this moment: the receiver was not reached.
+    Route(Timestamp),
+    /// This message is not sent before this moment: the receiver has refused it, and may take others.
+    Message(Timestamp),
+}
+
+impl Store {
+    /// Where a route stands, with messages counted that were sent within `window` before `now`; what a clock that was
+    /// ahead has put after `now` was not.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn route_state(
+        &self,
+        route_id: i64,
+        now: Timestamp,
+        window: SignedDuration,
+    ) -> Result<RouteState, StoreError> {
+        let read = sqlx::query(
+            "SELECT failures, retry_at,
+                    (SELECT min(due_at) FROM delivery
+                     WHERE delivery_route_id = $1 AND state = 'pending') AS next_due_at,
+                    (SELECT count(DISTINCT coalesce(digest, -delivery_id)) FROM delivery
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2 AND sent_at <= $3) AS sent,
+                    (SELECT min(sent_at) FROM delivery
+                     WHERE delivery_route_id = $1 AND state = 'sent' AND sent_at > $2 AND sent_at <= $3)
+                        AS first_sent_at
+             FROM delivery_route WHERE delivery_route_id = $1",
+        )
+        .bind(route_id)
+        .bind((now - window).as_microsecond())
+        .bind((now + NOT_AHEAD).as_microsecond())
+        .try_map(|row: EngineRow| {
+            let moment = |column| match row.try_get::<Option<i64>, _>(column)? {
+                Some(_) => time(&row, column).map(Some),
+                None => Ok(None),
+            };
+            Ok(RouteState {
+                failures: row.try_get("failures")?,
+                retry_at: moment("retry_at")?,
+                next_due_at: moment("next_due_at")?,
+                sent: row.try_get("sent")?,
+                first_sent_at: moment("first_sent_at")?,
+            })
+        });
+        self.checked(read.fetch_one(&self.readers).await)
+    }
+
+    /// The message that is to be sent next on a route, if one is due. Of an anomaly the events go out in their order;
+    /// a message that was refused lets others pass. What was held for a digest or by a flood becomes one message,
+    /// whose number and content are stored before it is sent, so that another attempt is the same message.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseEnded`] where the claim on the route is lost, and others of the database.
+    pub async fn next_message(
+        &self,
+        route: RouteEntry,
+        now: Timestamp,
+    ) -> Result<Option<DueMessage>, StoreError> {
+        let mut transaction = self.begin_on(route).await?;
+        let next = next_message(&mut transaction, route.route_id, now).await;
+        let next = self.checked(next)?;
+        self.commit(transaction).await?;
+        Ok(next)
+    }
+
+    /// Lets everything that is due on a route wait.
+    ///
+    /// # Errors
+    /// As [`Store::next_message`].
+    pub async fn hold(
+        &self,
+        route: RouteEntry,
+        now: Timestamp,
+        until: Timestamp,
+        held: Held,
+    ) -> Result<u64, StoreError> {
+        let mut transaction = self.begin_on(route).await?;
+        let statement = sqlx::query(
+            "UPDATE delivery SET held = $1, due_at = $2
+             WHERE delivery_route_id = $3 AND state = 'pending' AND digest IS NULL AND due_at <= $4",
+        )
+        .bind(held.name())
+        .bind(until.as_microsecond())
+        .bind(route.route_id)
+        .bind(now.as_microsecond());
+        let held = self.checked(statement.execute(&mut *transaction).await)?.rows_affected();
+        self.commit(transaction).await?;
+        Ok(held)
+    }
+
+    /// Lets one message wait.
+    ///
+    /// # Errors
+    /// As [`Store::next_message`].
+    pub async fn hold_message(
+        &self,
+        route: RouteEntry,
+        message: &DueMessage,
+        until: Timestamp,
+        held: Held,
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin_on(route).await?;
+        let statement = sqlx::query(
+            "UPDATE delivery SET held = $1, due_at = $2
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($3))",
+        )
+        .bind(held.name())
+        .bind(until.as_microsecond())
+        .bind(ids(message));
+        self.checked(statement.execute(&mut *transaction).await)?;
+        self.commit(transaction).await
+    }
+
+    /// Writes down that a message is being sent, before it is: a process that is killed then does not forget that it
+    /// may have arrived. `false`, and nothing written, if something of it does not wait any more: it is not to be sent
+    /// then.
+    ///
+    /// # Errors
+    /// As [`Store::next_message`]; it is not to be sent then either.
+    pub async fn begin_attempt(
+        &self,
+        route: RouteEntry,
+        message: &DueMessage,
+        now: Timestamp,
+    ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin_on(route).await?;
+        for (delivery_id, alarm) in message.delivery_ids.iter().zip(&message.alarms) {
+            let begun = sqlx::query(
+                "UPDATE delivery
+                 SET attempts = attempts + 1, attempted_at = $1, told_kind = $2, told_severity = $3,
+                     first_attempted_at = coalesce(first_attempted_at, $4)
+                 WHERE delivery_id = $5 AND state = 'pending'",
+            )
+            .bind(now.as_microsecond())
+            .bind(&alarm.kind)
+            .bind(alarm.severity.name())
+            .bind(now.as_microsecond())
+            .bind(delivery_id);
+            if self.checked(begun.execute(&mut *transaction).await)?.rows_affected() == 0 {
+                self.checked(transaction.rollback().await)?;
+                return Ok(false);
+            }
+        }
+        self.commit(transaction).await?;
+        Ok(true)
+    }
+
+    /// Writes down that a message has arrived.
+    ///
+    /// # Errors
+    /// As [`Store::next_message`]; it is sent again then.
+    pub async fn mark_sent(
+        &self,
+        route: RouteEntry,
+        message: &DueMessage,
+        now: Timestamp,
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin_on(route).await?;
+        let sent = sqlx::query(
+            "UPDATE delivery SET state = 'sent', sent_at = $1, error = NULL
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2))",
+        )
+        .bind(now.as_microsecond())
+        .bind(ids(message));
+        self.checked(sent.execute(&mut *transaction).await)?;
+        let reached = sqlx::query(
+            "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
+        );
+        self.checked(reached.bind(route.route_id).execute(&mut *transaction).await)?;
+        self.commit(transaction).await
+    }
+
+    /// Writes down that a message did not arrive. Says whether it is given up, which it is if its first attempt was
+    /// `give_up_after` ago.
+    ///
+    /// # Errors
+    /// As [`Store::next_message`].
+    pub async fn mark_failed(
+        &self,
+        route: RouteEntry,
+        message: &DueMessage,
+        error: &str,
+        again: Again,
+        (now, give_up_after): (Timestamp, Duration),
+    ) -> Result<bool, StoreError> {
+        let begun_before =
+            now.as_microsecond().saturating_sub(i64::try_from(give_up_after.as_micros()).unwrap_or(i64::MAX));
+        let mut transaction = self.begin_on(route).await?;
+        let due_at = match again {
+            Again::Message(at) => Some(at.as_microsecond()),
+            Again::Route(_) => None,
+        };
+        let failed = sqlx::query(
+            "UPDATE delivery
+             SET error = $1, due_at = coalesce($2, due_at),
+                 state = CASE WHEN first_attempted_at <= $3 THEN 'failed' ELSE state END
+             WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($4))",
+        )
+        .bind(error)
+        .bind(due_at)
+        .bind(begun_before)
+        .bind(ids(message));
+        self.checked(failed.execute(&mut *transaction).await)?;
+        let after = match again {
+            Again::Route(at) => sqlx::query(
+                "UPDATE delivery_route SET failures = failures + 1, retry_at = $1 WHERE delivery_route_id = $2",
+            )
+            .bind(at.as_microsecond()),
+            Again::Message(_) => sqlx::query(
+                "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
+            ),
+        };
+        self.checked(after.bind(route.route_id).execute(&mut *transaction).await)?;
+        let given_up = sqlx::query_scalar(
+            "SELECT EXISTS (SELECT 1 FROM delivery
+                            WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($1))
+                                  AND state = 'failed')",
+        )
+        .bind(ids(message));
+        let given_up: bool = self.checked(given_up.fetch_one(&mut *transaction).await)?;
+        self.commit(transaction).await?;
+        Ok(given_up)
+    }
+}
+
+fn ids(message: &DueMessage) -> String {
+    serde_json::Value::from_iter(message.delivery_ids.iter().copied()).to_string()
+}
+
+async fn next_message(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    now: Timestamp,
+) -> Result<Option<DueMessage>, sqlx::Error> {
+    compose_digest(&mut *connection, route_id, now).await?;
+    let first = sqlx::query(
+        "SELECT delivery_id, digest
+         FROM delivery
+         JOIN anomaly_event USING (anomaly_event_id)
+         WHERE delivery_route_id = $1 AND state = 'pending' AND due_at <= $2
+               AND (digest IS NOT NULL OR NOT EXISTS (
+                   SELECT 1 FROM delivery AS earlier
+                   JOIN anomaly_event AS event ON event.anomaly_event_id = earlier.anomaly_event_id
+                   WHERE earlier.delivery_route_id = $1 AND earlier.state = 'pending'
+                         AND event.anomaly_id = anomaly_event.anomaly_id
+                         AND event.anomaly_event_id < anomaly_event.anomaly_event_id))
+         ORDER BY attempts, anomaly_event.anomaly_event_id
+         LIMIT 1",
+    )
+    .bind(route_id)
+    .bind(now.as_microsecond())
+    .fetch_optional(&mut *connection)
+    .await?;
+    let Some(first) = first else { return Ok(None) };
+    let (delivery_id, digest): (i64, Option<i64>) = (first.try_get("delivery_id")?, first.try_get("digest")?);
+    let statement = format!(
+        "SELECT {COLUMNS}, delivery.delivery_id, delivery.attempts
+         FROM delivery
+         JOIN anomaly_event USING (anomaly_event_id)
+         JOIN anomaly USING (anomaly_id)
+         JOIN robot USING (robot_id)
+         WHERE delivery.delivery_route_id = $1 AND delivery.state = 'pending'
+               AND (delivery.delivery_id = $2 OR delivery.digest = $3)
+         ORDER BY anomaly_event_id"
+    );
+    let rows = sqlx::query(AssertSqlSafe(statement))
+        .bind(route_id)
+        .bind(delivery_id)
+        .bind(digest)
+        .fetch_all(&mut *connection)
+        .await?;
+    let mut message = DueMessage { delivery_ids: Vec::new(), digest, alarms: Vec::new(), attempts: 0 };
+    for row in &rows {
+        if let Some(mut alarm) = alarm::from_row(row)? {
+            alarm::complete(&mut *connection, route_id, &mut alarm).await?;
+            message.delivery_ids.push(row.try_get("delivery_id")?);
+            message.alarms.push(alarm);
+            message.attempts = message.attempts.max(row.try_get("attempts")?);
+        }
+    }
+    Ok(Some(message))
+}
+
+/// Makes one message of all that is due, where something of it was held for one.
+async fn compose_digest(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    now: Timestamp,
+) -> Result<(), sqlx::Error> {
+    const DUE: &str = "delivery_route_id = $1 AND state = 'pending' AND digest IS NULL AND due_at <= $2";
+    let any = format!("SELECT EXISTS (SELECT 1 FROM delivery WHERE {DUE} AND held IN ('digest', 'flood'))");
+    let any: bool = sqlx::query_scalar(AssertSqlSafe(any))
+        .bind(route_id)
+        .bind(now.as_microsecond())
+        .fetch_one(&mut *connection)
+        .await?;
+    if !any {
+        return Ok(());
+    }
+    let chosen = format!(
+        "SELECT anomaly_event_id FROM delivery WHERE {DUE} AND attempts = 0 ORDER BY anomaly_event_id LIMIT $3"
+    );
+    let statement = format!(
+        "UPDATE delivery SET digest = (SELECT max(anomaly_event_id) FROM ({chosen}) AS chosen)
+         WHERE delivery_route_id = $1 AND anomaly_event_id IN ({chosen})"
+    );
+    sqlx::query(AssertSqlSafe(statement))
+        .bind(route_id)
+        .bind(now.as_microsecond())
+        .bind(DIGEST_ALARMS)
+        .execute(connection)
+        .await?;
+    Ok(())
+}

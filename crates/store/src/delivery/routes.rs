@@ -1,0 +1,332 @@
+//! Routes, and which events each of them is to have.
+
+use jiff::Timestamp;
+use sqlx::{AssertSqlSafe, Row};
+
+use super::alarm::{self, AlarmEvent, COLUMNS};
+use super::event::{SPEAKING, TOLD};
+use crate::engine::{EngineConnection, EngineTransaction};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::robot::alarms::alarm_state::EventKind;
+
+/// Most events that are handed on in one transaction: a fleet's backlog must not hold the writer for long.
+const EVENTS_AT_ONCE: i64 = 200;
+
+/// Why a message is not sent at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Held {
+    /// The hours are quiet.
+    Quiet,
+    /// The route sends all of a day as one.
+    Digest,
+    /// Too many messages within an hour.
+    Flood,
+}
+
+impl Held {
+    /// Name as stored.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quiet => "quiet",
+            Self::Digest => "digest",
+            Self::Flood => "flood",
+        }
+    }
+}
+
+/// What becomes of an event on a route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fate {
+    /// It goes to the receiver, not before a moment.
+    Send {
+        /// That moment.
+        due_at: Timestamp,
+        /// Why not at once.
+        held: Option<Held>,
+    },
+    /// The route wants it, and a person has said to be silent.
+    Suppress,
+    /// It is none of the route's.
+    Nothing,
+}
+
+/// A route as the database knows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RouteEntry {
+    /// Its key.
+    pub route_id: i64,
+    /// Whether it is new, so that it began with the anomalies that are open.
+    pub is_new: bool,
+    /// The session whose claim on it has to last for what is written; `None` on a file, which has one daemon.
+    pub(super) session: Option<i64>,
+}
+
+impl Store {
+    /// Enters a route of the configuration. A new one begins with the alarms that are open, each by its latest event,
+    /// as far as `judge` wants them; what was before is not told.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn enter_route(
+        &self,
+        name: &str,
+        now: Timestamp,
+        judge: impl Fn(&AlarmEvent) -> Fate,
+    ) -> Result<RouteEntry, StoreError> {
+        let mut transaction = self.begin().await?;
+        let entered = enter_route(&mut transaction, name, now, judge).await;
+        let entered = self.checked(entered)?;
+        self.commit(transaction).await?;
+        Ok(entered)
+    }
+
+    /// The route for as long as the claim lasts that this program has just been given: what is written by this entry fails
+    /// once the claim is lost, under a session that was begun anew too.
+    #[must_use]
+    pub fn claimed(&self, route: RouteEntry) -> RouteEntry {
+        RouteEntry { session: self.session(), ..route }
+    }
+
+    /// A transaction that has the write lock, on a route whose claim is not lost. It is not lost until the transaction
+    /// ends: to end a session, others need the lock.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseEnded`] where the claim is lost, and others of the database.
+    pub(super) async fn begin_on(&self, route: RouteEntry) -> Result<EngineTransaction, StoreError> {
+        let mut transaction = self.begin().await?;
+        let Some(session) = route.session else { return Ok(transaction) };
+        let claimed = sqlx::query_scalar(
+            "SELECT EXISTS (
+                 SELECT 1 FROM claim
+                 JOIN delivery_route ON delivery_route.name = claim.subject
+                 WHERE claim.kind = 'route' AND delivery_route_id = $1 AND host_session_id = $2)",
+        )
+        .bind(route.route_id)
+        .bind(session);
+        let is_claimed: bool = self.checked(claimed.fetch_one(&mut *transaction).await)?;
+        if is_claimed {
+            Ok(transaction)
+        } else {
+            Err(StoreError::LeaseEnded { path: self.path.to_path_buf() })
+        }
+    }
+
+    /// Ends the routes whose names are not given: what they have not had is suppressed.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn retire_routes(&self, names: &[&str]) -> Result<u64, StoreError> {
+        let mut transaction = self.begin().await?;
+        let retired = self.checked(retire_routes(&mut transaction, names).await)?;
+        self.commit(transaction).await?;
+        Ok(retired)
+    }
+
+    /// Hands events on that a route has not seen, as `judge` says, in one transaction with the mark that it has seen
+    /// them. An event that closes an alarm goes only where the alarm went. Says whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; nothing is handed on then.
+    pub async fn hand_on(
+        &self,
+        route_id: i64,
+        now: Timestamp,
+        judge: impl Fn(&AlarmEvent) -> Fate,
+    ) -> Result<bool, StoreError> {
+        let unseen = sqlx::query_scalar(
+            "SELECT EXISTS (
+                 SELECT 1 FROM anomaly_event WHERE anomaly_event_id > (
+                     SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1))",
+        );
+        // the writer is asked for only where there is something to write
+        if !self.checked(unseen.bind(route_id).fetch_one(&self.readers).await)? {
+            return Ok(false);
+        }
+        let mut transaction = self.begin().await?;
+        let done = hand_on(&mut transaction, route_id, now, judge).await;
+        self.checked(done)?;
+        self.commit(transaction).await?;
+        Ok(true)
+    }
+}
+
+async fn enter_route(
+    connection: &mut EngineConnection,
+    name: &str,
+    now: Timestamp,
+    judge: impl Fn(&AlarmEvent) -> Fate,
+) -> Result<RouteEntry, sqlx::Error> {
+    let known = sqlx::query("SELECT delivery_route_id, retired FROM delivery_route WHERE name = $1")
+        .bind(name)
+        .fetch_optional(&mut *connection)
+        .await?;
+    if let Some(row) = &known
+        && !row.try_get::<bool, _>("retired")?
+    {
+        return Ok(RouteEntry { route_id: row.try_get("delivery_route_id")?, is_new: false, session: None });
+    }
+    let route_id = sqlx::query_scalar(
+        "INSERT INTO delivery_route (name, seen_event_id)
+         VALUES ($1, (SELECT coalesce(max(anomaly_event_id), 0) FROM anomaly_event))
+         ON CONFLICT (name) DO UPDATE
+         SET seen_event_id = excluded.seen_event_id, retired = FALSE, failures = 0, retry_at = NULL
+         RETURNING delivery_route_id",
+    )
+    .bind(name)
+    .fetch_one(&mut *connection)
+    .await?;
+    for event in alarm::open_alarms(&mut *connection).await? {
+        settle(&mut *connection, route_id, now, &event, judge(&event)).await?;
+    }
+    Ok(RouteEntry { route_id, is_new: true, session: None })
+}
+
+async fn retire_routes(connection: &mut EngineConnection, names: &[&str]) -> Result<u64, sqlx::Error> {
+    let names = serde_json::Value::from_iter(names.iter().copied()).to_string();
+    let gone = "name NOT IN (SELECT value FROM json_each($1)) AND NOT retired";
+    let statement = format!(
+        "UPDATE delivery SET state = 'suppressed', error = 'the route is not in the configuration any more'
+         WHERE state = 'pending'
+               AND delivery_route_id IN (SELECT delivery_route_id FROM delivery_route WHERE {gone})"
+    );
+    let spared = sqlx::query(AssertSqlSafe(statement)).bind(&names).execute(&mut *connection).await?;
+    let statement = format!("UPDATE delivery_route SET retired = TRUE WHERE {gone}");
+    sqlx::query(AssertSqlSafe(statement)).bind(&names).execute(connection).await?;
+    Ok(spared.rows_affected())
+}
+
+async fn hand_on(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    now: Timestamp,
+    judge: impl Fn(&AlarmEvent) -> Fate,
+) -> Result<(), sqlx::Error> {
+    // events of which nobody is told count as seen too
+    let last: i64 = sqlx::query_scalar(
+        "SELECT coalesce(max(anomaly_event_id), 0) FROM (
+             SELECT anomaly_event_id FROM anomaly_event
+             WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1)
+             ORDER BY anomaly_event_id LIMIT $2) AS next",
+    )
+    .bind(route_id)
+    .bind(EVENTS_AT_ONCE)
+    .fetch_one(&mut *connection)
+    .await?;
+    let statement = format!(
+        "SELECT {COLUMNS}
+         FROM anomaly_event
+         JOIN anomaly USING (anomaly_id)
+         JOIN robot USING (robot_id)
+         WHERE anomaly_event_id > (SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1)
+               AND anomaly_event_id <= $2 AND what IN {TOLD}
+         ORDER BY anomaly_event_id"
+    );
+    let events = sqlx::query(AssertSqlSafe(statement))
+        .bind(route_id)
+        .bind(last)
+        .try_map(|row| alarm::from_row(&row))
+        .fetch_all(&mut *connection)
+        .await?;
+    for event in events.iter().flatten() {
+        settle(&mut *connection, route_id, now, event, judge(event)).await?;
+    }
+    sqlx::query(
+        "UPDATE delivery_route SET seen_event_id = max(seen_event_id, $1) WHERE delivery_route_id = $2",
+    )
+    .bind(last)
+    .bind(route_id)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Writes down what becomes of one event on one route.
+async fn settle(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    now: Timestamp,
+    event: &AlarmEvent,
+    fate: Fate,
+) -> Result<(), sqlx::Error> {
+    if event.what.closes() {
+        spare_untold(&mut *connection, route_id, event).await?;
+        if !is_told(&mut *connection, route_id, event).await? {
+            return Ok(());
+        }
+    }
+    let (state, due_at, held, error) = match fate {
+        Fate::Nothing => return Ok(()),
+        Fate::Suppress => ("suppressed", now, None, Some("the alarm is shelved, in maintenance or false")),
+        Fate::Send { due_at, held } => ("pending", due_at, held, None),
+    };
+    // a route that comes back has what it was spared of
+    sqlx::query(
+        "INSERT INTO delivery (delivery_route_id, anomaly_event_id, state, held, created_at, due_at, error)
+         VALUES ($1, $2, $3, $4, $5, $6, $7)
+         ON CONFLICT (delivery_route_id, anomaly_event_id) DO UPDATE
+         SET state = excluded.state, held = excluded.held, due_at = excluded.due_at, error = excluded.error,
+             digest = NULL
+         WHERE delivery.state = 'suppressed'",
+    )
+    .bind(route_id)
+    .bind(event.event_id)
+    .bind(state)
+    .bind(held.map(Held::name))
+    .bind(now.as_microsecond())
+    .bind(due_at.as_microsecond())
+    .bind(error)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// What was no alarm, as more of the history or a person says, before anybody was told need not be told.
+async fn spare_untold(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    event: &AlarmEvent,
+) -> Result<(), sqlx::Error> {
+    if !matches!(event.what, EventKind::Withdrawn | EventKind::FalseAlarm) {
+        return Ok(());
+    }
+    sqlx::query(
+        "UPDATE delivery SET state = 'suppressed', error = 'taken back before it was sent: ' || $1
+         WHERE delivery_route_id = $2 AND state = 'pending' AND attempts = 0 AND digest IS NULL
+               AND anomaly_event_id IN (
+                   SELECT anomaly_event_id FROM anomaly_event WHERE anomaly_id = $3 AND anomaly_event_id < $4)",
+    )
+    .bind(event.what.name())
+    .bind(route_id)
+    .bind(event.anomaly_id)
+    .bind(event.event_id)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Whether the latest that the route has or will have of the anomaly says that there is something to see.
+async fn is_told(
+    connection: &mut EngineConnection,
+    route_id: i64,
+    event: &AlarmEvent,
+) -> Result<bool, sqlx::Error> {
+    let statement = format!(
+        "SELECT coalesce((
+             SELECT earlier.what IN {SPEAKING}
+             FROM delivery
+             JOIN anomaly_event AS earlier USING (anomaly_event_id)
+             WHERE delivery.delivery_route_id = $1 AND delivery.state <> 'suppressed' AND earlier.anomaly_id = $2
+                   AND earlier.anomaly_event_id < $3
+             ORDER BY earlier.anomaly_event_id DESC
+             LIMIT 1
+         ), FALSE)"
+    );
+    sqlx::query_scalar(AssertSqlSafe(statement))
+        .bind(route_id)
+        .bind(event.anomaly_id)
+        .bind(event.event_id)
+        .fetch_one(connection)
+        .await
+}

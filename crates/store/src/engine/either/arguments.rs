@@ -1,0 +1,106 @@
+//! Values that are bound to the places of a statement, before it is known which engine carries it out.
+
+use std::fmt::{self, Write};
+
+use sqlx::encode::{Encode, IsNull};
+use sqlx::error::BoxDynError;
+use sqlx::postgres::PgArguments;
+use sqlx::sqlite::SqliteArguments;
+use sqlx::{Arguments, Type};
+
+use super::name::Either;
+use super::type_info::{EitherTypeInfo, Kind};
+
+/// A value, or NULL of a type: PostgreSQL wants to know the type of every place when it reads a statement first.
+#[derive(Debug)]
+pub(crate) enum Argument {
+    Flag(Option<bool>),
+    Integer(Option<i64>),
+    Real(Option<f64>),
+    Text(Option<String>),
+    Blob(Option<Vec<u8>>),
+}
+
+impl Argument {
+    fn null(kind: Kind) -> Self {
+        match kind {
+            Kind::Flag => Self::Flag(None),
+            Kind::Integer => Self::Integer(None),
+            Kind::Real => Self::Real(None),
+            Kind::Text => Self::Text(None),
+            Kind::Blob => Self::Blob(None),
+        }
+    }
+}
+
+/// Values in the order of their places.
+#[derive(Debug, Default)]
+pub(crate) struct EitherArguments(Vec<Argument>);
+
+impl EitherArguments {
+    pub(super) fn into_sqlite(self) -> Result<SqliteArguments, BoxDynError> {
+        let mut arguments = SqliteArguments::default();
+        arguments.reserve(self.0.len(), 0);
+        for argument in self.0 {
+            match argument {
+                Argument::Flag(value) => arguments.add(value)?,
+                Argument::Integer(value) => arguments.add(value)?,
+                Argument::Real(value) => arguments.add(value)?,
+                Argument::Text(value) => arguments.add(value)?,
+                Argument::Blob(value) => arguments.add(value)?,
+            }
+        }
+        Ok(arguments)
+    }
+
+    pub(super) fn into_postgres(self) -> Result<PgArguments, BoxDynError> {
+        let mut arguments = PgArguments::default();
+        for argument in self.0 {
+            match argument {
+                Argument::Flag(value) => Arguments::add(&mut arguments, value)?,
+                Argument::Integer(value) => Arguments::add(&mut arguments, value)?,
+                Argument::Real(value) => Arguments::add(&mut arguments, value)?,
+                Argument::Text(value) => Arguments::add(&mut arguments, value.map(without_nul))?,
+                Argument::Blob(value) => Arguments::add(&mut arguments, value)?,
+            }
+        }
+        Ok(arguments)
+    }
+}
+
+/// PostgreSQL's texts hold no character 0, which damaged exports do; the sign for what cannot be shown stands for it.
+fn without_nul(text: String) -> String {
+    if text.contains('\0') { text.replace('\0', "\u{fffd}") } else { text }
+}
+
+impl Arguments for EitherArguments {
+    type Database = Either;
+
+    fn reserve(&mut self, additional: usize, _size: usize) {
+        self.0.reserve(additional);
+    }
+
+    fn add<'t, T>(&mut self, value: T) -> Result<(), BoxDynError>
+    where
+        T: Encode<'t, Either> + Type<Either>,
+    {
+        let type_info = value.produces().unwrap_or_else(T::type_info);
+        if let IsNull::Yes = value.encode(&mut self.0)? {
+            let EitherTypeInfo::Own(kind) = type_info else {
+                return Err("a NULL of a type that the store does not use".into());
+            };
+            self.0.push(Argument::null(kind));
+        }
+        Ok(())
+    }
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn format_placeholder<W: Write>(&self, writer: &mut W) -> fmt::Result {
+        write!(writer, "${}", self.0.len())
+    }
+}
+
+sqlx_core::impl_into_arguments_for_arguments!(EitherArguments);

@@ -1,0 +1,298 @@
+//! Connections to either engine, and how they are opened.
+
+use std::str::FromStr;
+use std::time::Duration;
+
+use futures_util::future::{BoxFuture, FutureExt, TryFutureExt, ready};
+use futures_util::stream::{self, BoxStream, StreamExt, TryStreamExt};
+use log::LevelFilter;
+use sqlx::error::{BoxDynError, Error};
+use sqlx::postgres::{PgArguments, PgConnectOptions, PgConnection, Postgres};
+use sqlx::sqlite::{Sqlite, SqliteArguments, SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection, Database, Execute, Executor, SqlSafeStr, SqlStr, Transaction};
+use sqlx_core::Url;
+use sqlx_core::transaction::TransactionManager;
+
+use super::arguments::EitherArguments;
+use super::name::Either;
+use super::row::{EitherQueryResult, EitherRow, EitherStatement};
+use super::type_info::EitherTypeInfo;
+
+/// How a connection is opened, and thereby to which engine.
+#[derive(Debug, Clone)]
+pub(crate) enum EitherConnectOptions {
+    Sqlite(SqliteConnectOptions),
+    Postgres(PgConnectOptions),
+}
+
+impl FromStr for EitherConnectOptions {
+    type Err = Error;
+
+    fn from_str(address: &str) -> Result<Self, Error> {
+        match address.split_once("://") {
+            Some(("postgres" | "postgresql", _)) => address.parse().map(Self::Postgres),
+            _ => address.parse().map(Self::Sqlite),
+        }
+    }
+}
+
+impl ConnectOptions for EitherConnectOptions {
+    type Connection = EitherConnection;
+
+    fn from_url(url: &Url) -> Result<Self, Error> {
+        url.as_str().parse()
+    }
+
+    fn to_url_lossy(&self) -> Url {
+        match self {
+            Self::Sqlite(options) => options.to_url_lossy(),
+            Self::Postgres(options) => options.to_url_lossy(),
+        }
+    }
+
+    async fn connect(&self) -> Result<EitherConnection, Error> {
+        match self {
+            Self::Sqlite(options) => options.connect().await.map(EitherConnection::Sqlite),
+            Self::Postgres(options) => options.connect().await.map(EitherConnection::Postgres),
+        }
+    }
+
+    fn log_statements(self, level: LevelFilter) -> Self {
+        match self {
+            Self::Sqlite(options) => Self::Sqlite(options.log_statements(level)),
+            Self::Postgres(options) => Self::Postgres(options.log_statements(level)),
+        }
+    }
+
+    fn log_slow_statements(self, level: LevelFilter, duration: Duration) -> Self {
+        match self {
+            Self::Sqlite(options) => Self::Sqlite(options.log_slow_statements(level, duration)),
+            Self::Postgres(options) => Self::Postgres(options.log_slow_statements(level, duration)),
+        }
+    }
+}
+
+/// A connection.
+#[derive(Debug)]
+pub(crate) enum EitherConnection {
+    Sqlite(SqliteConnection),
+    Postgres(PgConnection),
+}
+
+impl Connection for EitherConnection {
+    type Database = Either;
+    type Options = EitherConnectOptions;
+
+    async fn close(self) -> Result<(), Error> {
+        match self {
+            Self::Sqlite(connection) => connection.close().await,
+            Self::Postgres(connection) => connection.close().await,
+        }
+    }
+
+    async fn close_hard(self) -> Result<(), Error> {
+        match self {
+            Self::Sqlite(connection) => connection.close_hard().await,
+            Self::Postgres(connection) => connection.close_hard().await,
+        }
+    }
+
+    async fn ping(&mut self) -> Result<(), Error> {
+        match self {
+            Self::Sqlite(connection) => connection.ping().await,
+            Self::Postgres(connection) => connection.ping().await,
+        }
+    }
+
+    fn begin(&mut self) -> impl Future<Output = Result<Transaction<'_, Either>, Error>> + Send + '_ {
+        Transaction::begin(self, None)
+    }
+
+    fn begin_with(
+        &mut self,
+        statement: impl SqlSafeStr,
+    ) -> impl Future<Output = Result<Transaction<'_, Either>, Error>> + Send + '_ {
+        Transaction::begin(self, Some(statement.into_sql_str()))
+    }
+
+    fn shrink_buffers(&mut self) {
+        match self {
+            Self::Sqlite(connection) => connection.shrink_buffers(),
+            Self::Postgres(connection) => connection.shrink_buffers(),
+        }
+    }
+
+    async fn flush(&mut self) -> Result<(), Error> {
+        match self {
+            Self::Sqlite(connection) => connection.flush().await,
+            Self::Postgres(connection) => connection.flush().await,
+        }
+    }
+
+    fn should_flush(&self) -> bool {
+        match self {
+            Self::Sqlite(connection) => connection.should_flush(),
+            Self::Postgres(connection) => connection.should_flush(),
+        }
+    }
+}
+
+/// Begins and ends transactions as the engine of the connection does.
+pub(crate) struct EitherTransactionManager;
+
+type OfSqlite = <Sqlite as Database>::TransactionManager;
+type OfPostgres = <Postgres as Database>::TransactionManager;
+
+impl TransactionManager for EitherTransactionManager {
+    type Database = Either;
+
+    async fn begin(connection: &mut EitherConnection, statement: Option<SqlStr>) -> Result<(), Error> {
+        match connection {
+            EitherConnection::Sqlite(connection) => OfSqlite::begin(connection, statement).await,
+            EitherConnection::Postgres(connection) => OfPostgres::begin(connection, statement).await,
+        }
+    }
+
+    async fn commit(connection: &mut EitherConnection) -> Result<(), Error> {
+        match connection {
+            EitherConnection::Sqlite(connection) => OfSqlite::commit(connection).await,
+            EitherConnection::Postgres(connection) => OfPostgres::commit(connection).await,
+        }
+    }
+
+    async fn rollback(connection: &mut EitherConnection) -> Result<(), Error> {
+        match connection {
+            EitherConnection::Sqlite(connection) => OfSqlite::rollback(connection).await,
+            EitherConnection::Postgres(connection) => OfPostgres::rollback(connection).await,
+        }
+    }
+
+    fn start_rollback(connection: &mut EitherConnection) {
+        match connection {
+            EitherConnection::Sqlite(connection) => OfSqlite::start_rollback(connection),
+            EitherConnection::Postgres(connection) => OfPostgres::start_rollback(connection),
+        }
+    }
+
+    fn get_transaction_depth(connection: &EitherConnection) -> usize {
+        match connection {
+            EitherConnection::Sqlite(connection) => OfSqlite::get_transaction_depth(connection),
+            EitherConnection::Postgres(connection) => OfPostgres::get_transaction_depth(connection),
+        }
+    }
+}
+
+/// A statement as one of the engines takes it.
+struct Asked<A> {
+    sql: SqlStr,
+    arguments: Option<A>,
+    persistent: bool,
+}
+
+/// The statement of a query with its values. None are bound where several statements are sent as one text.
+fn asked<'q, E: Execute<'q, Either>, A>(
+    mut query: E,
+    convert: impl FnOnce(EitherArguments) -> Result<A, BoxDynError>,
+) -> Result<Asked<A>, Error> {
+    let arguments = query.take_arguments().map_err(Error::Encode)?;
+    let persistent = query.persistent();
+    let arguments = arguments.map(convert).transpose().map_err(Error::Encode)?;
+    Ok(Asked { sql: query.sql(), arguments, persistent })
+}
+
+type Steps<'e> = BoxStream<'e, Result<sqlx::Either<EitherQueryResult, EitherRow>, Error>>;
+
+/// Carries a statement out on a connection of one engine.
+macro_rules! steps {
+    ($connection:expr, $query:expr, $database:ty, $convert:expr) => {
+        match asked($query, $convert) {
+            Err(error) => stream::once(ready(Err(error))).boxed(),
+            Ok(Asked { sql, arguments: None, .. }) => $connection.fetch_many(sql).map_ok(either).boxed(),
+            Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
+                let query = sqlx::query_with::<$database, _>(sql, arguments).persistent(persistent);
+                $connection.fetch_many(query).map_ok(either).boxed()
+            }
+        }
+    };
+}
+
+/// The first row of a statement on a connection of one engine.
+macro_rules! first {
+    ($connection:expr, $query:expr, $database:ty, $convert:expr) => {
+        match asked($query, $convert) {
+            Err(error) => ready(Err(error)).boxed(),
+            Ok(Asked { sql, arguments: None, .. }) => {
+                $connection.fetch_optional(sql).map_ok(|row| row.map(EitherRow::from)).boxed()
+            }
+            Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
+                let query = sqlx::query_with::<$database, _>(sql, arguments).persistent(persistent);
+                $connection.fetch_optional(query).map_ok(|row| row.map(EitherRow::from)).boxed()
+            }
+        }
+    };
+}
+
+fn either<Q: Into<EitherQueryResult>, R: Into<EitherRow>>(
+    step: sqlx::Either<Q, R>,
+) -> sqlx::Either<EitherQueryResult, EitherRow> {
+    step.map_either(Q::into, R::into)
+}
+
+impl<'c> Executor<'c> for &'c mut EitherConnection {
+    type Database = Either;
+
+    fn fetch_many<'e, 'q: 'e, E>(self, query: E) -> Steps<'e>
+    where
+        'c: 'e,
+        E: 'q + Execute<'q, Either>,
+    {
+        match self {
+            EitherConnection::Sqlite(connection) => {
+                steps!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
+            }
+            EitherConnection::Postgres(connection) => {
+                steps!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
+            }
+        }
+    }
+
+    fn fetch_optional<'e, 'q: 'e, E>(self, query: E) -> BoxFuture<'e, Result<Option<EitherRow>, Error>>
+    where
+        'c: 'e,
+        E: 'q + Execute<'q, Either>,
+    {
+        match self {
+            EitherConnection::Sqlite(connection) => {
+                first!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
+            }
+            EitherConnection::Postgres(connection) => {
+                first!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
+            }
+        }
+    }
+
+    fn prepare_with<'e>(
+        self,
+        sql: SqlStr,
+        _parameters: &'e [EitherTypeInfo],
+    ) -> BoxFuture<'e, Result<EitherStatement, Error>>
+    where
+        'c: 'e,
+    {
+        async move {
+            match self {
+                EitherConnection::Sqlite(connection) => connection.prepare(sql).await.map(Into::into),
+                EitherConnection::Postgres(connection) => connection.prepare(sql).await.map(Into::into),
+            }
+        }
+        .boxed()
+    }
+
+    fn describe<'e>(self, _sql: SqlStr) -> BoxFuture<'e, Result<sqlx::Describe<Either>, Error>>
+    where
+        'c: 'e,
+    {
+        // asked by macros that look at statements when the program is compiled, of which there are none
+        ready(Err(Error::Protocol("statements of either engine are not described".into()))).boxed()
+    }
+}

@@ -1,0 +1,79 @@
+//! Types of values.
+
+use std::fmt;
+
+use sqlx::TypeInfo;
+use sqlx::postgres::PgTypeInfo;
+use sqlx::sqlite::SqliteTypeInfo;
+
+/// What the store's values are, whatever an engine calls them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Flag,
+    Integer,
+    Real,
+    Text,
+    Blob,
+}
+
+impl Kind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Flag => "BOOLEAN",
+            Self::Integer => "INTEGER",
+            Self::Real => "REAL",
+            Self::Text => "TEXT",
+            Self::Blob => "BLOB",
+        }
+    }
+}
+
+/// The type of a value: that of an engine, or what a value of the program is.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum EitherTypeInfo {
+    Own(Kind),
+    Sqlite(SqliteTypeInfo),
+    Postgres(PgTypeInfo),
+}
+
+impl EitherTypeInfo {
+    /// What a value of this type of PostgreSQL is; `None` for one that the store does not use.
+    pub(super) fn kind_of_postgres(of: &PgTypeInfo) -> Option<Kind> {
+        match of.name() {
+            "BOOL" => Some(Kind::Flag),
+            "INT2" | "INT4" | "INT8" => Some(Kind::Integer),
+            "FLOAT4" | "FLOAT8" => Some(Kind::Real),
+            "TEXT" | "VARCHAR" | "CHAR" | "BPCHAR" | "NAME" | "UNKNOWN" => Some(Kind::Text),
+            "BYTEA" => Some(Kind::Blob),
+            _ => None,
+        }
+    }
+}
+
+impl fmt::Display for EitherTypeInfo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl TypeInfo for EitherTypeInfo {
+    fn is_null(&self) -> bool {
+        match self {
+            Self::Own(_) => false,
+            Self::Sqlite(of) => of.is_null(),
+            Self::Postgres(of) => of.is_null(),
+        }
+    }
+
+    /// As SQLite calls it.
+    fn name(&self) -> &str {
+        match self {
+            Self::Own(kind) => kind.name(),
+            Self::Sqlite(of) => of.name(),
+            Self::Postgres(of) => match Self::kind_of_postgres(of) {
+                Some(kind) => kind.name(),
+                None => of.name(),
+            },
+        }
+    }
+}

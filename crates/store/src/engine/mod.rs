@@ -1,0 +1,138 @@
+//! The door to the database engine: what statements are run on and rows are read from has its names here, and nowhere
+//! else in the store.
+//!
+//! SQLite is the engine, and these names stand for the types of its driver. Built with the feature `postgres`, the engine is
+//! SQLite or PostgreSQL, by the connection. Statements number their places, `$1`, and are written in the part of SQL
+//! that both understand: `coalesce`, `CASE`, `IS NOT DISTINCT FROM`, `ON CONFLICT ... DO`, a name for every subquery,
+//! columns that are grouped by or aggregated, `TRUE` and `FALSE` for flags. What only one engine has is a file of this
+//! folder.
+
+use sqlx::Database;
+use sqlx::SqliteConnection;
+use sqlx::sqlite::SqliteConnectOptions;
+
+pub(crate) mod catalog;
+#[cfg(feature = "postgres")]
+pub(crate) mod host_lock;
+#[cfg(feature = "postgres")]
+mod either;
+#[cfg(feature = "postgres")]
+pub(crate) mod sqlstate;
+
+/// The engine.
+#[cfg(not(feature = "postgres"))]
+pub(crate) type Engine = sqlx::Sqlite;
+
+/// The engine.
+#[cfg(feature = "postgres")]
+pub(crate) type Engine = either::Either;
+
+/// A connection.
+pub(crate) type EngineConnection = <Engine as Database>::Connection;
+
+/// How a connection is opened.
+pub(crate) type EngineConnectOptions = <EngineConnection as sqlx::Connection>::Options;
+
+/// Values bound to the places of a statement.
+pub(crate) type EngineArguments = <Engine as Database>::Arguments;
+
+/// A row of an answer.
+pub(crate) type EngineRow = <Engine as Database>::Row;
+
+/// Connections that take turns.
+pub(crate) type EnginePool = sqlx::Pool<Engine>;
+
+/// How connections take turns.
+pub(crate) type EnginePoolOptions = sqlx::pool::PoolOptions<Engine>;
+
+/// A transaction with a connection of its own.
+pub(crate) type EngineTransaction = sqlx::Transaction<'static, Engine>;
+
+/// Whatever a statement can be run on: a connection, or a pool of them.
+pub(crate) trait EngineExecutor<'c>: sqlx::Executor<'c, Database = Engine> {}
+
+impl<'c, T: sqlx::Executor<'c, Database = Engine>> EngineExecutor<'c> for T {}
+
+/// Which engine a database has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Dialect {
+    Sqlite,
+    #[cfg(feature = "postgres")]
+    Postgres,
+}
+
+/// The engine of a pool's connections.
+#[cfg(not(feature = "postgres"))]
+pub(crate) fn dialect(_pool: &EnginePool) -> Dialect {
+    Dialect::Sqlite
+}
+
+/// The engine of a pool's connections.
+#[cfg(feature = "postgres")]
+pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
+    match *pool.connect_options() {
+        EngineConnectOptions::Sqlite(_) => Dialect::Sqlite,
+        EngineConnectOptions::Postgres(_) => Dialect::Postgres,
+    }
+}
+
+/// How a file of SQLite is opened.
+#[cfg(not(feature = "postgres"))]
+pub(crate) fn of_sqlite(options: SqliteConnectOptions) -> EngineConnectOptions {
+    options
+}
+
+/// How a file of SQLite is opened.
+#[cfg(feature = "postgres")]
+pub(crate) fn of_sqlite(options: SqliteConnectOptions) -> EngineConnectOptions {
+    EngineConnectOptions::Sqlite(options)
+}
+
+/// The connection of SQLite's driver, for what only that can do.
+///
+/// # Errors
+/// The connection is one to a server.
+#[cfg(not(feature = "postgres"))]
+#[expect(clippy::unnecessary_wraps, reason = "with the other engine, a connection may be none of SQLite")]
+pub(crate) fn as_sqlite(connection: &mut EngineConnection) -> Result<&mut SqliteConnection, sqlx::Error> {
+    Ok(connection)
+}
+
+/// The connection of SQLite's driver, for what only that can do.
+///
+/// # Errors
+/// The connection is one to a server.
+#[cfg(feature = "postgres")]
+pub(crate) fn as_sqlite(connection: &mut EngineConnection) -> Result<&mut SqliteConnection, sqlx::Error> {
+    match connection {
+        EngineConnection::Sqlite(connection) => Ok(connection),
+        EngineConnection::Postgres(_) => {
+            Err(sqlx::Error::Protocol("what only SQLite has was asked of a server".into()))
+        }
+    }
+}
+
+/// A transaction that has the write lock. A deferred one that reads first and writes later would fail at once where
+/// this one waits.
+pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
+    match dialect(writer) {
+        Dialect::Sqlite => writer.begin_with("BEGIN IMMEDIATE").await,
+        // the lock is the same for all transactions that write, whatever program they are of; it goes with the transaction
+        #[cfg(feature = "postgres")]
+        Dialect::Postgres => {
+            let mut transaction = writer.begin().await?;
+            let locked = sqlx::query("SELECT pg_catalog.pg_advisory_xact_lock(1098343522, 1)");
+            locked.execute(&mut *transaction).await?;
+            Ok(transaction)
+        }
+    }
+}
+
+/// A transaction that sees one moment of the database, that of its first read.
+pub(crate) async fn begin_reading(readers: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
+    match dialect(readers) {
+        Dialect::Sqlite => readers.begin().await,
+        #[cfg(feature = "postgres")]
+        Dialect::Postgres => readers.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY").await,
+    }
+}

@@ -1,0 +1,86 @@
+//! What an error of PostgreSQL means for the store.
+
+use sqlx::postgres::PgDatabaseError;
+
+/// What can be done about an error of a server.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ServerFault {
+    /// Another transaction was in the way, or the server has no connection left.
+    Busy,
+    /// The server goes down, comes up, or has ended the connection.
+    Unreachable,
+    /// The user is not let in.
+    Login,
+    /// There is no such database.
+    NoDatabase,
+    /// The user may not do this.
+    Rights,
+    /// Nothing can be written: the server is a copy of another one, or the session only reads.
+    ReadOnly,
+    /// The server's disk or memory is full.
+    Full,
+    /// A rule of the schema refuses the values.
+    Refused,
+    /// The statement took too long, or was ended by a person.
+    Cancelled,
+    /// The statement is wrong.
+    Statement,
+    /// Pages or indices of the server are damaged.
+    Corrupt,
+    /// Anything else.
+    Other,
+}
+
+/// The fault of an error of the driver; `None` for one that is not of a server.
+pub(crate) fn fault_of(error: &sqlx::Error) -> Option<ServerFault> {
+    let sqlx::Error::Database(error) = error else { return None };
+    error.try_downcast_ref::<PgDatabaseError>().map(|error| of_code(error.code()))
+}
+
+/// Codes: <https://www.postgresql.org/docs/15/errcodes-appendix.html>; the first two characters are the class.
+fn of_code(code: &str) -> ServerFault {
+    match code {
+        "25006" => ServerFault::ReadOnly,
+        "25P03" | "57P01" | "57P02" | "57P03" | "57P05" => ServerFault::Unreachable,
+        "28000" | "28P01" => ServerFault::Login,
+        "3D000" => ServerFault::NoDatabase,
+        "40001" | "40P01" | "53300" | "55006" | "55P03" => ServerFault::Busy,
+        "42501" => ServerFault::Rights,
+        "57014" => ServerFault::Cancelled,
+        "58030" => ServerFault::Full,
+        "XX001" | "XX002" => ServerFault::Corrupt,
+        code => match code.get(..2) {
+            Some("08") => ServerFault::Unreachable,
+            Some("22" | "23") => ServerFault::Refused,
+            Some("42") => ServerFault::Statement,
+            Some("53") => ServerFault::Full,
+            _ => ServerFault::Other,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_told_apart_by_what_can_be_done() {
+        for (code, fault) in [
+            ("23505", ServerFault::Refused),
+            ("22003", ServerFault::Refused),
+            ("40P01", ServerFault::Busy),
+            ("55P03", ServerFault::Busy),
+            ("53100", ServerFault::Full),
+            ("53300", ServerFault::Busy),
+            ("57P01", ServerFault::Unreachable),
+            ("08006", ServerFault::Unreachable),
+            ("28P01", ServerFault::Login),
+            ("42601", ServerFault::Statement),
+            ("42501", ServerFault::Rights),
+            ("F0000", ServerFault::Other),
+            ("", ServerFault::Other),
+        ] {
+            assert_eq!(of_code(code), fault, "{code}");
+        }
+    }
+}

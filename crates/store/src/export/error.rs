@@ -1,0 +1,68 @@
+//! Why views could not be written to files.
+
+use std::path::{Path, PathBuf};
+
+use crate::StoreError;
+
+/// Why views could not be written to files. What was there before stays.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The file, or its folder, cannot be written or read.
+    #[error("cannot write {}: {detail}; free space there, or name another place", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        detail: String,
+    },
+    /// The file belongs to somebody else.
+    #[error(
+        "{} is there and no export of the view {view}; name another place, or replace it with --force",
+        .path.display()
+    )]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// The view that was to be written.
+        view: String,
+    },
+    /// Another export writes the file.
+    #[error("{} is being written by another export; wait for its end, or name another place", .path.display())]
+    Taken {
+        /// The file.
+        path: PathBuf,
+    },
+    /// There is no such robot.
+    #[error("there is no robot {name}; {known}")]
+    NoRobot {
+        /// The name.
+        name: String,
+        /// A sentence on those that there are.
+        known: String,
+    },
+    /// The database holds what the description of the column excludes.
+    #[error("{view}.{column} holds {value}, which is no {kind}; please report this")]
+    Value {
+        /// The view.
+        view: String,
+        /// The column.
+        column: String,
+        /// The value.
+        value: String,
+        /// What it should be.
+        kind: &'static str,
+    },
+    /// A stop was asked for.
+    #[error("stopped; no file was written")]
+    Stopped,
+}
+
+impl ExportError {
+    /// The error of the system on a file.
+    pub(super) fn of_file(path: &Path, error: &dyn std::fmt::Display) -> Self {
+        Self::File { path: path.to_path_buf(), detail: error.to_string() }
+    }
+}

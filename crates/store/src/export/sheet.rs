@@ -1,0 +1,105 @@
+//! A file of rows in one of the formats, and what is said of it.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::csv_file::{self, CsvFile};
+use super::error::ExportError;
+use super::parquet_file::{self, ParquetFile};
+use super::target::Target;
+use crate::PublicView;
+
+/// How rows are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Text, a line a row.
+    Csv,
+    /// Columns with types, compressed by zstd.
+    Parquet,
+}
+
+impl Format {
+    /// How names of such files end.
+    #[must_use]
+    pub fn suffix(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Parquet => "parquet",
+        }
+    }
+
+    /// Fails where something else than an export of the view lies at `path`, unless it is replaced by force.
+    pub(super) fn check_is_ours(
+        self,
+        view: &PublicView,
+        path: &Path,
+        force: bool,
+    ) -> Result<(), ExportError> {
+        let may_replace = match self {
+            _ if force => true,
+            Self::Csv => csv_file::may_replace(view, path)?,
+            Self::Parquet => parquet_file::may_replace(view, path)?,
+        };
+        if may_replace {
+            return Ok(());
+        }
+        Err(ExportError::Foreign { path: path.to_path_buf(), view: view.name.clone() })
+    }
+}
+
+/// A file that was written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// The view.
+    pub view: String,
+    /// The file.
+    pub path: PathBuf,
+    /// Its rows.
+    pub rows: u64,
+    /// Its bytes.
+    pub bytes: u64,
+    /// Of a view that is divided: files of it that were written, removed, or left alone since nothing has changed.
+    pub parts: Option<PartCount>,
+}
+
+/// What became of the files of a view that is divided.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PartCount {
+    /// Files that are new or have other rows than before.
+    pub written: u64,
+    /// Files whose rows are those of before; nobody has touched them.
+    pub unchanged: u64,
+    /// Files of which no row is left.
+    pub removed: u64,
+}
+
+/// A file in one of the formats.
+pub(super) enum Sheet<'a> {
+    Csv(Box<CsvFile>),
+    Parquet(Box<ParquetFile<'a>>),
+}
+
+impl<'a> Sheet<'a> {
+    pub(super) fn new(format: Format, view: &'a PublicView, target: &Target) -> Result<Self, ExportError> {
+        let (path, file) = (target.path(), target.file()?);
+        Ok(match format {
+            Format::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
+            Format::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
+        })
+    }
+
+    pub(super) fn add<'r>(&mut self, row: impl Iterator<Item = &'r Value>) -> Result<(), ExportError> {
+        match self {
+            Self::Csv(file) => file.add(row),
+            Self::Parquet(file) => file.add(row),
+        }
+    }
+
+    pub(super) fn finish(self) -> Result<(), ExportError> {
+        match self {
+            Self::Csv(file) => file.finish(),
+            Self::Parquet(file) => file.finish(),
+        }
+    }
+}

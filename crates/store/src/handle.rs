@@ -1,0 +1,103 @@
+//! The handle of an open database.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::error::StoreError;
+#[cfg(feature = "postgres")]
+use super::own_host::OwnHost;
+use crate::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
+
+/// An open database. Clones share it.
+#[derive(Debug, Clone)]
+pub struct Store {
+    pub(super) path: Arc<Path>,
+    pub(super) writer: EnginePool,
+    pub(super) readers: EnginePool,
+    /// A reader for questions about the database's health: it takes no turn of the others.
+    pub(super) probe: EnginePool,
+    /// Whether it was opened to look into it.
+    pub(super) is_read_only: bool,
+    /// The host that this program is on.
+    #[cfg(feature = "postgres")]
+    pub(super) own_host: OwnHost,
+}
+
+impl Store {
+    /// Moves the write-ahead log into the database file and closes it, for all clones.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same.
+    pub async fn close(self) -> Result<(), StoreError> {
+        // Readers first: a checkpoint cannot empty the log while they look at it.
+        self.probe.close().await;
+        self.readers.close().await;
+        if self.is_read_only {
+            return Ok(());
+        }
+        match self.dialect() {
+            Dialect::Sqlite => {
+                let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
+                self.writer.close().await;
+                self.checked(checkpoint).map(|_| ())
+            }
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => {
+                self.control().close().await;
+                self.writer.close().await;
+                Ok(())
+            }
+        }
+    }
+
+    /// A connection of its own for leases and claims, which must not wait for a turn at the writer.
+    #[cfg(feature = "postgres")]
+    pub(crate) fn control(&self) -> EnginePool {
+        self.own_host.control(&self.writer)
+    }
+
+    pub(crate) fn dialect(&self) -> Dialect {
+        dialect(&self.readers)
+    }
+
+    /// What a database on a server leaves to the programs of the server, said with how they do it.
+    #[cfg(feature = "postgres")]
+    pub(crate) fn on_server(&self, what: &'static str, instead: String) -> StoreError {
+        StoreError::OnServer { path: self.path.to_path_buf(), what, instead }
+    }
+
+    /// A transaction that has the write lock.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
+    #[cfg(feature = "postgres")]
+    pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        let mut transaction = self.checked(begin_writing(&self.writer).await)?;
+        if self.checked(self.own_host.is_alive(&mut *transaction).await)? {
+            Ok(transaction)
+        } else {
+            Err(StoreError::LeaseEnded { path: self.path.to_path_buf() })
+        }
+    }
+
+    /// A transaction that has the write lock.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    #[cfg(not(feature = "postgres"))]
+    pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        self.checked(begin_writing(&self.writer).await)
+    }
+
+    pub(crate) async fn commit(&self, transaction: EngineTransaction) -> Result<(), StoreError> {
+        self.checked(transaction.commit().await)
+    }
+
+    pub(crate) fn run_not_open(&self, run_id: i64) -> StoreError {
+        StoreError::RunNotOpen { path: self.path.to_path_buf(), run_id }
+    }
+
+    pub(crate) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|error| StoreError::from_sqlx(&self.path, &error))
+    }
+}

@@ -1,0 +1,76 @@
+//! Which daemons work on the database, for people.
+
+use jiff::Timestamp;
+use sqlx::Row;
+
+use crate::engine::EngineRow;
+use crate::error::StoreError;
+use crate::handle::Store;
+
+/// Whether the daemon of a host is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HostState {
+    /// Its lease has not ended.
+    AtWork,
+    /// Its lease is over, and nobody has ended it yet.
+    Silent,
+    /// It was stopped, was started again, or others have taken over.
+    Ended,
+}
+
+impl HostState {
+    const ALL: [Self; 3] = [Self::AtWork, Self::Silent, Self::Ended];
+
+    /// Name as in the view `hosts`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AtWork => "at_work",
+            Self::Silent => "silent",
+            Self::Ended => "ended",
+        }
+    }
+}
+
+/// The latest session of the daemon of a host: a row of the view `hosts`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HostRow {
+    /// Its name; empty for a daemon without one.
+    pub host: String,
+    /// Whether it is there.
+    pub state: HostState,
+    /// Why it has ended: `stopped`, `restarted` or `lease_ended`.
+    pub end_reason: Option<String>,
+    /// When it was heard of last.
+    pub seen_at: Timestamp,
+}
+
+impl HostRow {
+    /// Whether its daemon is gone without having been stopped.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.state == HostState::Silent || self.end_reason.as_deref() == Some("lease_ended")
+    }
+}
+
+impl Store {
+    /// The daemons that have worked on a database of a server, by name; none of a file.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn hosts(&self) -> Result<Vec<HostRow>, StoreError> {
+        let rows = sqlx::query("SELECT host, state, end_reason, seen_at FROM hosts ORDER BY host");
+        let rows = rows.try_map(|row: EngineRow| {
+            let (state, seen_at): (String, String) = (row.try_get("state")?, row.try_get("seen_at")?);
+            let decode = |what: String| sqlx::Error::Decode(what.into());
+            let known = HostState::ALL.into_iter().find(|known| known.name() == state);
+            Ok(HostRow {
+                host: row.try_get("host")?,
+                state: known.ok_or_else(|| decode(format!("state {state} of a host")))?,
+                end_reason: row.try_get("end_reason")?,
+                seen_at: seen_at.parse().map_err(|error: jiff::Error| decode(error.to_string()))?,
+            })
+        });
+        self.checked(rows.fetch_all(&self.readers).await)
+    }
+}

@@ -1,0 +1,372 @@
+//! Cycles that were identified with another estimator than the configured one, and the figures that take the place of
+//! theirs.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::engine::{EngineConnection, EngineExecutor, EngineTransaction};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::models;
+use crate::results::run_analysis::JointDeviation;
+use crate::results::{record, run_analysis};
+use crate::robot::history;
+use crate::values::{count, finite};
+use armwatch_model::analysis::measurements::RunMeasurements;
+use armwatch_model::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
+
+/// Why cycles keep their estimator that have no factors.
+const NO_FACTORS: &str = "kept: no factors of its rows are stored; read its export again into a new database";
+/// Why cycles keep their estimator where Huber's is configured.
+const NO_ROWS: &str =
+    "kept: huber weighs single rows, which are not stored; read its export again into a new database";
+
+/// Cycles of a run that were identified with another estimator than the configured one and can be identified again.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct OtherEstimate {
+    /// The run.
+    pub run_id: i64,
+    /// Name of its robot.
+    pub robot: String,
+    /// How many cycles.
+    pub cycles: u32,
+}
+
+/// What identifying a stored cycle again gave.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewEstimate {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Key of the description that its factors were made with.
+    pub robot_model_id: i64,
+    /// Parameters and self-verification, or why the cycle keeps what it has.
+    pub found: Result<(Identification, Vec<TorqueRmsd>), String>,
+}
+
+impl Store {
+    /// Writes down which cycles cannot be identified again with the estimator `wanted`, and why: those without
+    /// factors, and all of them for an estimator that needs rows. Returns how many were not known before.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn keep_estimates(&self, wanted: Estimator) -> Result<u64, StoreError> {
+        // reading does not wait for another writer, and mostly there is nothing to write
+        if !self.checked(any_to_mark(&self.readers, wanted).await)? {
+            return Ok(0);
+        }
+        let mut transaction = self.begin().await?;
+        self.checked(forget_reasons(&mut *transaction, wanted).await)?;
+        let kept = self.checked(mark_kept(&mut *transaction, wanted).await)?;
+        self.commit(transaction).await?;
+        Ok(kept)
+    }
+
+    /// Runs with cycles that were identified with another estimator than `wanted` and can be identified again, in the
+    /// order of their starts; of one robot, or of all.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn other_estimates(
+        &self,
+        wanted: Estimator,
+        robot_id: Option<i64>,
+    ) -> Result<Vec<OtherEstimate>, StoreError> {
+        self.checked(others(&self.readers, wanted, robot_id).await)
+    }
+
+    /// Numbers of the cycles of a run as [`Store::other_estimates`] counts them, rising.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycles_of_other_estimates(
+        &self,
+        run_id: i64,
+        wanted: Estimator,
+    ) -> Result<Vec<u32>, StoreError> {
+        self.checked(cycles_of(&self.readers, run_id, wanted).await)
+    }
+
+    /// Opens the transaction that replaces the estimates of a run's cycles by those of `estimator`.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_estimates(
+        &self,
+        run_id: i64,
+        estimator: Estimator,
+    ) -> Result<EstimateTransaction, StoreError> {
+        let transaction = self.begin().await?;
+        Ok(EstimateTransaction { transaction, path: Arc::clone(&self.path), run_id, estimator })
+    }
+}
+
+/// An open transaction that replaces the estimates of a run's cycles and what follows from them. Dropping it without
+/// [`commit`](Self::commit) leaves the database as it was. It holds the only writer.
+#[derive(Debug)]
+pub struct EstimateTransaction {
+    transaction: EngineTransaction,
+    path: Arc<Path>,
+    run_id: i64,
+    estimator: Estimator,
+}
+
+impl EstimateTransaction {
+    /// Puts parameters, residuals and self-verification of a cycle in the place of those of another estimator. A cycle
+    /// that has this estimator by now, or is gone, is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace(&mut self, new: &NewEstimate) -> Result<(), StoreError> {
+        let result = replace(&mut self.transaction, self.run_id, self.estimator, new).await;
+        self.checked(result)
+    }
+
+    /// Reads what the cycles of the run measured, with what was replaced.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn measurements(&mut self) -> Result<RunMeasurements, StoreError> {
+        let result = history::of_parameters(&mut self.transaction, self.run_id).await;
+        self.checked(result)
+    }
+
+    /// Replaces what the run says as a whole of parameters and torque deviations, if it has ended.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_run_figures(
+        &mut self,
+        statistics: &[ParameterStatistics],
+        deviations: &[JointDeviation],
+    ) -> Result<(), StoreError> {
+        let (transaction, run_id) = (&mut self.transaction, self.run_id);
+        let result = run_analysis::replace_of_parameters(transaction, run_id, statistics, deviations).await;
+        self.checked(result)
+    }
+
+    /// Makes all of it lasting; conclusions from the robot's history are to be drawn again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; nothing is stored then.
+    pub async fn commit(mut self) -> Result<(), StoreError> {
+        let changed = change_history(&mut *self.transaction, self.run_id).await;
+        self.checked(changed)?;
+        self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+
+    fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+}
+
+/// The other estimators, for the index on the column.
+fn others_than(wanted: Estimator) -> [&'static str; 2] {
+    match wanted {
+        Estimator::Ordinary => ["weighted", "huber"],
+        Estimator::Weighted => ["ordinary", "huber"],
+        Estimator::Huber => ["ordinary", "weighted"],
+    }
+}
+
+/// Whether a cycle of another estimator is not marked as kept yet, and whether one is marked for no reason. Asked with
+/// each conclusion: what is marked already stands apart in the index `cycle_by_estimator` and is not read again.
+pub(crate) const ANY_TO_MARK: &str = "SELECT EXISTS (
+             SELECT 1 FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS NULL
+                   AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+                                                    WHERE torque_factor.cycle_id = cycle.cycle_id)))
+         OR EXISTS (
+             SELECT 1 FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IN ($1, $2)
+                   AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+                                                    WHERE torque_factor.cycle_id = cycle.cycle_id)))
+         OR EXISTS (
+             SELECT 1 FROM cycle
+             WHERE estimator = $3 AND samples IS NOT NULL AND estimator_wanted IN ($1, $2, $3))";
+
+async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<bool, sqlx::Error> {
+    let [first, second] = others_than(wanted);
+    sqlx::query_scalar(ANY_TO_MARK).bind(first).bind(second).bind(wanted.name()).fetch_one(executor).await
+}
+
+/// What was not possible with an estimator that is not wanted any more is no reason now.
+async fn forget_reasons(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE cycle SET estimator_wanted = NULL, estimator_reason = NULL
+         WHERE estimator_wanted IS NOT NULL AND (estimator_wanted <> $1 OR estimator = $1)",
+    )
+    .bind(wanted.name())
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<u64, sqlx::Error> {
+    let [first, second] = others_than(wanted);
+    let done = sqlx::query(
+        "UPDATE cycle SET estimator_wanted = $3, estimator_reason = CASE WHEN $3 = 'huber' THEN $4 ELSE $5 END
+         WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $3
+               AND ($3 = 'huber' OR NOT EXISTS (SELECT 1 FROM torque_factor
+                                                WHERE torque_factor.cycle_id = cycle.cycle_id))",
+    )
+    .bind(first)
+    .bind(second)
+    .bind(wanted.name())
+    .bind(NO_ROWS)
+    .bind(NO_FACTORS)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected())
+}
+
+/// Cycles of another estimator by run, without those that are marked as kept, which are not read.
+pub(crate) const OTHERS: &str = "SELECT run.run_id, robot.name AS robot, count(*) AS cycles
+         FROM (
+             SELECT run_id FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS NULL
+             UNION ALL
+             SELECT run_id FROM cycle
+             WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IN ($1, $2)
+         ) AS other
+         JOIN run USING (run_id)
+         JOIN robot USING (robot_id)
+         WHERE $3 <> 'huber' AND ($4 IS NULL OR robot_id = $4)
+         GROUP BY run.run_id, robot.name
+         ORDER BY run.started_at, run.run_id";
+
+async fn others(
+    executor: impl EngineExecutor<'_>,
+    wanted: Estimator,
+    robot_id: Option<i64>,
+) -> Result<Vec<OtherEstimate>, sqlx::Error> {
+    let [first, second] = others_than(wanted);
+    sqlx::query_as(OTHERS)
+        .bind(first)
+        .bind(second)
+        .bind(wanted.name())
+        .bind(robot_id)
+        .fetch_all(executor)
+        .await
+}
+
+async fn cycles_of(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    wanted: Estimator,
+) -> Result<Vec<u32>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT number FROM cycle
+         WHERE run_id = $1 AND estimator <> $2 AND samples IS NOT NULL AND estimator_wanted IS DISTINCT FROM $2
+         ORDER BY number",
+    )
+    .bind(run_id)
+    .bind(wanted.name())
+    .fetch_all(executor)
+    .await
+}
+
+async fn replace(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    estimator: Estimator,
+    new: &NewEstimate,
+) -> Result<(), sqlx::Error> {
+    let Some(cycle_id) = cycle_of_other(&mut *connection, run_id, new.cycle, estimator).await? else {
+        return Ok(());
+    };
+    let (found, verification) = match &new.found {
+        Ok(found) => found,
+        Err(reason) => return keep(connection, cycle_id, estimator, reason).await,
+    };
+    delete_identification(&mut *connection, cycle_id).await?;
+    let keys = models::parameter_keys(&mut *connection, new.robot_model_id).await?;
+    record::record_identification(&mut *connection, cycle_id, &keys, found, verification).await?;
+    // the thirds of the warming stage keep the deviations of the estimator before
+    name_warming_estimator(&mut *connection, cycle_id).await?;
+    set_estimator(connection, cycle_id, estimator, found).await
+}
+
+async fn cycle_of_other(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    cycle: u32,
+    estimator: Estimator,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT cycle_id FROM cycle
+         WHERE run_id = $1 AND number = $2 AND estimator <> $3 AND samples IS NOT NULL",
+    )
+    .bind(run_id)
+    .bind(cycle)
+    .bind(estimator.name())
+    .fetch_optional(executor)
+    .await
+}
+
+async fn keep(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    wanted: Estimator,
+    reason: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE cycle SET estimator_wanted = $1, estimator_reason = $2 WHERE cycle_id = $3")
+        .bind(wanted.name())
+        .bind(format!("kept: {reason}"))
+        .bind(cycle_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+async fn delete_identification(connection: &mut EngineConnection, cycle_id: i64) -> Result<(), sqlx::Error> {
+    for statement in [
+        "DELETE FROM cycle_parameter WHERE cycle_id = $1",
+        "DELETE FROM joint_residual WHERE cycle_id = $1",
+        "DELETE FROM torque_rmsd WHERE cycle_id = $1 AND verification = 'self'",
+    ] {
+        sqlx::query(statement).bind(cycle_id).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+async fn name_warming_estimator(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE warming_rmsd SET estimator = (SELECT estimator FROM cycle WHERE cycle_id = $1)
+         WHERE cycle_id = $1 AND estimator IS NULL",
+    )
+    .bind(cycle_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn set_estimator(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    estimator: Estimator,
+    found: &Identification,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE cycle SET estimator = $1, error_basis = 'independent_rows', samples = $2, residual_std_nm = $3,
+                          estimator_wanted = NULL, estimator_reason = NULL
+         WHERE cycle_id = $4",
+    )
+    .bind(estimator.name())
+    .bind(count(found.samples))
+    .bind(finite(found.residual_std))
+    .bind(cycle_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn change_history(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE robot SET history = history + 1
+         WHERE robot_id = (SELECT robot_id FROM run WHERE run_id = $1 AND status = 'complete')",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}

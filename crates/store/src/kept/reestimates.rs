@@ -1,0 +1,340 @@
+//! Histories identified again, cycle by cycle, under a name; and the names of all that is kept.
+
+use std::collections::HashMap;
+
+use jiff::Timestamp;
+use sqlx::{QueryBuilder, Row};
+
+use super::parameter_sets::SourceCycle;
+use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::models;
+use crate::models::StoredModel;
+use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number, named, size, time};
+use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
+use armwatch_model::robot::{JointIndex, ParameterId};
+
+/// Chosen cycles identified again, each alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reestimate {
+    /// Description that the parameters belong to.
+    pub model: StoredModel,
+    /// How rows became parameters.
+    pub estimator: EstimatorKind,
+    /// The cycles, in the order of runs and cycles.
+    pub cycles: Vec<ReestimatedCycle>,
+    /// Statistics over the cycles of each run.
+    pub statistics: Vec<ReestimatedStatistics>,
+}
+
+/// A cycle identified again.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReestimatedCycle {
+    /// The cycle.
+    pub source: SourceCycle,
+    /// Its parameters: one view of all joints stacked, or one of each joint alone; none if it gave none.
+    pub views: Vec<CycleView>,
+    /// Why it, or some of its joints, gave no parameters.
+    pub reason: Option<String>,
+}
+
+/// Parameters of a cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleView {
+    /// The joint whose rows alone they come from; `None` for all joints stacked.
+    pub seen_by: Option<JointIndex>,
+    /// Values with standard errors.
+    pub identification: Identification,
+    /// Half the width of the 95 % interval of each.
+    pub half_width: Vec<f64>,
+    /// How much of each is data, if a prior took part.
+    pub data_share: Option<Vec<f64>>,
+}
+
+/// Statistics of a parameter over the cycles of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReestimatedStatistics {
+    /// The robot.
+    pub robot: String,
+    /// The run.
+    pub run_id: i64,
+    /// As [`CycleView::seen_by`].
+    pub seen_by: Option<JointIndex>,
+    /// The figures.
+    pub statistics: ParameterStatistics,
+}
+
+/// Something that is kept under a name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeptEstimate {
+    /// The name.
+    pub name: String,
+    /// What it is.
+    pub kind: KeptKind,
+    /// Name of the model.
+    pub model: String,
+    /// How it was made.
+    pub estimator: EstimatorKind,
+    /// Robots whose cycles it comes from, separated by commas.
+    pub robots: String,
+    /// Cycles that it comes from.
+    pub cycles: u32,
+    /// When it was kept.
+    pub saved_at: Timestamp,
+}
+
+/// What is kept under a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KeptKind {
+    /// One parameter set from cycles together.
+    Set,
+    /// One identification for each cycle.
+    EachCycle,
+}
+
+impl KeptKind {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Set, Self::EachCycle];
+
+    /// Name as printed.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Set => "set",
+            Self::EachCycle => "each-cycle",
+        }
+    }
+}
+
+impl Store {
+    /// Keeps a history identified again under a name, in one transaction; `false`, and nothing is
+    /// written, if something of this name is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for parameters that the model does not have.
+    pub async fn save_reestimate(&self, name: &str, found: &Reestimate) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let saved = self.checked(save(&mut transaction, name, found).await)?;
+        self.commit(transaction).await?;
+        Ok(saved)
+    }
+
+    /// Everything that is kept under a name, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn kept_estimates(&self) -> Result<Vec<KeptEstimate>, StoreError> {
+        self.checked(kept(&self.readers).await)
+    }
+
+    /// Takes away the parameter set or re-estimate of this name; whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn delete_estimate(&self, name: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let set = self.checked(delete_set(&mut *transaction, name).await)?;
+        let reestimate = self.checked(delete(&mut *transaction, name).await)?;
+        self.commit(transaction).await?;
+        Ok(set || reestimate)
+    }
+}
+
+/// Writes a re-estimate; `false`, and nothing is written, if something of this name is kept.
+pub(crate) async fn save(
+    connection: &mut EngineConnection,
+    name: &str,
+    found: &Reestimate,
+) -> Result<bool, sqlx::Error> {
+    let Some(reestimate_id) = insert(&mut *connection, name, found).await? else { return Ok(false) };
+    let keys = models::parameter_keys(&mut *connection, found.model.robot_model_id).await?;
+    for cycle in &found.cycles {
+        let cycle_id = insert_cycle(&mut *connection, reestimate_id, cycle).await?;
+        for view in &cycle.views {
+            insert_view(&mut *connection, cycle_id, view).await?;
+            let numbered: Vec<(usize, &IdentifiedParameter)> =
+                view.identification.parameters.iter().enumerate().collect();
+            for rows in numbered.chunks(ROWS_PER_STATEMENT) {
+                insert_values(&mut *connection, cycle_id, &keys, view, rows).await?;
+            }
+        }
+    }
+    for rows in found.statistics.chunks(ROWS_PER_STATEMENT) {
+        insert_statistics(&mut *connection, reestimate_id, &keys, rows).await?;
+    }
+    Ok(true)
+}
+
+/// Everything that is kept, by name.
+pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> Result<Vec<KeptEstimate>, sqlx::Error> {
+    sqlx::query(
+        "SELECT parameter_set.name, 'set' AS kind, robot_model.name AS model, estimator, saved_at,
+                (SELECT string_agg(robot, ',') FROM (
+                     SELECT robot FROM parameter_set_source AS source
+                     WHERE source.parameter_set_id = parameter_set.parameter_set_id
+                     GROUP BY robot ORDER BY min(run_id), robot) AS of_set) AS robots,
+                (SELECT count(*) FROM parameter_set_source
+                 WHERE parameter_set_source.parameter_set_id = parameter_set.parameter_set_id) AS cycles
+         FROM parameter_set
+         JOIN robot_model USING (robot_model_id)
+         UNION ALL
+         SELECT reestimate.name, 'each-cycle', robot_model.name, estimator, saved_at,
+                (SELECT string_agg(robot, ',') FROM (
+                     SELECT robot FROM reestimate_cycle AS cycle
+                     WHERE cycle.reestimate_id = reestimate.reestimate_id
+                     GROUP BY robot ORDER BY min(run_id), robot) AS of_cycles),
+                (SELECT count(*) FROM reestimate_cycle
+                 WHERE reestimate_cycle.reestimate_id = reestimate.reestimate_id)
+         FROM reestimate
+         JOIN robot_model USING (robot_model_id)
+         ORDER BY 1",
+    )
+    .try_map(|row: EngineRow| {
+        Ok(KeptEstimate {
+            name: row.try_get("name")?,
+            kind: named(&row, "kind", &KeptKind::ALL, KeptKind::name)?,
+            model: row.try_get("model")?,
+            estimator: named(&row, "estimator", &EstimatorKind::ALL, EstimatorKind::name)?,
+            robots: row.try_get::<Option<String>, _>("robots")?.unwrap_or_default(),
+            cycles: size(&row, "cycles")?,
+            saved_at: time(&row, "saved_at")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Takes away the set of this name; whether there was one.
+async fn delete_set(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM parameter_set WHERE name = $1").bind(name).execute(executor).await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Takes away the re-estimate of this name; whether there was one.
+pub(crate) async fn delete(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM reestimate WHERE name = $1").bind(name).execute(executor).await?;
+    Ok(done.rows_affected() > 0)
+}
+
+async fn insert(
+    executor: impl EngineExecutor<'_>,
+    name: &str,
+    found: &Reestimate,
+) -> Result<Option<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO reestimate (name, robot_model_id, estimator)
+         SELECT $1, $2, $3
+         WHERE NOT EXISTS (SELECT 1 FROM parameter_set WHERE name = $1)
+         ON CONFLICT (name) DO NOTHING
+         RETURNING reestimate_id",
+    )
+    .bind(name)
+    .bind(found.model.robot_model_id)
+    .bind(found.estimator.name())
+    .fetch_optional(executor)
+    .await
+}
+
+async fn insert_cycle(
+    executor: impl EngineExecutor<'_>,
+    reestimate_id: i64,
+    cycle: &ReestimatedCycle,
+) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO reestimate_cycle (reestimate_id, robot, run_id, cycle, reason) VALUES ($1, $2, $3, $4, $5)
+         RETURNING reestimate_cycle_id",
+    )
+    .bind(reestimate_id)
+    .bind(&cycle.source.robot)
+    .bind(cycle.source.run_id)
+    .bind(cycle.source.cycle)
+    .bind(&cycle.reason)
+    .fetch_one(executor)
+    .await
+}
+
+/// Number of the joint, 0 for all of them together: a key cannot be NULL.
+fn seen_by(joint: Option<JointIndex>) -> i64 {
+    joint.map_or(0, joint_number)
+}
+
+async fn insert_view(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    view: &CycleView,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO reestimate_view (reestimate_cycle_id, seen_by_joint, samples, condition_number,
+                                      scaled_condition_number, residual_std_nm)
+         VALUES ($1, $2, $3, $4, $5, $6)",
+    )
+    .bind(cycle_id)
+    .bind(seen_by(view.seen_by))
+    .bind(count(view.identification.samples))
+    .bind(finite(view.identification.condition_number))
+    .bind(finite(view.identification.scaled_condition_number))
+    .bind(finite(view.identification.residual_std))
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_values(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    view: &CycleView,
+    rows: &[(usize, &IdentifiedParameter)],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO reestimate_value (reestimate_cycle_id, seen_by_joint, model_parameter_id, value, std_error,
+                                       half_width_95, data_share) ",
+    )
+    .push_values(rows, |mut row, (k, parameter)| {
+        row.push_bind(cycle_id)
+            .push_bind(seen_by(view.seen_by))
+            .push_bind(keys.get(&parameter.id).copied())
+            .push_bind(finite(parameter.value))
+            .push_bind(finite(parameter.std_error))
+            .push_bind(view.half_width.get(*k).copied().and_then(finite))
+            .push_bind(view.data_share.as_ref().and_then(|share| share.get(*k).copied()).and_then(finite));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_statistics(
+    executor: impl EngineExecutor<'_>,
+    reestimate_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    rows: &[ReestimatedStatistics],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO reestimate_statistic (reestimate_id, robot, run_id, seen_by_joint, model_parameter_id,
+                                           \"window\", mean, min, max, d_mm, d_se, sdv, cycles) ",
+    )
+    .push_values(rows, |mut row, of_run| {
+        let figures = &of_run.statistics;
+        row.push_bind(reestimate_id)
+            .push_bind(&of_run.robot)
+            .push_bind(of_run.run_id)
+            .push_bind(seen_by(of_run.seen_by))
+            .push_bind(keys.get(&figures.id).copied())
+            .push_bind(figures.window.name())
+            .push_bind(finite(figures.mean))
+            .push_bind(finite(figures.min))
+            .push_bind(finite(figures.max))
+            .push_bind(figures.d_mm.and_then(finite))
+            .push_bind(figures.d_se.and_then(finite))
+            .push_bind(figures.sdv.and_then(finite))
+            .push_bind(count(figures.cycles));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,47 @@
+//! Runs by the names of files in which their content was seen. A look through all paths, for one who asks for an upload by its name.
+
+use crate::engine::EngineExecutor;
+use crate::error::StoreError;
+use crate::handle::Store;
+
+impl Store {
+    /// The latest run whose content was seen in a file of this name, in whatever folder. The run may have been read from
+    /// a file of another name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_of_file_named(&self, name: &str) -> Result<Option<i64>, StoreError> {
+        self.checked(run_of_file_named(&self.readers, name).await)
+    }
+}
+
+/// Paths that are alike but for upper and lower case, among which a name is looked for.
+const MOST_ALIKE: i64 = 64;
+
+async fn run_of_file_named(
+    executor: impl EngineExecutor<'_>,
+    name: &str,
+) -> Result<Option<i64>, sqlx::Error> {
+    let mut literal = String::with_capacity(name.len());
+    for character in name.chars() {
+        if ['%', '_', '!'].contains(&character) {
+            literal.push('!');
+        }
+        literal.push(character);
+    }
+    let found: Vec<(String, i64)> = sqlx::query_as(
+        "SELECT path, run_id FROM source_file
+         WHERE path = $1 OR path LIKE $2 ESCAPE '!'
+         ORDER BY run_id DESC
+         LIMIT $3",
+    )
+    .bind(name)
+    .bind(format!("%/{literal}"))
+    .bind(MOST_ALIKE)
+    .fetch_all(executor)
+    .await?;
+    // SQLite takes upper and lower case for alike
+    let is_named =
+        |path: &str| path.strip_suffix(name).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
+    Ok(found.into_iter().find(|(path, _)| is_named(path)).map(|(_, run_id)| run_id))
+}

@@ -1,0 +1,85 @@
+//! What tells recordings apart, and what the stored cycles of a run were made with.
+
+use jiff::Timestamp;
+
+use crate::engine::{EngineConnection, EngineExecutor};
+use armwatch_model::run::ContentHash;
+
+/// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
+/// begins afresh in any case.
+pub(crate) async fn is_made_otherwise(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    made_with: &ContentHash,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT EXISTS (
+             SELECT 1 FROM run
+             WHERE run_id = $1 AND cycles_stored > 0 AND status <> 'quarantined' AND made_with IS DISTINCT FROM $2
+         )",
+    )
+    .bind(run_id)
+    .bind(&made_with.0[..])
+    .fetch_one(executor)
+    .await
+}
+
+pub(crate) async fn set_made_with(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    made_with: &ContentHash,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET made_with = $1 WHERE run_id = $2")
+        .bind(&made_with.0[..])
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Moves the start of a run and those of its cycles alike.
+pub(crate) async fn set_start(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    started_at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    for sql in [
+        "UPDATE cycle
+         SET started_at = started_at + $2 - (SELECT run.started_at FROM run WHERE run.run_id = $1)
+         WHERE run_id = $1",
+        "UPDATE run SET started_at = $2 WHERE run_id = $1",
+    ] {
+        sqlx::query(sql).bind(run_id).bind(started_at.as_microsecond()).execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+/// Writes down the first rows of a run.
+pub(crate) async fn set_first_rows(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    first_rows: &ContentHash,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET first_rows = $1 WHERE run_id = $2")
+        .bind(&first_rows.0[..])
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Whether two runs are known to begin with other rows.
+pub(crate) async fn begin_otherwise(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT coalesce(new.first_rows <> old.first_rows, FALSE) FROM run AS new, run AS old
+         WHERE new.run_id = $1 AND old.run_id = $2",
+    )
+    .bind(run_id)
+    .bind(old)
+    .fetch_one(executor)
+    .await
+}

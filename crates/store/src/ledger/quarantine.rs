@@ -1,0 +1,423 @@
+//! Exports that were not understood: what was found, when, and who asked for another try.
+//!
+//! A content has one row in the ledger, so that a run that is read again keeps its number; the faults that
+//! attempts found stay beside it. Which of them is open follows from the run and is written nowhere.
+
+use std::path::PathBuf;
+
+use jiff::Timestamp;
+use sqlx::Row;
+
+use super::runs::{find_run, insert_run, robot_id};
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::{count, named, size, time_text};
+use armwatch_model::run::{RunHeader, RunStatus};
+
+/// What was found wrong in an export.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ExportFault {
+    /// Place, fault and remedy in one sentence, without the file.
+    pub reason: String,
+    /// The fault alone; where there is a value, it goes on after "value is ".
+    pub problem: String,
+    /// Line in the decompressed file, from 1.
+    pub line: Option<u64>,
+    /// Column in the header.
+    pub column: Option<String>,
+    /// First byte of the cell, or else of the line, in the decompressed file, from 0.
+    pub byte: Option<u64>,
+    /// What stands there.
+    pub value: Option<String>,
+    /// What to do.
+    pub remedy: String,
+}
+
+/// A row of the view `quarantine`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct QuarantineRow {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// The individual robot; `unknown` where the name does not say it.
+    pub robot: String,
+    /// File name of the export.
+    pub source_name: String,
+    /// Where it was found first.
+    pub source_path: String,
+    /// Where the fault stands.
+    pub state: FaultState,
+    /// The fault alone.
+    pub problem: String,
+    /// Line in the decompressed file, from 1.
+    pub line: Option<u64>,
+    /// Column in the header.
+    pub column: Option<String>,
+    /// First byte of the cell, or else of the line, in the decompressed file, from 0.
+    pub byte: Option<u64>,
+    /// What stands there.
+    pub value: Option<String>,
+    /// What to do.
+    pub remedy: String,
+    /// Whole cycles before the fault, which were stored.
+    pub cycles_stored: u32,
+    /// Attempts that found just this.
+    pub tries: u32,
+    /// When the first of them did.
+    pub first_at: Timestamp,
+    /// When the last of them did.
+    pub last_at: Timestamp,
+    /// When a person asked for another try that was not made yet.
+    pub retry_asked_at: Option<Timestamp>,
+    /// The run that has taken this one's place.
+    pub superseded_by_run_id: Option<i64>,
+    /// That a person has put it aside.
+    pub dismissal: Option<Dismissal>,
+}
+
+/// What a person has said who put a fault aside.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Dismissal {
+    /// When.
+    pub at: Timestamp,
+    /// Who.
+    pub by: String,
+    /// Why.
+    pub reason: String,
+}
+
+/// Where a fault stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FaultState {
+    /// Somebody has to do something.
+    Open,
+    /// Somebody has said that nothing is to be done.
+    Dismissed,
+    /// A later attempt found another fault.
+    Earlier,
+    /// The export is being read again.
+    Reading,
+    /// The export was understood in the end.
+    Stored,
+    /// A corrected export has taken its place.
+    Superseded,
+}
+
+impl FaultState {
+    const ALL: [Self; 6] =
+        [Self::Open, Self::Dismissed, Self::Earlier, Self::Reading, Self::Stored, Self::Superseded];
+
+    /// Name as in the view `quarantine`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Open => "open",
+            Self::Dismissed => "dismissed",
+            Self::Earlier => "earlier",
+            Self::Reading => "reading",
+            Self::Stored => "stored",
+            Self::Superseded => "superseded",
+        }
+    }
+}
+
+impl Store {
+    /// Writes down that an export was not understood, why and where. Cycles already stored stay. A
+    /// complete run stays complete. Returns the key of the run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
+        let mut transaction = self.begin().await?;
+        if let Some(run) = self.checked(find_run(&mut *transaction, &header.content_hash).await)? {
+            self.refuse_run_of_another(&mut transaction, run.run_id).await?;
+        }
+        let run_id = self.checked(quarantine(&mut transaction, header, fault).await)?;
+        self.commit(transaction).await?;
+        Ok(run_id)
+    }
+
+    /// Every fault of every run, those of the newest run first, the latest of a run first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn faults(&self) -> Result<Vec<QuarantineRow>, StoreError> {
+        self.checked(rows(&self.readers).await)
+    }
+
+    /// Marks a quarantined run to be read again by the daemon; `false` if it is not quarantined.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn ask_retry(&self, run_id: i64) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let is_asked = self.checked(ask_retry(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(is_asked)
+    }
+
+    /// Paths at which exports were seen that are marked to be read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn paths_to_retry(&self) -> Result<Vec<PathBuf>, StoreError> {
+        let paths = self.checked(paths_to_retry(&self.readers).await)?;
+        let here = paths.iter().filter_map(|path| self.local_path(path));
+        // earlier versions stored paths as they were given
+        Ok(here.map(|path| std::path::absolute(&path).unwrap_or(path)).collect())
+    }
+}
+
+/// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
+/// complete.
+pub(crate) async fn quarantine(
+    connection: &mut EngineConnection,
+    header: &RunHeader,
+    fault: &ExportFault,
+) -> Result<i64, sqlx::Error> {
+    let run_id = match find_run(&mut *connection, &header.content_hash).await? {
+        Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
+            return Ok(run.run_id);
+        }
+        Some(run) => run.run_id,
+        None => {
+            let robot_id = robot_id(&mut *connection, &header.robot).await?;
+            insert_run(&mut *connection, robot_id, header).await?
+        }
+    };
+    rename_robot(&mut *connection, run_id, &header.robot).await?;
+    mark(&mut *connection, run_id, fault).await?;
+    if !count_again(&mut *connection, run_id, fault).await? {
+        insert(connection, run_id, fault).await?;
+    }
+    Ok(run_id)
+}
+
+/// Gives a run without cycles to another robot, where its name turned out to say none. A robot without runs goes.
+async fn rename_robot(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    robot: &str,
+) -> Result<(), sqlx::Error> {
+    let before: Option<i64> = sqlx::query_scalar(
+        "SELECT robot_id FROM run JOIN robot USING (robot_id)
+         WHERE run_id = $1 AND cycles_stored = 0 AND robot.name <> $2",
+    )
+    .bind(run_id)
+    .bind(robot)
+    .fetch_optional(&mut *connection)
+    .await?;
+    let Some(before) = before else { return Ok(()) };
+    let robot_id = robot_id(&mut *connection, robot).await?;
+    sqlx::query("UPDATE run SET robot_id = $1 WHERE run_id = $2")
+        .bind(robot_id)
+        .bind(run_id)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query(
+        "DELETE FROM robot
+         WHERE robot_id = $1 AND NOT EXISTS (SELECT 1 FROM run WHERE run.robot_id = $1)",
+    )
+    .bind(before)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+async fn mark(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    fault: &ExportFault,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = $1, reason_line = $2, reason_column = $3, retry_asked_at = NULL
+         WHERE run_id = $4",
+    )
+    .bind(&fault.reason)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Counts another attempt that found what the one before it found; `false` if it had found something else.
+async fn count_again(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    fault: &ExportFault,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE fault
+         SET tries = tries + 1, last_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT),
+             cycles_stored = (SELECT run.cycles_stored FROM run WHERE run.run_id = fault.run_id)
+         WHERE fault_id = (SELECT max(latest.fault_id) FROM fault AS latest WHERE latest.run_id = $1)
+           AND problem = $2 AND line IS NOT DISTINCT FROM $3 AND column_name IS NOT DISTINCT FROM $4
+           AND byte IS NOT DISTINCT FROM $5 AND value IS NOT DISTINCT FROM $6",
+    )
+    .bind(run_id)
+    .bind(&fault.problem)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(fault.byte.map(count))
+    .bind(&fault.value)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+async fn insert(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    fault: &ExportFault,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO fault (run_id, problem, line, column_name, byte, value, remedy, cycles_stored)
+         SELECT run_id, $1, $2, $3, $4, $5, $6, cycles_stored FROM run WHERE run_id = $7",
+    )
+    .bind(&fault.problem)
+    .bind(fault.line.map(count))
+    .bind(&fault.column)
+    .bind(fault.byte.map(count))
+    .bind(&fault.value)
+    .bind(&fault.remedy)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Every fault of every run, those of the newest run first, the latest of a run first.
+pub(crate) async fn rows(executor: impl EngineExecutor<'_>) -> Result<Vec<QuarantineRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
+                cycles_stored, tries, first_at, last_at, retry_asked_at, superseded_by_run_id,
+                dismissed_at, dismissed_by, dismissal_reason
+         FROM quarantine
+         ORDER BY run_id DESC, last_at DESC, fault_id DESC",
+    )
+    .try_map(|row: EngineRow| {
+        let asked: Option<&str> = row.try_get("retry_asked_at")?;
+        Ok(QuarantineRow {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            source_name: row.try_get("source_name")?,
+            source_path: row.try_get("source_path")?,
+            state: named(&row, "state", &FaultState::ALL, FaultState::name)?,
+            problem: row.try_get("problem")?,
+            line: row.try_get("line")?,
+            column: row.try_get("column_name")?,
+            byte: row.try_get("byte")?,
+            value: row.try_get("value")?,
+            remedy: row.try_get("remedy")?,
+            cycles_stored: size(&row, "cycles_stored")?,
+            tries: size(&row, "tries")?,
+            first_at: time_text(&row, "first_at")?,
+            last_at: time_text(&row, "last_at")?,
+            retry_asked_at: asked.map(|_| time_text(&row, "retry_asked_at")).transpose()?,
+            superseded_by_run_id: row.try_get("superseded_by_run_id")?,
+            dismissal: dismissal(&row)?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+fn dismissal(row: &EngineRow) -> Result<Option<Dismissal>, sqlx::Error> {
+    let at: Option<&str> = row.try_get("dismissed_at")?;
+    at.map(|_| {
+        Ok(Dismissal {
+            at: time_text(row, "dismissed_at")?,
+            by: row.try_get("dismissed_by")?,
+            reason: row.try_get("dismissal_reason")?,
+        })
+    })
+    .transpose()
+}
+
+impl Store {
+    /// Puts the latest fault of a quarantined run aside: nothing is to be done about it. `false` if the run is not
+    /// quarantined, or its fault is put aside already.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn dismiss(&self, run_id: i64, by: &str, reason: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let done = sqlx::query(
+            "INSERT INTO dismissal (fault_id, dismissed_by, reason)
+             SELECT fault_id, $2, $3 FROM quarantine WHERE run_id = $1 AND state = 'open'",
+        )
+        .bind(run_id)
+        .bind(by)
+        .bind(reason)
+        .execute(&mut *transaction)
+        .await;
+        let is_put_aside = self.checked(done)?.rows_affected() > 0;
+        self.commit(transaction).await?;
+        Ok(is_put_aside)
+    }
+
+    /// Takes it back that the fault of a run was put aside; what was said then is kept.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn withdraw_dismissal(&self, run_id: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let done = sqlx::query(
+            "UPDATE dismissal SET withdrawn_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
+             WHERE withdrawn_at IS NULL AND fault_id IN (SELECT fault_id FROM fault WHERE run_id = $1)",
+        )
+        .bind(run_id)
+        .execute(&mut *transaction)
+        .await;
+        self.checked(done)?;
+        self.commit(transaction).await
+    }
+}
+
+/// Marks a quarantined run to be read again; `false` if it is not quarantined.
+pub(crate) async fn ask_retry(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE run
+         SET retry_asked_at = CAST(unixepoch('subsec') * 1000000 AS BIGINT)
+         WHERE run_id = $1 AND status = 'quarantined' AND superseded_by_run_id IS NULL",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Paths at which exports were seen that are to be read again.
+pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT source_path FROM run WHERE retry_asked_at IS NOT NULL
+         UNION
+         SELECT source_file.path FROM run JOIN source_file USING (run_id) WHERE retry_asked_at IS NOT NULL",
+    )
+    .fetch_all(executor)
+    .await
+}
+
+/// Lets `run_id`, which is complete, take the place of quarantined runs of the same recording: robot, start
+/// and file name are alike. Their content was corrected.
+pub(crate) async fn supersede_faulty(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET reason = 'superseded by run ' || complete.run_id || ': the export was corrected', reason_line = NULL,
+             reason_column = NULL, superseded_by_run_id = complete.run_id, retry_asked_at = NULL
+         FROM run AS complete
+         WHERE complete.run_id = $1 AND run.run_id <> complete.run_id AND run.status = 'quarantined'
+           AND run.superseded_by_run_id IS NULL AND run.robot_id = complete.robot_id
+           AND run.started_at = complete.started_at AND run.source_name = complete.source_name",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}

@@ -1,0 +1,99 @@
+//! Where reading goes on after a restart.
+
+use sqlx::Row;
+
+use crate::engine::{EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::{count, size};
+use armwatch_model::run::ContentPrefix;
+
+/// A place of an export between two cycles, as bytes whose meaning is their writer's.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredPoint {
+    /// Cycles before it.
+    pub cycles: u32,
+    /// Byte of the decompressed file at which reading goes on.
+    pub byte: u64,
+    /// What is known there.
+    pub state: Vec<u8>,
+}
+
+/// What the cycles of a run were read from so far.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadSoFar {
+    /// First bytes of the file.
+    pub prefix: ContentPrefix,
+    /// Where reading goes on; `None` leaves the place that is stored.
+    pub resume: Option<StoredPoint>,
+    /// Whether the end of the file has cut the cycle, so that it is another one where the file goes on.
+    pub cut_by_end: bool,
+}
+
+impl Store {
+    /// Where reading of a run goes on behind cycles that are stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn resume_point(&self, run_id: i64) -> Result<Option<StoredPoint>, StoreError> {
+        self.checked(of_run(&self.readers, run_id).await)
+    }
+
+    /// Lets a run be read from its start when it is read again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn forget_resume_point(&self, run_id: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(forget(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await
+    }
+}
+
+/// Writes down where reading of a run goes on.
+pub(crate) async fn set(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    point: &StoredPoint,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO resume_point (run_id, cycles, byte, state) VALUES ($1, $2, $3, $4)
+         ON CONFLICT (run_id) DO UPDATE
+         SET cycles = excluded.cycles, byte = excluded.byte, state = excluded.state",
+    )
+    .bind(run_id)
+    .bind(point.cycles)
+    .bind(count(point.byte))
+    .bind(&point.state)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Where reading of a run goes on, if the cycles before it are stored.
+pub(crate) async fn of_run(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<StoredPoint>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycles, byte, state
+         FROM resume_point JOIN run USING (run_id)
+         WHERE run_id = $1 AND cycles <= cycles_stored",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        Ok(StoredPoint {
+            cycles: size(&row, "cycles")?,
+            byte: size(&row, "byte")?,
+            state: row.try_get("state")?,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+/// Lets a run be read from its start.
+pub(crate) async fn forget(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM resume_point WHERE run_id = $1").bind(run_id).execute(executor).await?;
+    Ok(())
+}

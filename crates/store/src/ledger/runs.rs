@@ -1,0 +1,596 @@
+//! The ledger: one row an export, whatever became of it.
+//!
+//! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
+//! quarantined runs leaves it out too.
+
+use sqlx::Row;
+
+use super::identity::{is_made_otherwise, set_made_with};
+use super::{resume, stored_cycles};
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::ledger::supersession::{hand_on, set_replaced, supersede};
+use crate::values::{count, finite, named, size};
+use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
+
+const STATUSES: [RunStatus; 4] =
+    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
+
+/// What the ledger knows of an export.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KnownRun {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Where it stands.
+    pub status: RunStatus,
+    /// Why it was quarantined.
+    pub reason: Option<String>,
+    /// Cycles stored so far; reading goes on after them.
+    pub cycles_stored: u32,
+    /// Whether a person has asked for a quarantined export to be read again.
+    pub retry_asked: bool,
+}
+
+/// By what a run is known while it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Identity {
+    /// By the hash of its content, which has settled.
+    Content(ContentHash),
+    /// By its beginning: the export still grows. What stored cycles were read from, nothing without any.
+    Growing(ContentPrefix),
+}
+
+/// How the run of an export begins, given what its file held before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct RunStart {
+    /// As this run, whose stored cycles come from the first bytes of the same content. It goes on without cycles that
+    /// the end of the file had cut; a quarantined or superseded one begins afresh. `None`: as a new run.
+    pub continues: Option<i64>,
+    /// In the place of this run, whose file was rewritten.
+    pub replaces: Option<i64>,
+    /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
+    /// with something else begins afresh. `None`: not looked at.
+    pub made_with: Option<ContentHash>,
+    /// A run that goes on begins afresh in any case, as a person asked for.
+    pub afresh: bool,
+}
+
+/// A run that has begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Begun {
+    /// The run.
+    pub run: KnownRun,
+    /// Whether cycles were taken away that were made with something else.
+    pub afresh: bool,
+}
+
+/// Whose identity a content is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    /// The run's own.
+    Ours,
+    /// That run is complete with the same content.
+    Other(i64),
+}
+
+/// Figures of a run that are known once its last row is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunTotals {
+    /// Rows of the export.
+    pub rows: usize,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: usize,
+    /// Sample rate, Hz.
+    pub sample_rate: f64,
+    /// Cycles of the export; all of them must be stored.
+    pub cycles: u32,
+}
+
+impl Store {
+    /// What the ledger knows of an export with this content.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(find_run(&self.readers, hash).await)
+    }
+
+    /// Whether any run is of an export of so many bytes, so that its content may be that of another such export.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn has_run_of_bytes(&self, bytes: u64) -> Result<bool, StoreError> {
+        let found = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE source_bytes = $1)");
+        self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
+    }
+
+    /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
+    /// the file comes back. Returns whether there was such a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn give_up_run(&self, run_id: i64, reason: &str) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        self.refuse_run_of_another(&mut transaction, run_id).await?;
+        let is_given_up = self.checked(give_up(&mut *transaction, run_id, reason).await)?;
+        self.commit(transaction).await?;
+        Ok(is_given_up)
+    }
+
+    /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
+    /// stands; a quarantined one begins afresh, since its export is only read again after a
+    /// correction.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn begin_run(&self, header: &RunHeader) -> Result<KnownRun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let run = self.checked(begin_run(&mut transaction, header).await)?;
+        self.commit(transaction).await?;
+        Ok(run)
+    }
+
+    /// What the ledger knows of a run; `None` for an unknown one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_run(&self, run_id: i64) -> Result<Option<KnownRun>, StoreError> {
+        match run_by_key(&self.readers, run_id).await {
+            Err(sqlx::Error::RowNotFound) => Ok(None),
+            found => self.checked(found).map(Some),
+        }
+    }
+
+    /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
+    /// of that run. Its rows stay. One that is complete by now is left alone.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        // another daemon may have read it to its end meanwhile
+        if !self.checked(is_complete(&mut *transaction, old).await)? {
+            self.checked(supersede(&mut *transaction, run_id, old).await)?;
+        }
+        self.commit(transaction).await
+    }
+
+    /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
+    /// superseded is superseded by that one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn merge_run(&self, run_id: i64, other: i64) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(hand_on(&mut *transaction, run_id, other).await)?;
+        self.checked(discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await
+    }
+
+    /// Takes away a run that is not complete, with all its rows. Returns whether there was one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn discard_run(&self, run_id: i64) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let found = self.checked(discard(&mut *transaction, run_id).await)?;
+        self.commit(transaction).await?;
+        Ok(found)
+    }
+
+    /// Writes down what a run is a recording of.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn set_run_kind(&self, run_id: i64, kind: RunKind) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(set_kind(&mut *transaction, run_id, kind).await)?;
+        self.commit(transaction).await
+    }
+}
+
+pub(crate) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::Error> {
+    named(row, column, &STATUSES, RunStatus::name)
+}
+
+/// Begins a run, goes on with one that was begun, or begins a quarantined one afresh.
+pub(crate) async fn begin_run(
+    connection: &mut EngineConnection,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    let known = find_run(&mut *connection, &header.content_hash).await?;
+    match known {
+        Some(run) if matches!(run.status, RunStatus::Streaming | RunStatus::Complete) => Ok(run),
+        Some(run) => afresh(connection, run.run_id, header).await,
+        None => insert_new(connection, header).await,
+    }
+}
+
+/// Begins a run as `beginning` says, under an identity that no other run has.
+pub(crate) async fn begin(
+    connection: &mut EngineConnection,
+    header: &RunHeader,
+    identity: Identity,
+    beginning: RunStart,
+) -> Result<Begun, sqlx::Error> {
+    let mut afresh_instead = false;
+    let run = match (beginning.continues, &beginning.made_with) {
+        (Some(run_id), _) if beginning.afresh => afresh(&mut *connection, run_id, header).await?,
+        (Some(run_id), Some(made_with)) if is_made_otherwise(&mut *connection, run_id, made_with).await? => {
+            afresh_instead = true;
+            afresh(&mut *connection, run_id, header).await?
+        }
+        (Some(run_id), _) => continues(&mut *connection, run_id, header, identity).await?,
+        (None, _) => insert_new(&mut *connection, header).await?,
+    };
+    let run_id = run.run_id;
+    if let Some(made_with) = &beginning.made_with {
+        set_made_with(&mut *connection, run_id, made_with).await?;
+    }
+    if let Some(old) = beginning.replaces {
+        replace(&mut *connection, run_id, old).await?;
+    }
+    match identity {
+        Identity::Content(hash) => identify(connection, run_id, &hash, header.source_bytes).await?,
+        Identity::Growing(_) if run.cycles_stored == 0 => {
+            let nothing = ContentPrefix { bytes: 0, hash: ContentHash(*blake3::hash(b"").as_bytes()) };
+            identify_growing(connection, run_id, &nothing).await?;
+        }
+        Identity::Growing(prefix) => identify_growing(connection, run_id, &prefix).await?,
+    }
+    Ok(Begun { run, afresh: afresh_instead })
+}
+
+async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    Ok(begun(insert_run(connection, robot_id, header).await?))
+}
+
+/// Begins a run again from the first row: what was stored before may rest on a layout or robot that has
+/// been corrected since.
+async fn afresh(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    header: &RunHeader,
+) -> Result<KnownRun, sqlx::Error> {
+    stored_cycles::delete_all(&mut *connection, run_id).await?;
+    resume::forget(&mut *connection, run_id).await?;
+    let robot_id = robot_id(&mut *connection, &header.robot).await?;
+    reopen_run(connection, run_id, robot_id, header).await?;
+    Ok(begun(run_id))
+}
+
+/// Goes on with a run whose content may have become longer.
+async fn continues(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    header: &RunHeader,
+    identity: Identity,
+) -> Result<KnownRun, sqlx::Error> {
+    let known = run_by_key(&mut *connection, run_id).await?;
+    let is_whole = matches!(identity, Identity::Content(_));
+    match known.status {
+        RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
+        RunStatus::Streaming
+            if is_whole
+                && stored_cycles::are_of_first(&mut *connection, run_id, header.source_bytes).await? =>
+        {
+            Ok(known)
+        }
+        RunStatus::Streaming => {
+            if stored_cycles::delete_cut_by_end(&mut *connection, run_id).await? {
+                stored_cycles::count_again(&mut *connection, run_id).await?;
+            }
+            run_by_key(connection, run_id).await
+        }
+        RunStatus::Complete => {
+            if !stored_cycles::delete_cut_by_end(&mut *connection, run_id).await? {
+                stored_cycles::delete_last(&mut *connection, run_id).await?;
+            }
+            open_again(&mut *connection, run_id).await?;
+            stored_cycles::count_again(&mut *connection, run_id).await?;
+            run_by_key(connection, run_id).await
+        }
+    }
+}
+
+/// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
+/// before its end.
+async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
+    if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
+        set_replaced(connection, run_id, old).await
+    } else {
+        supersede(connection, run_id, old).await
+    }
+}
+
+/// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
+/// run of the same content gives way, and so does a superseded one: its rows would be the same.
+pub(crate) async fn adopt(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    content: &ContentPrefix,
+) -> Result<Owner, sqlx::Error> {
+    match find_run(&mut *connection, &content.hash).await? {
+        Some(other) if other.run_id == run_id => {}
+        Some(other) if other.status == RunStatus::Complete => return Ok(Owner::Other(other.run_id)),
+        Some(other) => {
+            hand_on(&mut *connection, other.run_id, run_id).await?;
+            discard(&mut *connection, other.run_id).await?;
+        }
+        None => {}
+    }
+    identify(connection, run_id, &content.hash, content.bytes).await?;
+    Ok(Owner::Ours)
+}
+
+fn begun(run_id: i64) -> KnownRun {
+    KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0, retry_asked: false }
+}
+
+pub(crate) async fn find_run(
+    executor: impl EngineExecutor<'_>,
+    hash: &ContentHash,
+) -> Result<Option<KnownRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
+         FROM run
+         WHERE content_hash = $1",
+    )
+    .bind(&hash.0[..])
+    .try_map(|row| known_run(&row))
+    .fetch_optional(executor)
+    .await
+}
+
+async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
+         FROM run
+         WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .try_map(|row| known_run(&row))
+    .fetch_one(executor)
+    .await
+}
+
+/// Reads run_id, status, reason, cycles_stored and retry_asked.
+pub(crate) fn known_run(row: &EngineRow) -> Result<KnownRun, sqlx::Error> {
+    Ok(KnownRun {
+        run_id: row.try_get("run_id")?,
+        status: status(row, "status")?,
+        reason: row.try_get("reason")?,
+        cycles_stored: size(row, "cycles_stored")?,
+        retry_asked: row.try_get("retry_asked")?,
+    })
+}
+
+/// Key of a robot, which is entered on its first run.
+pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> Result<i64, sqlx::Error> {
+    sqlx::query("INSERT INTO robot (name) VALUES ($1) ON CONFLICT (name) DO NOTHING")
+        .bind(name)
+        .execute(&mut *connection)
+        .await?;
+    sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1").bind(name).fetch_one(connection).await
+}
+
+pub(crate) async fn insert_run(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    header: &RunHeader,
+) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar(
+        "INSERT INTO run (robot_id, model, started_at, source_name, source_path, source_bytes, content_hash, status)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, 'streaming')
+         RETURNING run_id",
+    )
+    .bind(robot_id)
+    .bind(&header.model)
+    .bind(header.started_at.as_microsecond())
+    .bind(&header.source_name)
+    .bind(&header.source_path)
+    .bind(count(header.source_bytes))
+    .bind(&header.content_hash.0[..])
+    .fetch_one(executor)
+    .await
+}
+
+async fn reopen_run(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    robot_id: i64,
+    header: &RunHeader,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET robot_id = $1, model = $2, started_at = $3, source_name = $4, source_path = $5, source_bytes = $6,
+             cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
+             prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
+             reason_line = NULL, reason_column = NULL, retry_asked_at = NULL
+         WHERE run_id = $7",
+    )
+    .bind(robot_id)
+    .bind(&header.model)
+    .bind(header.started_at.as_microsecond())
+    .bind(&header.source_name)
+    .bind(&header.source_path)
+    .bind(count(header.source_bytes))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Opens a complete run for further cycles. A trigger takes away what is stored of the run as a whole.
+async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'streaming', rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL,
+             prefix_bytes = source_bytes, prefix_hash = content_hash
+         WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down by which content a run is known.
+async fn identify(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    hash: &ContentHash,
+    bytes: u64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET content_hash = $1, source_bytes = $2, growing = FALSE WHERE run_id = $3")
+        .bind(&hash.0[..])
+        .bind(count(bytes))
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Writes down that the export of a run grows. A copy of what it held before must not be taken for it,
+/// so that the key becomes a number that no content has.
+async fn identify_growing(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    prefix: &ContentPrefix,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET content_hash = randomblob(32), growing = TRUE, prefix_bytes = $1, prefix_hash = $2
+         WHERE run_id = $3",
+    )
+    .bind(count(prefix.bytes))
+    .bind(&prefix.hash.0[..])
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Start of a run that takes cycles from this session, in microseconds; `None` if it takes none.
+pub(crate) async fn open_run_start(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    session: Option<i64>,
+) -> Result<Option<i64>, sqlx::Error> {
+    let start = "SELECT started_at FROM run
+                 WHERE run_id = $1 AND status = 'streaming' AND host_session_id IS NOT DISTINCT FROM $2";
+    sqlx::query_scalar(start).bind(run_id).bind(session).fetch_optional(executor).await
+}
+
+/// Robot of a run that is not quarantined, and not read by another session.
+pub(crate) async fn robot_of_run(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    session: Option<i64>,
+) -> Result<Option<i64>, sqlx::Error> {
+    let robot = "SELECT robot_id FROM run
+                 WHERE run_id = $1 AND status <> 'quarantined'
+                       AND (status <> 'streaming' OR host_session_id IS NOT DISTINCT FROM $2)";
+    sqlx::query_scalar(robot).bind(run_id).bind(session).fetch_optional(executor).await
+}
+
+/// The description that a cycle was analysed with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Description {
+    /// Its key.
+    pub(crate) robot_model_id: i64,
+    /// Hash of all that figures depend on.
+    pub(crate) figures_hash: [u8; 32],
+}
+
+/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
+pub(crate) async fn advance(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    description: &Description,
+    read: Option<&ContentPrefix>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2,
+             prefix_bytes = coalesce($3, prefix_bytes),
+             prefix_hash = coalesce($4, prefix_hash)
+         WHERE run_id = $5",
+    )
+    .bind(description.robot_model_id)
+    .bind(&description.figures_hash[..])
+    .bind(read.map(|prefix| count(prefix.bytes)))
+    .bind(read.map(|prefix| &prefix.hash.0[..]))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+pub(crate) async fn mark_complete(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    totals: RunTotals,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4,
+             growing = FALSE, prefix_bytes = NULL, prefix_hash = NULL
+         WHERE run_id = $5",
+    )
+    .bind(count(totals.rows))
+    .bind(count(totals.rows_skipped))
+    .bind(finite(totals.sample_rate))
+    .bind(totals.cycles)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
+/// content has; what its cycles were read from tells the file if it comes back.
+async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', reason = $2, growing = TRUE, content_hash = randomblob(32),
+             prefix_bytes = CASE WHEN cycles_stored > 0 THEN coalesce(prefix_bytes, source_bytes) ELSE NULL END,
+             prefix_hash = CASE WHEN cycles_stored > 0 THEN coalesce(prefix_hash, content_hash) ELSE NULL END
+         WHERE run_id = $1 AND status = 'streaming'",
+    )
+    .bind(run_id)
+    .bind(reason)
+    .execute(executor)
+    .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Whether a run was read to its end.
+async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE run_id = $1 AND status = 'complete')")
+        .bind(run_id)
+        .fetch_one(executor)
+        .await
+}
+
+/// Writes down what a run is a recording of; writes nothing where that stands already.
+async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET kind = $1 WHERE run_id = $2 AND kind <> $1")
+        .bind(kind.name())
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Takes away a run that is not complete, with its cycles. Returns whether there was one.
+async fn discard(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM run WHERE run_id = $1 AND status <> 'complete'")
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(done.rows_affected() > 0)
+}

@@ -1,0 +1,464 @@
+//! Files as they were last seen.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use jiff::Timestamp;
+use sqlx::Row;
+
+use super::runs;
+use super::runs::{Begun, Identity, KnownRun, RunStart, known_run};
+use crate::engine::{EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::models::StoredModel;
+use crate::values::{count, named, size, time};
+use armwatch_model::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
+
+/// A file as the file system describes it, without a look into it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SourceState {
+    /// Size, bytes.
+    pub bytes: u64,
+    /// Time of the last modification.
+    pub modified: Timestamp,
+    /// Number of the file in its file system.
+    pub file: FileId,
+}
+
+/// A run whose export lay at a path, or in the file that lies there now.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EarlierRun {
+    /// The run.
+    pub run: KnownRun,
+    /// Its robot.
+    pub robot: String,
+    /// Start of its recording.
+    pub started_at: Timestamp,
+    /// File name of its export.
+    pub source_name: String,
+    /// What it is a recording of, once a cycle is stored.
+    pub kind: RunKind,
+    /// What is stored of it was read from these first bytes.
+    pub read: ContentPrefix,
+    /// Whether it lay at the path.
+    pub same_path: bool,
+    /// Whether it lay in the file.
+    pub same_file: bool,
+}
+
+/// What the name of a file says of its recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Recording<'n> {
+    /// The individual robot.
+    pub robot: &'n str,
+    /// Start.
+    pub started_at: Timestamp,
+    /// The name itself.
+    pub source_name: &'n str,
+}
+
+/// A file whose run is not complete, as it was when the run was last begun.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnfinishedSource {
+    /// The run.
+    pub run_id: i64,
+    /// Where the file lay.
+    pub path: String,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Time of its last modification, to the microsecond.
+    pub modified: Timestamp,
+    /// Whether it was read while it grew, and not after it had settled.
+    pub growing: bool,
+}
+
+/// Latest runs of files of one number that are compared with a file. A file that goes, as an archive takes it, leaves its
+/// number to the next one, so that there may be any number of them.
+const MOST_OF_NUMBER: i64 = 4;
+
+/// Runs that may be of one recording that are compared with a file: those that were not refused first, then those of the same
+/// name, then the latest. One recording has few; a folder of broken files with one start may have thousands, of which each would be compared with all.
+const MOST_OF_RECORDING: i64 = 16;
+
+/// What tells the export of a run, and what its rows were analysed with.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RunSource {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// File name of the export when it was taken.
+    pub source_name: String,
+    /// Where the export lay: where it was found first, then where it was seen later, latest first.
+    pub paths: Vec<PathBuf>,
+    /// Identity of its content.
+    pub content_hash: ContentHash,
+    /// The description that it was analysed with; `None` as long as no cycle is stored.
+    pub model: Option<StoredModel>,
+}
+
+impl Store {
+    /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.
+    /// The identity must be no other run's, see [`Store::lookup`].
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] if another run has the identity; others of the database.
+    pub async fn begin_source(
+        &self,
+        header: &RunHeader,
+        identity: Identity,
+        beginning: RunStart,
+        source: SourceState,
+    ) -> Result<Begun, StoreError> {
+        let mut transaction = self.begin().await?;
+        let begun = self.checked(runs::begin(&mut transaction, header, identity, beginning).await)?;
+        let run_id = begun.run.run_id;
+        self.checked(remember(&mut *transaction, &header.source_path, source, run_id).await)?;
+        self.checked(set_file(&mut *transaction, run_id, self.numbered(source.file), self.session()).await)?;
+        self.claim_run(&mut transaction, run_id).await?;
+        self.commit(transaction).await?;
+        Ok(begun)
+    }
+
+    /// What the ledger knows of the export that lay at `path` in this state when it was last taken.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_source(&self, path: &str, state: SourceState) -> Result<Option<KnownRun>, StoreError> {
+        self.checked(find(&self.readers, path, state).await)
+    }
+
+    /// What the ledger knows of the exports that lay at `paths` when they were last taken, by path: size, bytes, time of
+    /// the last modification, microseconds UTC, and run. Unknown paths are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn known_sources(
+        &self,
+        paths: &[String],
+    ) -> Result<HashMap<String, (u64, i64, KnownRun)>, StoreError> {
+        self.checked(find_all(&self.readers, paths).await)
+    }
+
+    /// Writes down that the file at `path`, in this state, holds the export of a run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn remember_source(
+        &self,
+        path: &str,
+        state: SourceState,
+        run_id: i64,
+    ) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        self.checked(remember(&mut *transaction, path, state, run_id).await)?;
+        self.commit(transaction).await
+    }
+
+    /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
+    /// (robot and start): that of the path first, then the newest.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn earlier_runs(
+        &self,
+        path: &str,
+        file: FileId,
+        recording: Option<Recording<'_>>,
+    ) -> Result<Vec<EarlierRun>, StoreError> {
+        self.checked(earlier_runs(&self.readers, path, self.numbered(file), recording).await)
+    }
+
+    /// Files of runs that are not complete, as they were when the runs were last begun. Those of other hosts, and what
+    /// other programs are reading, are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn unfinished_sources(&self) -> Result<Vec<UnfinishedSource>, StoreError> {
+        let mut found = self.checked(unfinished(&self.readers).await)?;
+        let of_others = self.runs_of_others().await?;
+        found.retain_mut(|source| {
+            let Some(path) = self.local_path(&source.path) else { return false };
+            source.path = from_root(path);
+            !of_others.contains(&source.run_id)
+        });
+        Ok(found)
+    }
+
+    /// What tells the export of a run; `None` for an unknown run.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn run_source(&self, run_id: i64) -> Result<Option<RunSource>, StoreError> {
+        let Some(mut source) = self.checked(of_run(&self.readers, run_id).await)? else {
+            return Ok(None);
+        };
+        for path in self.checked(paths_of_run(&self.readers, run_id).await)? {
+            let path = PathBuf::from(path);
+            if !source.paths.contains(&path) {
+                source.paths.push(path);
+            }
+        }
+        // what lies on another host is told with its name, and is no file here
+        for path in &mut source.paths {
+            if let Some(here) = path.to_str().and_then(|located| self.local_path(located)) {
+                *path = here;
+            }
+        }
+        Ok(Some(source))
+    }
+
+    /// Content that a file name stands for: that of its latest run which is neither quarantined nor superseded
+    /// nor growing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn content_named(&self, source_name: &str) -> Result<Option<ContentHash>, StoreError> {
+        self.checked(content_named(&self.readers, source_name).await)
+    }
+}
+
+pub(crate) async fn find(
+    executor: impl EngineExecutor<'_>,
+    path: &str,
+    state: SourceState,
+) -> Result<Option<KnownRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
+                run.cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
+         FROM source_file JOIN run USING (run_id)
+         WHERE source_file.path = $1 AND source_file.bytes = $2 AND source_file.modified = $3",
+    )
+    .bind(path)
+    .bind(count(state.bytes))
+    .bind(state.modified.as_microsecond())
+    .try_map(|row| known_run(&row))
+    .fetch_optional(executor)
+    .await
+}
+
+/// What was last taken at each of `paths`.
+async fn find_all(
+    executor: impl EngineExecutor<'_>,
+    paths: &[String],
+) -> Result<HashMap<String, (u64, i64, KnownRun)>, sqlx::Error> {
+    let asked = serde_json::Value::from(paths.to_vec()).to_string();
+    let rows = sqlx::query(
+        "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
+                CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
+                run.cycles_stored,
+                retry_asked_at IS NOT NULL AS retry_asked
+         FROM json_each($1) AS asked
+         CROSS JOIN source_file
+         JOIN run USING (run_id)
+         WHERE source_file.path = asked.value",
+    )
+    .bind(asked)
+    .try_map(|row: EngineRow| {
+        Ok((row.try_get("path")?, (size(&row, "bytes")?, row.try_get("modified")?, known_run(&row)?)))
+    })
+    .fetch_all(executor)
+    .await?;
+    Ok(rows.into_iter().collect())
+}
+
+/// Farthest that two time zones lie apart, in microseconds: a start that was read by another one is within.
+const ZONES_APART: i64 = 26 * 3_600_000_000;
+
+/// Runs whose export lay at `path` or in the file of this number, or may be of this recording: robot and start are
+/// alike, or robot and name, where the start was read by the clock of another time zone. That of the path first, then
+/// the newest.
+pub(crate) async fn earlier_runs(
+    executor: impl EngineExecutor<'_>,
+    path: &str,
+    file: FileId,
+    recording: Option<Recording<'_>>,
+) -> Result<Vec<EarlierRun>, sqlx::Error> {
+    sqlx::query(
+        "WITH earlier AS (
+             SELECT run_id FROM source_file WHERE path = $1
+             UNION
+             SELECT run_id FROM (SELECT run_id FROM run WHERE inode = $2 AND device = $3
+                                 ORDER BY run_id DESC LIMIT $4) AS of_number
+             UNION
+             SELECT run_id FROM (SELECT run_id FROM robot JOIN run USING (robot_id)
+                                 WHERE robot.name = $5 AND status IN ('streaming', 'complete', 'quarantined')
+                                   AND started_at BETWEEN $6 - $8 AND $6 + $8
+                                   AND (started_at = $6 OR source_name = $7)
+                                 ORDER BY status = 'quarantined', source_name = $7 DESC, run_id DESC
+                                 LIMIT $9) AS of_recording
+         )
+         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+                cycles_stored, retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
+                EXISTS (SELECT 1 FROM source_file WHERE path = $1 AND source_file.run_id = run.run_id) AS same_path,
+                coalesce(inode = $2 AND device = $3, FALSE) AS same_file,
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_bytes, source_bytes)
+                     ELSE source_bytes END AS bytes,
+                CASE WHEN status = 'streaming' OR growing THEN coalesce(prefix_hash, content_hash)
+                     ELSE content_hash END AS hash
+         FROM earlier
+         JOIN run USING (run_id)
+         JOIN robot USING (robot_id)
+         ORDER BY same_path DESC, run_id DESC",
+    )
+    .bind(path)
+    .bind(file.inode.cast_signed())
+    .bind(file.device.cast_signed())
+    .bind(MOST_OF_NUMBER)
+    .bind(recording.map(|of| of.robot))
+    .bind(recording.map(|of| of.started_at.as_microsecond()))
+    .bind(recording.map(|of| of.source_name))
+    .bind(ZONES_APART)
+    .bind(MOST_OF_RECORDING)
+    .try_map(|row: EngineRow| {
+        let hash: Vec<u8> = row.try_get("hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()))?;
+        Ok(EarlierRun {
+            run: known_run(&row)?,
+            robot: row.try_get("robot")?,
+            started_at: time(&row, "started_at")?,
+            source_name: row.try_get("source_name")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
+            read: ContentPrefix { bytes: size(&row, "bytes")?, hash: ContentHash(hash) },
+            same_path: row.try_get("same_path")?,
+            same_file: row.try_get("same_file")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Files of runs that are not complete.
+pub(crate) async fn unfinished(
+    executor: impl EngineExecutor<'_>,
+) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, path, bytes, modified, growing
+         FROM run JOIN source_file USING (run_id)
+         WHERE status = 'streaming'
+         ORDER BY run.run_id, path",
+    )
+    .try_map(|row: EngineRow| {
+        Ok(UnfinishedSource {
+            run_id: row.try_get("run_id")?,
+            path: row.try_get("path")?,
+            bytes: size(&row, "bytes")?,
+            modified: time(&row, "modified")?,
+            growing: row.try_get("growing")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
+/// in the same folder.
+fn from_root(path: PathBuf) -> String {
+    let absolute = std::path::absolute(&path).unwrap_or(path);
+    absolute.to_string_lossy().into_owned()
+}
+
+pub(crate) async fn remember(
+    executor: impl EngineExecutor<'_>,
+    path: &str,
+    state: SourceState,
+    run_id: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "INSERT INTO source_file (path, bytes, modified, run_id) VALUES ($1, $2, $3, $4)
+         ON CONFLICT (path) DO UPDATE
+         SET bytes = excluded.bytes, modified = excluded.modified, run_id = excluded.run_id",
+    )
+    .bind(path)
+    .bind(count(state.bytes))
+    .bind(state.modified.as_microsecond())
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Writes down which file a run is read from, and by which session.
+async fn set_file(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    file: FileId,
+    session: Option<i64>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE run SET device = $1, inode = $2, host_session_id = $4 WHERE run_id = $3")
+        .bind(file.device.cast_signed())
+        .bind(file.inode.cast_signed())
+        .bind(run_id)
+        .bind(session)
+        .execute(executor)
+        .await?;
+    Ok(())
+}
+
+/// Run `run_id` with the first of its paths.
+pub(crate) async fn of_run(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<Option<RunSource>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, robot.name AS robot, source_name, source_path, content_hash,
+                run.robot_model_id, robot_model.name AS model, description_hash
+         FROM run
+         JOIN robot USING (robot_id)
+         LEFT JOIN robot_model USING (robot_model_id)
+         WHERE run.run_id = $1",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        let hash: Vec<u8> = row.try_get("content_hash")?;
+        let hash = hash.try_into().map_err(|_| sqlx::Error::Decode("a content hash of odd length".into()))?;
+        let path: String = row.try_get("source_path")?;
+        let model = match row.try_get::<Option<i64>, _>("robot_model_id")? {
+            Some(robot_model_id) => Some(StoredModel {
+                robot_model_id,
+                name: row.try_get("model")?,
+                description_hash: row.try_get("description_hash")?,
+            }),
+            None => None,
+        };
+        Ok(RunSource {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            source_name: row.try_get("source_name")?,
+            paths: vec![path.into()],
+            content_hash: ContentHash(hash),
+            model,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+/// Paths at which the export of a run was seen, latest modification first.
+async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
+    sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = $1 ORDER BY modified DESC, path")
+        .bind(run_id)
+        .fetch_all(executor)
+        .await
+}
+
+/// Content of the latest run whose export had this file name and that is neither quarantined, superseded nor
+/// growing.
+pub(crate) async fn content_named(
+    executor: impl EngineExecutor<'_>,
+    source_name: &str,
+) -> Result<Option<ContentHash>, sqlx::Error> {
+    let hash: Option<Vec<u8>> = sqlx::query_scalar(
+        "SELECT content_hash FROM run
+         WHERE source_name = $1 AND status <> 'quarantined' AND NOT growing
+         ORDER BY run_id DESC
+         LIMIT 1",
+    )
+    .bind(source_name)
+    .fetch_optional(executor)
+    .await?;
+    let whole =
+        |hash: Vec<u8>| hash.try_into().map_err(|_| sqlx::Error::Decode("a hash of another length".into()));
+    hash.map(whole).transpose().map(|hash| hash.map(ContentHash))
+}

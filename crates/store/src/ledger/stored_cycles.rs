@@ -1,0 +1,59 @@
+//! Which cycles of a run stay when its export is read again.
+
+use crate::engine::EngineExecutor;
+use crate::values::count;
+
+/// Whether the stored cycles of a run were read from just the first `bytes` of its content.
+pub(super) async fn are_of_first(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    bytes: u64,
+) -> Result<bool, sqlx::Error> {
+    let read: Option<i64> = sqlx::query_scalar("SELECT prefix_bytes FROM run WHERE run_id = $1")
+        .bind(run_id)
+        .fetch_one(executor)
+        .await?;
+    Ok(read == Some(count(bytes)))
+}
+
+/// Takes away cycles that the end of the file has cut. Returns whether there were any.
+pub(super) async fn delete_cut_by_end(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<bool, sqlx::Error> {
+    let done = sqlx::query("DELETE FROM cycle WHERE run_id = $1 AND cut_by_end = TRUE")
+        .bind(run_id)
+        .execute(executor)
+        .await?;
+    Ok(done.rows_affected() > 0)
+}
+
+/// Sets the mark of progress to the cycles that are stored.
+pub(super) async fn count_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id)
+         WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Takes away the last cycle of a complete run that was stored before cycles said whether the end had cut them.
+pub(super) async fn delete_last(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM cycle
+         WHERE run_id = $1 AND number = (SELECT max(last.number) FROM cycle AS last WHERE last.run_id = $1)",
+    )
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Takes away all cycles of a run.
+pub(super) async fn delete_all(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
+    sqlx::query("DELETE FROM cycle WHERE run_id = $1").bind(run_id).execute(executor).await?;
+    Ok(())
+}

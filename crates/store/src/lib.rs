@@ -1,0 +1,97 @@
+//! Results in SQLite, or on a PostgreSQL server. One writer, several readers; every write is one transaction that starts
+//! with the write lock, so that waiting for another writer happens once, at its beginning.
+//!
+//! The views of `migrations/` are what users read; the tables behind them are this module's own.
+//! Functions below the facade hold one statement each and take any connection, so that they compose.
+
+pub mod export;
+mod engine;
+mod ledger;
+mod results;
+mod robot;
+mod kept;
+mod delivery;
+#[cfg(test)]
+mod tests;
+mod views;
+mod claim;
+mod error;
+mod finish;
+mod handle;
+mod hosts;
+#[cfg(feature = "postgres")]
+mod own_host;
+mod models;
+mod monitoring;
+mod soundness;
+mod synthetic;
+mod write_ahead_log;
+mod new_schema;
+mod schema;
+#[cfg(feature = "postgres")]
+mod server;
+mod open;
+mod table;
+mod public_sql;
+mod question;
+mod retention;
+mod snapshot;
+mod backup;
+mod lists;
+mod values;
+mod view_columns;
+mod view_reader;
+
+pub use backup::Backup;
+pub use claim::DaemonClaim;
+pub use delivery::alarm::AlarmEvent;
+pub use delivery::queue::{Again, DueMessage, RouteState};
+pub use delivery::routes::{Fate, Held, RouteEntry};
+pub use error::StoreError;
+pub use finish::{FinishTransaction, Replaced};
+pub use handle::Store;
+pub use hosts::HostSession;
+pub use hosts::kinds::{ClaimKind, SessionKind};
+pub use hosts::list::{HostRow, HostState};
+pub use kept::estimates::{EstimateTransaction, NewEstimate, OtherEstimate};
+pub use kept::parameter_sets::{ParameterSet, SourceCycle};
+pub use kept::reestimates::{
+    CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
+};
+pub use ledger::quarantine::{Dismissal, ExportFault, FaultState, QuarantineRow};
+pub use ledger::resume::{ReadSoFar, StoredPoint};
+pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart, RunTotals};
+pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
+pub use lists::ListFilter;
+pub use models::{ModelParameter, StoredModel, description_hash};
+pub use monitoring::{AnomalyCount, DatabaseSize, RouteCounts};
+pub use public_sql::{SqlAnswer, SqlError, SqlLimits};
+pub use question::{Answer, Question, QuestionError};
+pub use results::factors::{FactorsWanted, StoredCycle};
+pub use results::joined_factors::{JoinedFactors, WindowsToJoin};
+pub use results::production::{ProductionWindow, ReferenceTest};
+pub use results::run_analysis::JointDeviation;
+pub use results::verification::{CycleState, FactorsGone, OfCycle};
+pub use retention::{DueRun, FreeSpace, KeptSince, MOST_REFERENCES};
+pub use robot::alarms::alarm_life::{AlarmAction, AnomalyHistoryRow, NotDone, SeriesRun};
+pub use robot::alarms::alarm_state::{AlarmState, EventKind};
+pub use robot::alarms::anomalies::{AnomalyEvent, Reconciled};
+pub use robot::alarms::health::{OverdueRobot, RunResult};
+pub use robot::conclude::{ConclusionTransaction, StaleRobot};
+pub use robot::conclusion_faults::ConclusionFault;
+pub use robot::figures::friction_series::{FrictionHistory, TestPoints};
+pub use robot::indices::baseline_plan::known::{KnownMap, KnownPlan};
+pub use robot::indices::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
+pub use robot::indices::baselines::{
+    BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
+    NewIndices, ReplacedBaseline, StoredBaseline,
+};
+pub use robot::indices::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
+pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance, NotEntered};
+pub use robot::open_test::OpenTest;
+pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};
+pub use table::{AskError, Table, ViewRows};
+pub use values::time_in_views;
+pub use view_columns::{PublicView, ViewColumn, public_views};
+pub use view_reader::{RowFilter, ViewReader};
+pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};

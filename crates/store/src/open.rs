@@ -1,0 +1,379 @@
+//! Opening a database: is it ours, is it current, and how its connections behave.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{ConnectOptions, Connection, SqliteConnection};
+
+use super::engine::{Dialect, EnginePool, EnginePoolOptions, catalog, of_sqlite};
+use super::error::StoreError;
+use super::handle::Store;
+#[cfg(feature = "postgres")]
+use super::own_host::OwnHost;
+use super::results::intervals;
+use super::schema::{latest_schema, migrate};
+#[cfg(feature = "postgres")]
+use super::server;
+use super::{view_columns, write_ahead_log};
+#[cfg(not(feature = "postgres"))]
+use armwatch_config::shown_database;
+use armwatch_config::{ClusterSettings, is_on_server};
+
+/// How long a write waits for another process. Longer than any transaction of this program, shorter
+/// than a person waits for an answer.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Pause before the journal's mode is tried again; another program holds that lock for milliseconds.
+const LOCK_RETRY: Duration = Duration::from_millis(20);
+
+/// How long a question about the database's health waits.
+const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
+/// thread and a page cache of about 2 MB.
+const READERS: u32 = 4;
+
+/// The write-ahead log shrinks back to this after a burst.
+const LOG_LIMIT_BYTES: &str = "67108864";
+
+/// Set in the header of the file by the first migration.
+pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
+
+/// `PRAGMA user_version` of a copy. It has no triggers, so that nothing may write to it; and only a copy is replaced by
+/// another one.
+pub(super) const SNAPSHOT: i64 = 0x736e_6170;
+
+impl Store {
+    /// Opens the database at `path`, a file or the address of a server; makes it, and the folder of a file, if there is
+    /// none, and brings its schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
+    /// a file that is refused is left as it is.
+    pub async fn open(path: &Path) -> Result<Self, StoreError> {
+        Self::open_as(path, &ClusterSettings::default()).await
+    }
+
+    /// As [`Store::open`], as one of several daemons on a server. A file has one.
+    ///
+    /// # Errors
+    /// As [`Store::open`].
+    pub async fn open_as(path: &Path, cluster: &ClusterSettings) -> Result<Self, StoreError> {
+        if is_on_server(path) {
+            return open_on_server(path, cluster).await;
+        }
+        open(path, BUSY_TIMEOUT).await
+    }
+
+    /// Opens the database at `path` to look into it; nothing is made or changed, and writing fails. `None` if
+    /// there is none.
+    ///
+    /// # Errors
+    /// As [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for a schema that is not up to date.
+    pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
+        Self::open_existing_as(path, &ClusterSettings::default()).await
+    }
+
+    /// As [`Store::open_existing`], on one of several hosts, which says which files are here.
+    ///
+    /// # Errors
+    /// As [`Store::open_existing`].
+    pub async fn open_existing_as(
+        path: &Path,
+        cluster: &ClusterSettings,
+    ) -> Result<Option<Self>, StoreError> {
+        if is_on_server(path) {
+            return open_existing_on_server(path, cluster).await;
+        }
+        open_existing(path).await
+    }
+
+    /// A handle of its own for those who only look: its readers take no turn of this one's. `None` if the file is gone.
+    ///
+    /// # Errors
+    /// As [`Store::open_existing`].
+    pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
+        match self.dialect() {
+            Dialect::Sqlite => open_existing(&self.path).await,
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => server::open_again(self, BUSY_TIMEOUT).await,
+        }
+    }
+
+    /// A number that changes when another connection has committed. Only for comparison with what the same handle said
+    /// before.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn data_version(&self) -> Result<i64, StoreError> {
+        self.checked(catalog::data_version(&self.probe).await)
+    }
+
+    /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
+    /// speed, not synced.
+    ///
+    /// # Errors
+    /// [`StoreError::NotWritable`] if the disk refuses.
+    pub async fn sync(&self) -> Result<(), StoreError> {
+        match self.dialect() {
+            Dialect::Sqlite => write_ahead_log::sync(&self.path).await,
+            // a server syncs with each commit, unless whoever looks after it says otherwise
+            #[cfg(feature = "postgres")]
+            Dialect::Postgres => Ok(()),
+        }
+    }
+}
+
+/// Opens a database on a server; see [`Store::open`].
+#[cfg(feature = "postgres")]
+async fn open_on_server(address: &Path, cluster: &ClusterSettings) -> Result<Store, StoreError> {
+    server::open(address, cluster, BUSY_TIMEOUT).await
+}
+
+/// Opens what is there on a server for reading only; see [`Store::open_existing`].
+#[cfg(feature = "postgres")]
+async fn open_existing_on_server(
+    address: &Path,
+    cluster: &ClusterSettings,
+) -> Result<Option<Store>, StoreError> {
+    server::open_existing(address, cluster, BUSY_TIMEOUT).await
+}
+
+#[cfg(not(feature = "postgres"))]
+async fn open_on_server(address: &Path, _cluster: &ClusterSettings) -> Result<Store, StoreError> {
+    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
+}
+
+#[cfg(not(feature = "postgres"))]
+async fn open_existing_on_server(
+    address: &Path,
+    _cluster: &ClusterSettings,
+) -> Result<Option<Store>, StoreError> {
+    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
+}
+
+/// Opens, creates and migrates; see [`Store::open`].
+pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
+    // Absolute, so that SQLite cannot take the name for ":memory:" or for an address.
+    refuse_folder(path)?;
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| StoreError::not_writable(&path, &e))?;
+    }
+    let options = SqliteConnectOptions::new()
+        .filename(&path)
+        .busy_timeout(busy_timeout)
+        .foreign_keys(true)
+        .disable_statement_logging();
+    let found = inspect(&path, &options).await?;
+    if is_snapshot(&path, &options).await? {
+        return Err(StoreError::Snapshot { path: path.to_path_buf() });
+    }
+
+    let mut writing = options.clone().create_if_missing(true);
+    if found == 0 {
+        // `armwatch prune` can then give room back while others work; in a file that has tables it would change nothing
+        // and be written at every opening
+        writing = writing.auto_vacuum(SqliteAutoVacuum::Incremental);
+    }
+    let writing = writing
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Normal)
+        .pragma("journal_size_limit", LOG_LIMIT_BYTES);
+    let writer = writer_pool(&path, writing, busy_timeout).await?;
+    let is_older = found > 0 && found < latest_schema();
+    migrate(&path, &writer).await?;
+    intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    view_columns::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    if is_older {
+        tracing::info!(path = %path.display(), schema = latest_schema(), "the schema of the database is up to date");
+    }
+    let probe = probe(options.clone());
+    let readers = pool(READERS, options.read_only(true), busy_timeout)
+        .await
+        .map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    Ok(Store {
+        path,
+        writer,
+        readers,
+        probe,
+        is_read_only: false,
+        #[cfg(feature = "postgres")]
+        own_host: OwnHost::none(&ClusterSettings::default()),
+    })
+}
+
+/// Opens what is there for reading only; see [`Store::open_existing`].
+pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreError> {
+    if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
+        return Ok(None);
+    }
+    refuse_folder(path)?;
+    let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
+    let mut options = reading(&path);
+    let known = latest_schema();
+    let found = match inspect(&path, &options).await {
+        // SQLite makes files beside a database even to read it. Where that is not allowed and no program has it open,
+        // the file is all there is.
+        Err(StoreError::NotWritable { .. }) if !write_ahead_log::has_commits(&path) => {
+            options = options.immutable(true);
+            inspect(&path, &options).await
+        }
+        found => found,
+    };
+    let found = found.map_err(|error| match error {
+        StoreError::NotWritable { path, detail } => StoreError::NotReadable { path, detail },
+        error => error,
+    })?;
+    if found < known {
+        return Err(StoreError::Older { path: path.to_path_buf(), found, known });
+    }
+    let probe = probe(options.clone());
+    let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    Ok(Some(Store {
+        path,
+        writer: readers.clone(),
+        readers,
+        probe,
+        is_read_only: true,
+        #[cfg(feature = "postgres")]
+        own_host: OwnHost::none(&ClusterSettings::default()),
+    }))
+}
+
+fn refuse_folder(path: &Path) -> Result<(), StoreError> {
+    match path.is_dir() {
+        true => Err(StoreError::Folder { path: path.to_path_buf() }),
+        false => Ok(()),
+    }
+}
+
+fn reading(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .busy_timeout(BUSY_TIMEOUT)
+        .read_only(true)
+        .disable_statement_logging()
+}
+
+/// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
+/// SQLite does not wait: of two programs that start on a new file, one has to try again.
+async fn writer_pool(
+    path: &Path,
+    options: SqliteConnectOptions,
+    busy_timeout: Duration,
+) -> Result<EnginePool, StoreError> {
+    let deadline = Instant::now() + busy_timeout;
+    loop {
+        let opened = pool(1, options.clone(), busy_timeout).await;
+        match opened.map_err(|e| StoreError::from_sqlx(path, &e)) {
+            Err(StoreError::Busy { .. }) if Instant::now() < deadline => tokio::time::sleep(LOCK_RETRY).await,
+            outcome => return outcome,
+        }
+    }
+}
+
+async fn pool(
+    connections: u32,
+    options: SqliteConnectOptions,
+    busy_timeout: Duration,
+) -> Result<EnginePool, sqlx::Error> {
+    EnginePoolOptions::new()
+        .max_connections(connections)
+        // A turn at the pool may have to wait for one that waits for another process.
+        .acquire_timeout(3 * busy_timeout)
+        // A connection to a file does not go stale; reopening would only lose its prepared statements.
+        .idle_timeout(None)
+        .max_lifetime(None)
+        // SQLite ends a transaction by itself when the disk fails under it; the connection, which cannot end it once
+        // more, counts it as open for good and would refuse the next one with words that name no disk.
+        .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
+        .connect_with(of_sqlite(options))
+        .await
+}
+
+/// A reader of its own, opened when it is asked for the first time.
+fn probe(options: SqliteConnectOptions) -> EnginePool {
+    EnginePoolOptions::new()
+        .max_connections(1)
+        .acquire_timeout(PROBE_TIMEOUT)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .connect_lazy_with(of_sqlite(options.read_only(true).busy_timeout(PROBE_TIMEOUT)))
+}
+
+impl Store {
+    /// Whether the database answers: one row is read of it, by a reader that nothing else uses.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds.
+    pub async fn probe(&self) -> Result<(), StoreError> {
+        let answer =
+            sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first").execute(&self.probe);
+        self.checked(answer.await).map(|_| ())
+    }
+}
+
+/// Refuses a file that is not this program's, before anything about it is changed; gives its schema.
+async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, StoreError> {
+    // An empty file is a new database to SQLite too.
+    if std::fs::metadata(path).map_or(true, |m| m.is_file() && m.len() == 0) {
+        return Ok(0);
+    }
+    let result = match options.connect().await {
+        Ok(mut connection) => {
+            let identity = identity(&mut connection).await;
+            connection.close().await.and(identity)
+        }
+        Err(error) => Err(error),
+    };
+    match result.map_err(|e| StoreError::from_sqlx(path, &e))? {
+        FileIdentity::New => Ok(0),
+        FileIdentity::Ours { schema } => {
+            let known = latest_schema();
+            if schema > known {
+                return Err(StoreError::Newer { path: path.to_path_buf(), found: schema, known });
+            }
+            Ok(schema)
+        }
+        FileIdentity::Foreign => Err(StoreError::NotADatabase {
+            path: path.to_path_buf(),
+            detail: "it is the SQLite database of another program".into(),
+        }),
+    }
+}
+
+/// Whether a file that is there is a copy for readers.
+async fn is_snapshot(path: &Path, options: &SqliteConnectOptions) -> Result<bool, StoreError> {
+    if std::fs::metadata(path).map_or(true, |metadata| metadata.len() == 0) {
+        return Ok(false);
+    }
+    let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
+    let mut connection = options.connect().await.map_err(broken)?;
+    let version: Result<i64, _> = sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut connection).await;
+    connection.close().await.map_err(broken)?;
+    Ok(version.map_err(broken)? == SNAPSHOT)
+}
+
+enum FileIdentity {
+    New,
+    Ours { schema: i64 },
+    Foreign,
+}
+
+async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sqlx::Error> {
+    let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
+    let tables: i64 =
+        sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;
+    match (application_id, tables) {
+        (APPLICATION_ID, _) => {
+            let schema: Option<i64> =
+                sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations").fetch_one(connection).await?;
+            Ok(FileIdentity::Ours { schema: schema.unwrap_or(0) })
+        }
+        (0, 0) => Ok(FileIdentity::New),
+        _ => Ok(FileIdentity::Foreign),
+    }
+}

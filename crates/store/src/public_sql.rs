@@ -1,0 +1,388 @@
+//! Statements of people and programs that are not trusted: they read the public views, within limits, and nothing else.
+//!
+//! Each statement has a connection of its own, opened for reading only, with an authoriser that SQLite asks while it
+//! prepares the statement (<https://sqlite.org/c3ref/set_authorizer.html>), limits on what a statement may build, and a
+//! handler that ends it when its time is over. The rest of the program has other connections.
+
+mod names;
+
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
+use rusqlite::limits::Limit;
+use rusqlite::types::{ToSqlOutput, Value as SqlValue, ValueRef};
+use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
+use serde_json::Value;
+
+use self::names::Names;
+#[cfg(feature = "postgres")]
+use super::engine::Dialect;
+use super::error::StoreError;
+use super::handle::Store;
+use super::table::{Table, hexadecimal};
+
+/// Longest statement, bytes.
+const LONGEST_STATEMENT: usize = 16 << 10;
+
+/// Most tokens of a statement with the tables of WITH put in: what SQLite builds of more, before its first step, takes
+/// memory and time that no limit of its own bounds.
+const MOST_TOKENS: usize = 4000;
+
+/// How long a statement waits where the database is locked, which a write-ahead log hardly ever is for readers.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Instructions of SQLite's virtual machine between two looks at the clock, some ten microseconds.
+const STEPS_BETWEEN_LOOKS: i32 = 1000;
+
+/// What a statement may build: the length of one value, bytes, so that no function works for long on one, depth of
+/// expressions, arms of `UNION`, instructions, length of a pattern, no attached database, no further thread.
+const LIMITS: [(Limit, i32); 7] = [
+    (Limit::SQLITE_LIMIT_LENGTH, 1 << 20),
+    (Limit::SQLITE_LIMIT_EXPR_DEPTH, 200),
+    (Limit::SQLITE_LIMIT_COMPOUND_SELECT, 100),
+    (Limit::SQLITE_LIMIT_VDBE_OP, 1 << 20),
+    (Limit::SQLITE_LIMIT_LIKE_PATTERN_LENGTH, 1000),
+    (Limit::SQLITE_LIMIT_ATTACHED, 0),
+    (Limit::SQLITE_LIMIT_WORKER_THREADS, 0),
+];
+
+/// What may be read besides the views: the list of what there is, and tables that SQLite makes of a value.
+const ALSO_READ: [&str; 4] = ["sqlite_schema", "sqlite_master", "json_each", "json_tree"];
+
+/// How much an answer may be, and how long it may take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SqlLimits {
+    /// Rows.
+    pub rows: usize,
+    /// Bytes of all values.
+    pub bytes: usize,
+    /// Time from its start to its last row.
+    pub time: Duration,
+}
+
+/// What a statement gave within its limits.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SqlAnswer {
+    /// Columns and rows.
+    pub table: Table,
+    /// Whether there are more rows than the limit.
+    pub truncated: bool,
+}
+
+/// Why a statement has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum SqlError {
+    /// SQLite does not understand it, at this place if it says one.
+    #[error("{}{sentence}", at.map_or_else(String::new, |(line, column)| format!("line {line}, column {column}: ")))]
+    Statement {
+        /// What is wrong.
+        sentence: String,
+        /// Line and column, counted from 1, in characters.
+        at: Option<(usize, usize)>,
+    },
+    /// It would do or read what it may not.
+    #[error("{0}")]
+    Forbidden(String),
+    /// It took longer than it may, or nobody waits for it any more.
+    #[error(
+        "the statement was stopped after {0} s; ask for fewer rows or one robot, or ask a snapshot of the database \
+         (`armwatch snapshot`)"
+    )]
+    TooSlow(f64),
+    /// Its rows have more bytes than they may.
+    #[error("the answer is larger than {0} bytes; ask for fewer columns or rows")]
+    TooLarge(usize),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl Store {
+    /// The answer to one `SELECT` over the public views. It blocks its thread; `abandoned` ends it early.
+    ///
+    /// `parameters` are the values of `?1`, `?2`, ...: null, truth values, numbers or texts.
+    ///
+    /// # Errors
+    /// [`SqlError`].
+    pub fn ask_within(
+        &self,
+        statement: &str,
+        parameters: &[Value],
+        limits: SqlLimits,
+        abandoned: &Arc<AtomicBool>,
+    ) -> Result<SqlAnswer, SqlError> {
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            let path = self.path.display();
+            return Err(SqlError::Forbidden(format!(
+                "the database is on a server, which statements of others are put to there: `psql {path}`, as a user who \
+                 may only read, with the views in schema armwatch"
+            )));
+        }
+        let names = Names::of(statement).map_err(SqlError::Forbidden)?;
+        if statement.len() > LONGEST_STATEMENT {
+            return Err(SqlError::Forbidden(format!("a statement has at most {LONGEST_STATEMENT} bytes")));
+        }
+        if names.expanded > MOST_TOKENS {
+            let sentence =
+                format!("with its tables of WITH put in, a statement has at most {MOST_TOKENS} words");
+            return Err(SqlError::Forbidden(sentence));
+        }
+        if !names.first.as_deref().is_some_and(|first| ["select", "with", "values"].contains(&first)) {
+            return Err(SqlError::Forbidden(
+                "give one statement that begins with SELECT, WITH or VALUES".into(),
+            ));
+        }
+        let asking = Asking { store: self, statement, limits, begun: Instant::now() };
+        let connection = asking.connect()?;
+        asking.guard(&connection, names, abandoned, |connection| asking.rows(connection, parameters))?
+    }
+}
+
+/// A statement while it is answered.
+struct Asking<'s> {
+    store: &'s Store,
+    statement: &'s str,
+    limits: SqlLimits,
+    begun: Instant,
+}
+
+impl Asking<'_> {
+    fn connect(&self) -> Result<Connection, SqlError> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let opened = Connection::open_with_flags(&self.store.path, flags);
+        let connection = opened.map_err(|error| self.broken(&error))?;
+        let set = || {
+            connection.busy_timeout(BUSY_TIMEOUT)?;
+            connection.pragma_update(None, "query_only", true)?;
+            LIMITS.iter().try_for_each(|(limit, value)| connection.set_limit(*limit, *value).map(|_| ()))
+        };
+        set().map_err(|error| self.broken(&error))?;
+        Ok(connection)
+    }
+
+    /// Lets the statement read the public views alone, and for its time.
+    fn guard<T>(
+        &self,
+        connection: &Connection,
+        names: Names,
+        abandoned: &Arc<AtomicBool>,
+        answer: impl FnOnce(&Connection) -> Result<T, rusqlite::Error>,
+    ) -> Result<T, SqlError> {
+        let schema = Schema::read(connection).map_err(|error| self.broken(&error))?;
+        if let Some(taken) = names.with.iter().find(|name| schema.is_taken(name)) {
+            return Err(SqlError::Forbidden(format!(
+                "the database uses the name {taken} itself; give the table of WITH another name"
+            )));
+        }
+        let views = schema.views.iter().cloned().collect::<Vec<_>>().join(", ");
+        let refused: Arc<Mutex<Option<String>>> = Arc::default();
+        let told = Arc::clone(&refused);
+        let authoriser = move |asked: AuthContext<'_>| match schema.judge(&asked, &names.with) {
+            Ok(()) => Authorization::Allow,
+            Err(reason) => {
+                told.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+                Authorization::Deny
+            }
+        };
+        let (deadline, abandoned) = (self.begun + self.limits.time, Arc::clone(abandoned));
+        let over = move || Instant::now() >= deadline || abandoned.load(Ordering::Relaxed);
+        connection
+            .authorizer(Some(authoriser))
+            .and_then(|()| connection.progress_handler(STEPS_BETWEEN_LOOKS, Some(over)))
+            .map_err(|error| self.broken(&error))?;
+        let answered = answer(connection);
+        let refused = refused.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match (answered, refused) {
+            (Ok(answer), None) => Ok(answer),
+            (_, Some(reason)) => Err(SqlError::Forbidden(format!("{reason}; the views are {views}"))),
+            (Err(error), None) => Err(self.failed(&error)),
+        }
+    }
+
+    fn rows(
+        &self,
+        connection: &Connection,
+        parameters: &[Value],
+    ) -> Result<Result<SqlAnswer, SqlError>, rusqlite::Error> {
+        let mut prepared = connection.prepare(self.statement)?;
+        if !prepared.readonly() || prepared.is_explain() != 0 {
+            return Ok(Err(SqlError::Forbidden("the statement does more than reading".into())));
+        }
+        let columns = prepared.column_names().into_iter().map(str::to_owned).collect();
+        let mut rows = prepared.query(params_from_iter(parameters.iter().map(Parameter)))?;
+        let mut answer = SqlAnswer { table: Table { columns, rows: Vec::new() }, truncated: false };
+        let mut bytes = 0;
+        while let Some(row) = rows.next()? {
+            if answer.table.rows.len() == self.limits.rows {
+                answer.truncated = true;
+                break;
+            }
+            let cells: Vec<Value> = (0..answer.table.columns.len())
+                .map(|column| row.get_ref(column).map(cell))
+                .collect::<Result<_, _>>()?;
+            bytes += cells.iter().map(bytes_of).sum::<usize>();
+            if bytes > self.limits.bytes {
+                return Ok(Err(SqlError::TooLarge(self.limits.bytes)));
+            }
+            answer.table.rows.push(cells);
+        }
+        Ok(Ok(answer))
+    }
+
+    /// What a failure while answering means for who asked.
+    fn failed(&self, error: &rusqlite::Error) -> SqlError {
+        let plain = |sentence: String| SqlError::Statement { sentence, at: None };
+        match error {
+            rusqlite::Error::SqlInputError { msg, offset, .. } => {
+                let at = usize::try_from(*offset).ok().map(|offset| place(self.statement, offset));
+                SqlError::Statement { sentence: msg.clone(), at }
+            }
+            rusqlite::Error::MultipleStatement => plain("there is more than one statement; send one".into()),
+            rusqlite::Error::InvalidParameterCount(given, wanted) => {
+                plain(format!("the statement has {wanted} parameters, and {given} values were given"))
+            }
+            rusqlite::Error::ToSqlConversionFailure(reason) => plain(reason.to_string()),
+            rusqlite::Error::SqliteFailure(of, message) => match of.code {
+                ErrorCode::OperationInterrupted => SqlError::TooSlow(self.limits.time.as_secs_f64()),
+                ErrorCode::Unknown
+                | ErrorCode::TooBig
+                | ErrorCode::TypeMismatch
+                | ErrorCode::ParameterOutOfRange => plain(message.clone().unwrap_or_else(|| of.to_string())),
+                _ => self.broken(error),
+            },
+            error => self.broken(error),
+        }
+    }
+
+    fn broken(&self, error: &rusqlite::Error) -> SqlError {
+        let path = self.store.path.to_path_buf();
+        SqlError::Store(match error.sqlite_error_code() {
+            Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
+                StoreError::Busy { path, detail: error.to_string() }
+            }
+            _ => StoreError::NotReadable { path, detail: error.to_string() },
+        })
+    }
+}
+
+/// What the database has, in small letters.
+struct Schema {
+    views: BTreeSet<String>,
+    /// Names after WITH inside views, for which SQLite asks as it does for views.
+    inside: BTreeSet<String>,
+    tables: BTreeSet<String>,
+}
+
+impl Schema {
+    fn read(connection: &Connection) -> Result<Self, rusqlite::Error> {
+        // SQLite declares these tables when they are named first, which it asks the authoriser as if they were made
+        connection.query_row("SELECT count(*) FROM json_each('[]'), json_tree('[]')", [], |_| Ok(()))?;
+        let mut schema = Self { views: BTreeSet::new(), inside: BTreeSet::new(), tables: BTreeSet::new() };
+        let mut listed = connection.prepare(
+            "SELECT type, lower(name), coalesce(sql, '') FROM sqlite_schema WHERE type IN ('view', 'table')",
+        )?;
+        let mut rows = listed.query([])?;
+        while let Some(row) = rows.next()? {
+            let (kind, name, statement): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
+            if kind == "view" {
+                schema.inside.extend(Names::of(&statement).map(|names| names.with).unwrap_or_default());
+                // the view itself stands before its AS
+                schema.inside.remove(&name);
+                schema.views.insert(name);
+            } else {
+                schema.tables.insert(name);
+            }
+        }
+        Ok(schema)
+    }
+
+    /// Whether a table of WITH with this name could be taken for something of the database.
+    fn is_taken(&self, name: &str) -> bool {
+        self.views.contains(name) || self.inside.contains(name) || self.tables.contains(name)
+    }
+
+    /// Whether a statement whose WITH has the names `with` may do this.
+    fn judge(&self, asked: &AuthContext<'_>, with: &BTreeSet<String>) -> Result<(), String> {
+        let is_public = |name: &str| self.views.contains(name) || ALSO_READ.contains(&name);
+        match asked.action {
+            AuthAction::Select | AuthAction::Recursive => Ok(()),
+            AuthAction::Function { function_name }
+                if !function_name.eq_ignore_ascii_case("load_extension") =>
+            {
+                Ok(())
+            }
+            AuthAction::Read { table_name, column_name } => {
+                let table = table_name.to_ascii_lowercase();
+                let within = asked.accessor.map(str::to_ascii_lowercase);
+                let is_in_view =
+                    within.is_some_and(|name| self.views.contains(&name) || self.inside.contains(&name));
+                // of a table that a view joins and the statement uses no column of, SQLite does not say the view
+                let reads_no_column =
+                    column_name.is_empty() && (self.is_taken(&table) || with.contains(&table));
+                if is_public(&table) || is_in_view || reads_no_column {
+                    return Ok(());
+                }
+                Err(format!(
+                    "{table_name} is not public: its columns may change with any version of the program"
+                ))
+            }
+            _ => Err("a statement may only read".into()),
+        }
+    }
+}
+
+/// A value for a parameter of a statement.
+pub(crate) struct Parameter<'v>(pub(crate) &'v Value);
+
+impl ToSql for Parameter<'_> {
+    fn to_sql(&self) -> rusqlite::Result<ToSqlOutput<'_>> {
+        let integer = |number: i64| Ok(ToSqlOutput::Owned(SqlValue::Integer(number)));
+        match self.0 {
+            Value::Null => Ok(ToSqlOutput::Owned(SqlValue::Null)),
+            Value::Bool(value) => integer(i64::from(*value)),
+            Value::Number(number) => match (number.as_i64(), number.as_f64()) {
+                (Some(number), _) => integer(number),
+                (None, Some(number)) => Ok(ToSqlOutput::Owned(SqlValue::Real(number))),
+                _ => Err(not_a_parameter()),
+            },
+            Value::String(text) => Ok(ToSqlOutput::Borrowed(ValueRef::Text(text.as_bytes()))),
+            _ => Err(not_a_parameter()),
+        }
+    }
+}
+
+fn not_a_parameter() -> rusqlite::Error {
+    rusqlite::Error::ToSqlConversionFailure("a parameter is null, true, false, a number or a text".into())
+}
+
+pub(crate) fn cell(value: ValueRef<'_>) -> Value {
+    match value {
+        ValueRef::Null => Value::Null,
+        ValueRef::Integer(number) => Value::from(number),
+        ValueRef::Real(number) => Value::from(number),
+        ValueRef::Text(text) => Value::from(String::from_utf8_lossy(text)),
+        ValueRef::Blob(bytes) => Value::from(hexadecimal(bytes)),
+    }
+}
+
+/// About what a value takes in an answer.
+fn bytes_of(value: &Value) -> usize {
+    const NUMBER: usize = 20;
+    value.as_str().map_or(NUMBER, str::len)
+}
+
+/// Line and column of a byte of a text, counted from 1, in characters.
+pub(crate) fn place(text: &str, offset: usize) -> (usize, usize) {
+    let before: String =
+        text.char_indices().take_while(|(at, _)| *at < offset).map(|(_, character)| character).collect();
+    let line = before.matches('\n').count() + 1;
+    let column = before.chars().rev().take_while(|character| *character != '\n').count() + 1;
+    (line, column)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! What is asked, and why it may have no answer.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::error::StoreError;
+use crate::table::Table;
+
+/// A statement with the values of its parameters.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Question {
+    /// One statement that reads.
+    pub statement: String,
+    /// Values by the name of the parameter, without its first character: null, numbers or texts. Parameters without one are NULL.
+    pub values: Vec<(String, Value)>,
+}
+
+/// What a question is answered with.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Answer {
+    /// Columns and rows.
+    pub table: Table,
+    /// Parameters of the statement that no value was given for, with their first character: they were NULL.
+    pub null_parameters: Vec<String>,
+}
+
+/// Why a question has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum QuestionError {
+    /// There is nothing but spaces, comments and semicolons.
+    #[error("there is no statement: give one, such as `armwatch sql \"SELECT * FROM fleet_health\"`")]
+    Empty,
+    /// The text has more than one statement.
+    #[error(
+        "there is more than one statement: `armwatch sql` takes one that reads; call it once for each, or join them with \
+         WITH or UNION ALL"
+    )]
+    Several,
+    /// The statement would change something, write a file, or has no rows to give.
+    #[error(
+        "the statement does not only read: `armwatch sql` takes SELECT, WITH, VALUES and EXPLAIN, and the database is \
+         opened for reading only; `armwatch backup FILE` copies the database, `armwatch export` writes views into files, \
+         and the other commands of armwatch change what is stored"
+    )]
+    Changes,
+    /// A value has no parameter.
+    #[error(
+        "the statement has no parameter {name}: {}",
+        if .known.is_empty() { format!("it has none; write :{name} where the value belongs") }
+        else { format!("it has {}", .known.join(", ")) }
+    )]
+    NoParameter {
+        /// The name of the value.
+        name: String,
+        /// Parameters of the statement.
+        known: Vec<String>,
+    },
+    /// Two values have one name.
+    #[error("--param {0} is given twice: give one value for each parameter")]
+    Twice(String),
+    /// A parameter cannot be named.
+    #[error(
+        "the statement has the parameter {0}, which has no name: write :NAME in its place, and give --param NAME=VALUE"
+    )]
+    Nameless(String),
+    /// The engine does not understand the statement, or cannot carry it out.
+    #[error("{0}")]
+    Statement(String),
+    /// The database failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl Question {
+    /// The values of the parameters `names` of the statement, in their order; NULL for those that have none, which come with
+    /// them.
+    pub(super) fn values_of(&self, names: &[String]) -> Result<(Vec<&Value>, Vec<String>), QuestionError> {
+        let mut given = BTreeSet::new();
+        if let Some((name, _)) = self.values.iter().find(|(name, _)| !given.insert(name)) {
+            return Err(QuestionError::Twice(name.clone()));
+        }
+        let is_of = |name: &String| names.iter().any(|of| bare(of) == name);
+        if let Some((name, _)) = self.values.iter().find(|(name, _)| !is_of(name)) {
+            return Err(QuestionError::NoParameter { name: name.clone(), known: names.to_vec() });
+        }
+        let value =
+            |name: &String| self.values.iter().find(|(of, _)| of == bare(name)).map(|(_, value)| value);
+        let without: Vec<String> = names.iter().filter(|name| value(name).is_none()).cloned().collect();
+        Ok((names.iter().map(|name| value(name).unwrap_or(&Value::Null)).collect(), without))
+    }
+}
+
+/// The name of a parameter without its first character, which only says that it is one.
+fn bare(parameter: &str) -> &str {
+    parameter.strip_prefix([':', '@', '$']).unwrap_or(parameter)
+}

@@ -1,0 +1,314 @@
+//! Results of one cycle: every row of it, or none.
+
+use std::collections::{HashMap, HashSet};
+
+use sqlx::QueryBuilder;
+
+use super::{channel_response, factors, production, temperatures, torque_noise};
+use crate::engine::{Engine, EngineConnection, EngineExecutor};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::ledger::resume::ReadSoFar;
+use crate::ledger::{resume, runs};
+use crate::models;
+use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers, of_some_rows};
+use armwatch_model::analysis::interval::LEVEL;
+use armwatch_model::analysis::interval::half_width;
+use armwatch_model::analysis::refusal::RefusalCause;
+use armwatch_model::analysis::{
+    CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,
+};
+use armwatch_model::robot::{ParameterId, Robot};
+
+/// What became of a cycle that was offered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Recorded {
+    /// Its rows are written and the run's mark of progress has moved.
+    Stored,
+    /// It had been stored before; nothing is written.
+    Known,
+    /// The run takes no cycles.
+    RunNotOpen,
+}
+
+impl Store {
+    /// Stores all rows of a cycle and the run's mark of progress in one transaction. Returns `false`,
+    /// and writes nothing, if the run has this cycle already.
+    ///
+    /// # Errors
+    /// [`StoreError::RunNotOpen`] if the run is not streaming.
+    pub async fn record_cycle(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+    ) -> Result<bool, StoreError> {
+        self.record_cycle_read(run_id, analysis, robot, None).await
+    }
+
+    /// As [`Store::record_cycle`], and moves with the mark of progress what the cycles so far were read
+    /// from, and where reading goes on after them.
+    ///
+    /// # Errors
+    /// As [`Store::record_cycle`].
+    pub async fn record_cycle_read(
+        &self,
+        run_id: i64,
+        analysis: &CycleAnalysis,
+        robot: &Robot,
+        read: Option<&ReadSoFar>,
+    ) -> Result<bool, StoreError> {
+        let mut transaction = self.begin().await?;
+        let session = self.session();
+        let recorded = record_cycle(&mut transaction, (run_id, session), analysis, robot, read).await;
+        match self.checked(recorded)? {
+            Recorded::Stored => self.commit(transaction).await.map(|()| true),
+            Recorded::Known => Ok(false),
+            Recorded::RunNotOpen => Err(self.run_not_open(run_id)),
+        }
+    }
+}
+
+/// Writes the rows of a cycle of a run that the session reads, and moves the mark of progress. Call in a transaction.
+pub(crate) async fn record_cycle(
+    connection: &mut EngineConnection,
+    (run_id, session): (i64, Option<i64>),
+    analysis: &CycleAnalysis,
+    robot: &Robot,
+    read: Option<&ReadSoFar>,
+) -> Result<Recorded, sqlx::Error> {
+    let Some(run_start) = runs::open_run_start(&mut *connection, run_id, session).await? else {
+        return Ok(Recorded::RunNotOpen);
+    };
+    let cut_by_end = read.is_some_and(|read| read.cut_by_end);
+    let Some(cycle_id) = insert_cycle(&mut *connection, run_id, run_start, analysis, cut_by_end).await?
+    else {
+        return Ok(Recorded::Known);
+    };
+    let parameters = analysis.identification.as_ref().map_or(&[][..], |i| &i.parameters[..]);
+    let columns = analysis.factors.columns.iter().flatten().copied();
+    let wanted: HashSet<ParameterId> = parameters.iter().map(|p| p.id).chain(columns).collect();
+    let mut wanted: Vec<ParameterId> = wanted.into_iter().collect();
+    // a set has no order, and keys must come out the same on every machine
+    wanted.sort_unstable();
+    let model = models::robot_model_id(&mut *connection, robot).await?;
+    let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
+    if let Ok(found) = &analysis.identification {
+        record_identification(&mut *connection, cycle_id, &keys, found, &analysis.verification).await?;
+    }
+    if analysis.refusal().is_some() && !analysis.refusal_causes.is_empty() {
+        insert_causes(&mut *connection, cycle_id, &analysis.refusal_causes).await?;
+    }
+    factors::record_contrast(&mut *connection, cycle_id, &analysis.warming_contrast).await?;
+    factors::record(&mut *connection, cycle_id, model, &keys, &analysis.factors).await?;
+    if let Some(response) = &analysis.response {
+        channel_response::record(&mut *connection, run_id, response).await?;
+    }
+    temperatures::record(&mut *connection, cycle_id, &analysis.temperatures).await?;
+    torque_noise::record(&mut *connection, cycle_id, &analysis.torque_noise).await?;
+    let numbered: Vec<(i64, FrictionPoint)> = (1..).zip(analysis.friction_points.iter().copied()).collect();
+    for rows in numbered.chunks(ROWS_PER_STATEMENT) {
+        insert_friction_points(&mut *connection, cycle_id, rows).await?;
+    }
+    if let Some(check) = &analysis.production {
+        production::record(&mut *connection, cycle_id, check).await?;
+    }
+    if let Some(point) = read.and_then(|read| read.resume.as_ref()) {
+        resume::set(&mut *connection, run_id, point).await?;
+    }
+    let description = runs::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
+    runs::advance(connection, run_id, &description, read.map(|read| &read.prefix)).await?;
+    Ok(Recorded::Stored)
+}
+
+/// Writes what identification gave: parameters, what is left of each joint's torque, and self-verification.
+pub(crate) async fn record_identification(
+    connection: &mut EngineConnection,
+    cycle_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    found: &Identification,
+    verification: &[TorqueRmsd],
+) -> Result<(), sqlx::Error> {
+    for rows in found.parameters.chunks(ROWS_PER_STATEMENT) {
+        insert_parameters(&mut *connection, cycle_id, keys, rows).await?;
+    }
+    for rows in found.residuals.chunks(ROWS_PER_STATEMENT) {
+        insert_residuals(&mut *connection, cycle_id, rows).await?;
+    }
+    for rows in verification.chunks(ROWS_PER_STATEMENT) {
+        insert_rmsd(&mut *connection, cycle_id, None, rows).await?;
+    }
+    Ok(())
+}
+
+/// Enters a cycle; `None` if the run has one of that number.
+async fn insert_cycle(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    run_start: i64,
+    analysis: &CycleAnalysis,
+    cut_by_end: bool,
+) -> Result<Option<i64>, sqlx::Error> {
+    let (identification, refusal) = (analysis.identification.as_ref(), analysis.refusal());
+    let remarks = (!analysis.remarks.is_empty()).then(|| analysis.remarks.join("\n"));
+    sqlx::query_scalar(
+        "INSERT INTO cycle (run_id, number, started_at, duration_s, rows, sample_rate_hz, cutoff_hz, status, reason,
+                            remarks, samples, condition_number, scaled_condition_number, residual_std_nm,
+                            estimator, mean_speeds_rad_s, doubtful, error_basis, cut_by_end)
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14, $15, $16, $17, $18, $19)
+         ON CONFLICT (run_id, number) DO NOTHING
+         RETURNING cycle_id",
+    )
+    .bind(run_id)
+    .bind(analysis.cycle)
+    .bind(after(run_start, analysis.start))
+    .bind(finite(analysis.duration))
+    .bind(count(analysis.rows))
+    .bind(finite(analysis.sample_rate))
+    .bind(finite(analysis.cutoff))
+    .bind(refusal.map_or("complete", |_| "refused"))
+    .bind(refusal)
+    .bind(remarks)
+    .bind(identification.map(|i| count(i.samples)).ok())
+    .bind(identification.ok().and_then(|i| finite(i.condition_number)))
+    .bind(identification.ok().and_then(|i| finite(i.scaled_condition_number)))
+    .bind(identification.ok().and_then(|i| finite(i.residual_std)))
+    .bind(analysis.estimator.name())
+    .bind((!analysis.mean_speeds.is_empty()).then(|| json_numbers(&analysis.mean_speeds)))
+    .bind(analysis.is_doubtful())
+    .bind(identification.is_ok().then_some("blocks"))
+    .bind(cut_by_end)
+    .fetch_optional(executor)
+    .await
+}
+
+async fn insert_parameters(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    keys: &HashMap<ParameterId, i64>,
+    rows: &[IdentifiedParameter],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom,
+                                      half_width_95) ",
+    )
+    .push_values(rows, |mut row, parameter| {
+        row.push_bind(cycle_id)
+            .push_bind(keys.get(&parameter.id).copied())
+            .push_bind(finite(parameter.value))
+            .push_bind(finite(parameter.std_error))
+            .push_bind(finite(parameter.degrees_of_freedom))
+            .push_bind(finite(half_width(parameter, LEVEL)));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Enters why a cycle was refused.
+async fn insert_causes(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    causes: &[RefusalCause],
+) -> Result<(), sqlx::Error> {
+    let numbered: Vec<(i64, &RefusalCause)> = (1..).zip(causes).collect();
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO cycle_refusal (cycle_id, number, finding, channel, joint, sentence) ",
+    )
+    .push_values(numbered, |mut row, (number, cause)| {
+        row.push_bind(cycle_id)
+            .push_bind(number)
+            .push_bind(&cause.finding)
+            .push_bind(cause.channel.name())
+            .push_bind(cause.joint.map(joint_number))
+            .push_bind(&cause.sentence);
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_residuals(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    rows: &[JointResidual],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO joint_residual (cycle_id, joint, residual_std_nm, independent_share) ",
+    )
+    .push_values(rows, |mut row, residual| {
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(residual.joint))
+            .push_bind(finite(residual.std))
+            .push_bind(finite(residual.independent_share));
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Enters self-verification, or cross-verification with the parameters of a run by an estimator.
+pub(crate) async fn insert_rmsd(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    reference: Option<(i64, Estimator)>,
+    rows: &[TorqueRmsd],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, reference_run_id, estimator, rmsd_nm,
+                                  relative_rmsd, samples, moving_rmsd_nm, moving_relative_rmsd, moving_samples) ",
+    )
+    .push_values(rows, |mut row, rmsd| {
+        row.push_bind(cycle_id)
+            .push_bind(joint_number(rmsd.joint))
+            .push_bind(rmsd.scope.name())
+            .push_bind(reference.map_or("self", |_| "cross"))
+            .push_bind(reference.map(|(run_id, _)| run_id))
+            .push_bind(reference.map(|(_, estimator)| estimator.name()));
+        for part in [rmsd.all_rows, rmsd.moving_rows] {
+            row.push_bind(of_some_rows(part, part.value))
+                .push_bind(of_some_rows(part, part.relative))
+                .push_bind(count(part.samples));
+        }
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+async fn insert_friction_points(
+    executor: impl EngineExecutor<'_>,
+    cycle_id: i64,
+    rows: &[(i64, FrictionPoint)],
+) -> Result<(), sqlx::Error> {
+    QueryBuilder::<Engine>::new(
+        "INSERT INTO friction_point (cycle_id, number, joint, time_s, speed_fraction, speed_rad_s, direction,
+                                     torque_nm, std_nm, samples, gravity) ",
+    )
+    .push_values(rows, |mut row, (number, point)| {
+        row.push_bind(cycle_id)
+            .push_bind(*number)
+            .push_bind(joint_number(point.joint))
+            .push_bind(finite(point.time))
+            .push_bind(finite(point.speed_fraction))
+            .push_bind(finite(point.speed))
+            .push_bind(point.direction)
+            .push_bind(finite(point.torque))
+            .push_bind(finite(point.std))
+            .push_bind(count(point.samples))
+            .push_bind(point.gravity.name());
+    })
+    .build()
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Microseconds UTC, `seconds` after `start`. The cast saturates, and recordings last hours.
+fn after(start: i64, seconds: f64) -> i64 {
+    start.saturating_add((seconds * 1e6).round() as i64)
+}

@@ -1,0 +1,175 @@
+//! Self-verification of a run's cycles, read back: what estimated and measured torque differ by.
+
+use sqlx::Row;
+
+use crate::engine::{EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::{joint, named, size};
+use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
+use armwatch_model::run::Stage;
+
+/// What the ledger has of one cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CycleState {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// Rows of the cycle in the export.
+    pub rows: usize,
+    /// Cut-off of the analysis low-pass, Hz; `None` for a cycle that could not be filtered.
+    pub cutoff: Option<f64>,
+    /// Why the cycle has no parameters, where it has none.
+    pub reason: Option<String>,
+    /// What became of its factors, if it had any and has none of its own any more.
+    pub factors_gone: Option<FactorsGone>,
+}
+
+/// What became of the factors of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FactorsGone {
+    /// They are part of the factors of its log.
+    Joined,
+    /// They had had their time.
+    Removed,
+}
+
+impl FactorsGone {
+    const ALL: [Self; 2] = [Self::Joined, Self::Removed];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Joined => "joined",
+            Self::Removed => "removed",
+        }
+    }
+}
+
+/// A deviation that is known by its cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OfCycle<T> {
+    /// Number of the cycle, from 1.
+    pub cycle: u32,
+    /// What is known of it.
+    pub value: T,
+}
+
+impl Store {
+    /// What the ledger has of each cycle of a run, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn cycle_states(&self, run_id: i64) -> Result<Vec<CycleState>, StoreError> {
+        self.checked(cycle_states(&self.readers, run_id).await)
+    }
+
+    /// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn self_rmsd(&self, run_id: i64) -> Result<Vec<OfCycle<TorqueRmsd>>, StoreError> {
+        self.checked(self_rmsd(&self.readers, run_id).await)
+    }
+
+    /// RMSD over the first and over the last third of the warming stages of a run, by cycle and joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn warming_contrasts(&self, run_id: i64) -> Result<Vec<OfCycle<WarmingContrast>>, StoreError> {
+        self.checked(warming_contrasts(&self.readers, run_id).await)
+    }
+}
+
+/// All cycles of a run, in order.
+pub(crate) async fn cycle_states(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<CycleState>, sqlx::Error> {
+    sqlx::query(
+        "SELECT number, rows, cutoff_hz, reason, factors_gone FROM cycle WHERE run_id = $1 ORDER BY number",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        Ok(CycleState {
+            cycle: size(&row, "number")?,
+            rows: size(&row, "rows")?,
+            cutoff: row.try_get("cutoff_hz")?,
+            reason: row.try_get("reason")?,
+            factors_gone: match row.try_get::<Option<&str>, _>("factors_gone")? {
+                Some(_) => Some(named(&row, "factors_gone", &FactorsGone::ALL, FactorsGone::name)?),
+                None => None,
+            },
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// RMSD of a run's cycles with their own parameters, by cycle, joint and stage.
+pub(crate) async fn self_rmsd(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<OfCycle<TorqueRmsd>>, sqlx::Error> {
+    const SCOPES: [RmsdScope; 4] = [
+        RmsdScope::Stage(Stage::Excitation),
+        RmsdScope::Stage(Stage::Friction),
+        RmsdScope::Stage(Stage::Warming),
+        RmsdScope::WholeCycle,
+    ];
+    sqlx::query(
+        "SELECT cycle, joint, stage, rmsd_nm, relative_rmsd, moving_rmsd_nm, moving_relative_rmsd, samples,
+                moving_samples
+         FROM cycle_rmsd
+         WHERE run_id = $1 AND verification = 'self'
+         ORDER BY cycle, joint, CASE stage WHEN 'excitation' THEN 1 WHEN 'friction' THEN 2
+                                           WHEN 'warming' THEN 3 ELSE 4 END",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        let RmsdPair { all_rows, moving_rows } = pair(&row, "")?;
+        let scope = named(&row, "stage", &SCOPES, RmsdScope::name)?;
+        let value = TorqueRmsd { joint: joint(&row, "joint")?, scope, all_rows, moving_rows };
+        Ok(OfCycle { cycle: size(&row, "cycle")?, value })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Start against end of the warming stages of a run's cycles, by cycle and joint.
+pub(crate) async fn warming_contrasts(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+) -> Result<Vec<OfCycle<WarmingContrast>>, sqlx::Error> {
+    sqlx::query(
+        "SELECT cycle, joint, start_rmsd_nm, end_rmsd_nm, start_relative_rmsd, end_relative_rmsd,
+                start_moving_rmsd_nm, end_moving_rmsd_nm, start_moving_relative_rmsd,
+                end_moving_relative_rmsd, start_samples, end_samples, start_moving_samples,
+                end_moving_samples
+         FROM warming_contrast
+         WHERE run_id = $1
+         ORDER BY cycle, joint",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        let (start, end) = (pair(&row, "start_")?, pair(&row, "end_")?);
+        let value = WarmingContrast { joint: joint(&row, "joint")?, start, end };
+        Ok(OfCycle { cycle: size(&row, "cycle")?, value })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Reads the six columns of a deviation, whose names begin with `prefix`.
+fn pair(row: &EngineRow, prefix: &str) -> Result<RmsdPair, sqlx::Error> {
+    let rows = |motion: &str| -> Result<Rmsd, sqlx::Error> {
+        let figure = |name: &str| -> Result<f64, sqlx::Error> {
+            let value: Option<f64> = row.try_get(format!("{prefix}{motion}{name}").as_str())?;
+            Ok(value.unwrap_or(f64::NAN))
+        };
+        let samples = size(row, &format!("{prefix}{motion}samples"))?;
+        if samples == 0 {
+            return Ok(Rmsd::default());
+        }
+        Ok(Rmsd { value: figure("rmsd_nm")?, relative: figure("relative_rmsd")?, samples })
+    };
+    Ok(RmsdPair { all_rows: rows("")?, moving_rows: rows("moving_")? })
+}

@@ -1,0 +1,214 @@
+//! What is kept in the long run: which factors have had their time, taking them away, and the space that this frees.
+//!
+//! Results are never touched. What conclusions are still to be drawn from is not either: runs that are being read,
+//! robots whose history is not concluded, tests of baselines, and the last tests of each description, which ordinary
+//! work is held against.
+
+use jiff::Timestamp;
+use sqlx::{AssertSqlSafe, Row};
+
+use super::error::StoreError;
+use super::handle::Store;
+use super::results::joined_factors::remove_of;
+use super::values::{count, named, size};
+#[cfg(feature = "postgres")]
+use crate::engine::{Dialect, catalog};
+use crate::engine::{EngineExecutor, EngineRow};
+use armwatch_model::run::RunKind;
+
+/// Tests that are looked at for a window of ordinary work until one has parameters. So many of the latest tests of a
+/// robot keep their factors, whatever their age.
+pub const MOST_REFERENCES: usize = 8;
+
+/// From when on factors of single cycles are kept; `None` for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct KeptSince {
+    /// Tests.
+    pub tests: Option<Timestamp>,
+    /// Ordinary work.
+    pub production: Option<Timestamp>,
+}
+
+/// A run whose cycles have factors of their own that have had their time.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DueRun {
+    /// The run.
+    pub run_id: i64,
+    /// Its robot.
+    pub robot: String,
+    /// Whether its factors are to be removed, as those of a test, or joined.
+    pub kind: RunKind,
+    /// Cycles with factors of their own.
+    pub cycles: u64,
+    /// Size of these factors, bytes; the pages that hold them take some 15 % more.
+    pub bytes: u64,
+}
+
+/// Room inside the file of a database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FreeSpace {
+    /// Size of a page, bytes.
+    pub page_bytes: u64,
+    /// Pages of the file.
+    pub pages: u64,
+    /// Those of them that hold nothing; what is stored next goes there.
+    pub free_pages: u64,
+    /// Whether they can be given back to the file system while the database is in use.
+    pub can_shrink: bool,
+}
+
+impl FreeSpace {
+    /// Bytes that hold nothing.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.page_bytes * self.free_pages
+    }
+}
+
+impl Store {
+    /// Runs with factors that have had their time, oldest first. The age of a run is counted from its last cycle, or
+    /// from when it was stored if that was later.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn due_runs(&self, kept: &KeptSince) -> Result<Vec<DueRun>, StoreError> {
+        if *kept == KeptSince::default() {
+            return Ok(Vec::new());
+        }
+        let mut due = self.checked(due_runs(&self.readers, kept).await)?;
+        for run in &mut due {
+            run.bytes = self.checked(bytes_of(&self.readers, run.run_id).await)?;
+        }
+        Ok(due)
+    }
+
+    /// Takes away the factors of some cycles of a run, `most` at most, in one transaction; how many cycles that were. None
+    /// of a run that is being read.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn remove_factors(&self, run_id: i64, most: usize) -> Result<usize, StoreError> {
+        let mut transaction = self.begin().await?;
+        let cycles = self.checked(cycles_with_factors(&mut *transaction, run_id, most).await)?;
+        if !cycles.is_empty() {
+            self.checked(remove_of(&mut transaction, &cycles, "removed").await)?;
+        }
+        self.commit(transaction).await?;
+        Ok(cycles.len())
+    }
+
+    /// How much of the file holds nothing.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
+        const INCREMENTAL: u64 = 2;
+        #[cfg(feature = "postgres")]
+        if self.dialect() == Dialect::Postgres {
+            const PAGE: u64 = 8192;
+            let bytes = self.checked(catalog::bytes_on_server(&self.readers).await)?;
+            let pages = u64::try_from(bytes).unwrap_or(0) / PAGE;
+            return Ok(FreeSpace { page_bytes: PAGE, pages, free_pages: 0, can_shrink: false });
+        }
+        let mut figures = [0_u64; 4];
+        for (figure, pragma) in
+            figures.iter_mut().zip(["page_size", "page_count", "freelist_count", "auto_vacuum"])
+        {
+            let asked = sqlx::query(AssertSqlSafe(format!("PRAGMA {pragma}")));
+            let row = self.checked(asked.fetch_one(&self.readers).await)?;
+            *figure = u64::try_from(self.checked(row.try_get::<i64, _>(0))?).unwrap_or(0);
+        }
+        let [page_bytes, pages, free_pages, auto_vacuum] = figures;
+        Ok(FreeSpace { page_bytes, pages, free_pages, can_shrink: auto_vacuum == INCREMENTAL })
+    }
+
+    /// Gives `most` free pages at most back to the file system, in one transaction. Does nothing in a database that was
+    /// made without it, see [`FreeSpace::can_shrink`].
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn give_back(&self, most: u32) -> Result<(), StoreError> {
+        let asked = sqlx::raw_sql(AssertSqlSafe(format!("PRAGMA incremental_vacuum({most})")));
+        self.checked(asked.execute(&self.writer).await).map(|_| ())
+    }
+}
+
+async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
+    let limit = |since: Option<Timestamp>| since.map(|since| since.as_microsecond());
+    // what has factors is a bounded part of what is stored, so that the reading begins there
+    sqlx::query(
+        "WITH kept AS (
+             SELECT run_id
+             FROM (SELECT run.run_id,
+                          row_number() OVER (PARTITION BY run.robot_id, run.robot_model_id
+                                             ORDER BY run.started_at DESC, run.run_id DESC) AS place
+                   FROM run
+                   WHERE run.kind = 'test' AND run.status = 'complete'
+                         AND EXISTS (SELECT 1 FROM cycle WHERE cycle.run_id = run.run_id
+                                     AND cycle.status = 'complete' AND NOT cycle.doubtful)) AS tests
+             WHERE place <= $3
+             UNION
+             SELECT friction_baseline_run.run_id
+             FROM friction_baseline_run
+             JOIN friction_baseline USING (friction_baseline_id)
+             WHERE replaced_at IS NULL
+         ),
+         own AS (
+             SELECT cycle.run_id, count(*) AS cycles, max(cycle.started_at) AS ended_at
+             FROM cycle_factor_layout
+             CROSS JOIN cycle
+             WHERE cycle.cycle_id = cycle_factor_layout.cycle_id
+             GROUP BY cycle.run_id
+         )
+         SELECT run.run_id, robot.name AS robot, run.kind, own.cycles
+         FROM own
+         JOIN run USING (run_id)
+         JOIN robot USING (robot_id)
+         WHERE run.status <> 'streaming' AND robot.history = robot.concluded
+               AND max(own.ended_at, run.started_at, run.ingested_at) < CASE WHEN run.kind = 'test' THEN $1 ELSE $2 END
+               AND NOT (run.kind = 'test' AND run.run_id IN (SELECT run_id FROM kept))
+         ORDER BY run.started_at, run.run_id",
+    )
+    .bind(limit(kept.tests))
+    .bind(limit(kept.production))
+    .bind(count(MOST_REFERENCES))
+    .try_map(|row: EngineRow| {
+        Ok(DueRun {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
+            cycles: size(&row, "cycles")?,
+            bytes: 0,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+async fn bytes_of(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<u64, sqlx::Error> {
+    sqlx::query(
+        "SELECT CAST(coalesce(sum(length(factor)), 0) AS BIGINT) AS bytes
+         FROM cycle JOIN torque_factor USING (cycle_id) WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| size(&row, "bytes"))
+    .fetch_one(executor)
+    .await
+}
+
+async fn cycles_with_factors(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    most: usize,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT cycle_id FROM run JOIN cycle USING (run_id) JOIN cycle_factor_layout USING (cycle_id)
+         WHERE run_id = $1 AND run.status <> 'streaming'
+         ORDER BY cycle.number
+         LIMIT $2",
+    )
+    .bind(run_id)
+    .bind(count(most))
+    .fetch_all(executor)
+    .await
+}

@@ -1,0 +1,460 @@
+//! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
+
+use jiff::Timestamp;
+use sqlx::Row;
+
+use super::alarm_state::{AlarmState, EventKind, Life};
+use super::anomalies::{AnomalyEvent, Person, record};
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::{joint, named, time, time_text};
+use armwatch_model::anomaly::Severity;
+use armwatch_model::robot::JointIndex;
+
+/// What a person does with an anomaly.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AlarmAction {
+    /// Says that it is known. Also takes back that it is shelved, in maintenance, resolved or a false alarm.
+    Acknowledge,
+    /// Wants to hear nothing of it until then, unless its severity rises.
+    Shelve(Timestamp),
+    /// Says that the robot was worked on, and no run has shown since then whether it is gone.
+    Maintain,
+    /// Says that its cause is gone. A later run that shows it opens it again.
+    Resolve,
+    /// Says that nothing was wrong. The episode stays closed.
+    FalseAlarm,
+}
+
+impl AlarmAction {
+    /// The event that it makes.
+    #[must_use]
+    pub fn event(self) -> EventKind {
+        match self {
+            Self::Acknowledge => EventKind::Acknowledged,
+            Self::Shelve(_) => EventKind::Shelved,
+            Self::Maintain => EventKind::Maintenance,
+            Self::Resolve => EventKind::Resolved,
+            Self::FalseAlarm => EventKind::FalseAlarm,
+        }
+    }
+
+    fn state(self) -> AlarmState {
+        match self {
+            Self::Acknowledge => AlarmState::Acknowledged,
+            Self::Shelve(_) => AlarmState::Shelved,
+            Self::Maintain => AlarmState::Maintenance,
+            Self::Resolve => AlarmState::Resolved,
+            Self::FalseAlarm => AlarmState::FalseAlarm,
+        }
+    }
+
+    /// Whether it can be done to an anomaly in this state; `ended` says that later runs no longer show it.
+    fn is_possible(self, state: AlarmState, ended: bool) -> bool {
+        match self {
+            // what ended needs nobody's attention, but may still be called a false alarm
+            Self::FalseAlarm => state != AlarmState::FalseAlarm,
+            Self::Acknowledge => !ended && state != AlarmState::Acknowledged,
+            Self::Shelve(_) => !ended && !state.is_closed(),
+            Self::Maintain => !ended && !state.is_closed() && state != AlarmState::Maintenance,
+            Self::Resolve => state != AlarmState::Resolved,
+        }
+    }
+}
+
+/// Why an action was not done; none of the anomalies that were named with it was changed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NotDone {
+    /// There is no anomaly of this number.
+    #[error("there is no anomaly {0}")]
+    Unknown(i64),
+    /// The history has it no longer.
+    #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
+    Withdrawn(i64),
+    /// It cannot be done to an anomaly in this state.
+    #[error("anomaly {anomaly_id} is {} already: {}", standing(*state), remedy(*state, *ended))]
+    NotFrom {
+        /// The anomaly.
+        anomaly_id: i64,
+        /// Its state.
+        state: AlarmState,
+        /// Whether later runs no longer show it.
+        ended: bool,
+    },
+}
+
+/// A state as it stands behind "the anomaly is".
+fn standing(state: AlarmState) -> &'static str {
+    match state {
+        AlarmState::FalseAlarm => "a false alarm",
+        AlarmState::Maintenance => "in maintenance",
+        AlarmState::Open | AlarmState::Acknowledged | AlarmState::Shelved | AlarmState::Resolved => {
+            state.name()
+        }
+    }
+}
+
+fn remedy(state: AlarmState, ended: bool) -> &'static str {
+    match state {
+        _ if ended => "later tests no longer show it, so that nothing is to be done",
+        AlarmState::Resolved | AlarmState::FalseAlarm => "acknowledging it takes that back",
+        _ => "nothing was changed",
+    }
+}
+
+/// A row of the view `anomaly_history`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AnomalyHistoryRow {
+    /// Database key of the event; later ones have larger keys.
+    pub anomaly_event_id: i64,
+    /// The anomaly.
+    pub anomaly_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// The joint; `None` where the cause is the whole arm's.
+    pub joint: Option<JointIndex>,
+    /// Kind that the anomaly has now, such as `drift`.
+    pub kind: String,
+    /// When, by the machine's clock.
+    pub at: Timestamp,
+    /// What happened.
+    pub what: EventKind,
+    /// The anomaly's severity then.
+    pub severity: Severity,
+    /// Its score then.
+    pub score: Option<f64>,
+    /// Its value then.
+    pub value: Option<f64>,
+    /// Its message then.
+    pub message: String,
+    /// The person; `None` where the program did it.
+    pub who: Option<String>,
+    /// The person's reason.
+    pub why: Option<String>,
+    /// The latest run that had shown it then.
+    pub run_id: Option<i64>,
+}
+
+/// What one complete test says of a joint, as evidence for an anomaly.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeriesRun {
+    /// Database key of the run.
+    pub run_id: i64,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// The joint.
+    pub joint: JointIndex,
+    /// Friction at equal warmth against the joint's baseline, 1 = unchanged.
+    pub friction_index: Option<f64>,
+    /// Standard error of `friction_index`.
+    pub friction_index_std_error: Option<f64>,
+    /// Warm friction, Nm.
+    pub warm_friction_nm: Option<f64>,
+    /// Median over the cycles of the moving relative RMSD of the excitation stage, a fraction.
+    pub moving_relative_rmsd: Option<f64>,
+    /// How much that swings from cycle to cycle, a fraction.
+    pub rmsd_swing: Option<f64>,
+}
+
+impl Store {
+    /// Does `action` to all of these anomalies, or to none if it cannot be done to one of them, and writes down who
+    /// did it and why.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn act_on_anomalies(
+        &self,
+        ids: &[i64],
+        action: AlarmAction,
+        who: &str,
+        why: Option<&str>,
+    ) -> Result<Result<Vec<AnomalyEvent>, NotDone>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let acted = act(&mut transaction, ids, action, Person { who, why }).await;
+        let acted = self.checked(acted)?;
+        if acted.is_ok() {
+            self.commit(transaction).await?;
+        }
+        Ok(acted)
+    }
+
+    /// Opens shelved anomalies whose time was over before `clock`, and those in maintenance that a run after the work
+    /// shows, and says which.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn end_shelving(&self, clock: Timestamp) -> Result<Vec<AnomalyEvent>, StoreError> {
+        // readers do not wait for writers, and mostly there is nothing to do
+        let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
+        let worked_on = self.checked(shown_after_work(&self.readers).await)?;
+        if shelved.is_empty() && worked_on.is_empty() {
+            return Ok(Vec::new());
+        }
+        let mut transaction = self.begin().await?;
+        let ended = end_shelving(&mut transaction, clock).await;
+        let ended = self.checked(ended)?;
+        self.commit(transaction).await?;
+        Ok(ended)
+    }
+
+    /// What happened to an anomaly, in order.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomaly_history(&self, anomaly_id: i64) -> Result<Vec<AnomalyHistoryRow>, StoreError> {
+        self.checked(history(&self.readers, Some(anomaly_id), (0, i64::MAX)).await)
+    }
+
+    /// These events, in the order in which they happened.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomaly_events(
+        &self,
+        events: &[AnomalyEvent],
+    ) -> Result<Vec<AnomalyHistoryRow>, StoreError> {
+        let keys = || events.iter().map(|event| event.anomaly_event_id);
+        let (Some(first), Some(last)) = (keys().min(), keys().max()) else { return Ok(Vec::new()) };
+        let mut rows = self.checked(history(&self.readers, None, (first - 1, last)).await)?;
+        // another program may have written between them
+        rows.retain(|row| keys().any(|key| key == row.anomaly_event_id));
+        Ok(rows)
+    }
+
+    /// What complete tests of a robot say of its joints, by start and joint.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn evidence(&self, robot: &str) -> Result<Vec<SeriesRun>, StoreError> {
+        self.checked(evidence(&self.readers, robot).await)
+    }
+}
+
+async fn act(
+    connection: &mut EngineConnection,
+    ids: &[i64],
+    action: AlarmAction,
+    by: Person<'_>,
+) -> Result<Result<Vec<AnomalyEvent>, NotDone>, sqlx::Error> {
+    let mut events = Vec::new();
+    for &anomaly_id in ids {
+        let Some(known) = find(&mut *connection, anomaly_id).await? else {
+            return Ok(Err(NotDone::Unknown(anomaly_id)));
+        };
+        if known.withdrawn {
+            return Ok(Err(NotDone::Withdrawn(anomaly_id)));
+        }
+        let Known { state, ended, .. } = known;
+        if !action.is_possible(state, ended) {
+            return Ok(Err(NotDone::NotFrom { anomaly_id, state, ended }));
+        }
+        let mut life = Life::of(action.state());
+        match action {
+            AlarmAction::Shelve(until) => life.shelved_until = Some(until),
+            AlarmAction::Resolve => life.resolved_seen_at = Some(known.last_seen_at),
+            AlarmAction::Acknowledge | AlarmAction::Maintain | AlarmAction::FalseAlarm => {}
+        }
+        set_life(&mut *connection, anomaly_id, &life).await?;
+        events.push(record(&mut *connection, anomaly_id, action.event(), Some(by)).await?);
+    }
+    Ok(Ok(events))
+}
+
+struct Known {
+    state: AlarmState,
+    ended: bool,
+    withdrawn: bool,
+    last_seen_at: Timestamp,
+}
+
+async fn find(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<Option<Known>, sqlx::Error> {
+    sqlx::query("SELECT state, ended, withdrawn, last_seen_at FROM anomaly WHERE anomaly_id = $1")
+        .bind(anomaly_id)
+        .try_map(|row: EngineRow| {
+            Ok(Known {
+                state: named(&row, "state", &AlarmState::ALL, AlarmState::name)?,
+                ended: row.try_get("ended")?,
+                withdrawn: row.try_get("withdrawn")?,
+                last_seen_at: time(&row, "last_seen_at")?,
+            })
+        })
+        .fetch_optional(executor)
+        .await
+}
+
+async fn set_life(
+    executor: impl EngineExecutor<'_>,
+    anomaly_id: i64,
+    life: &Life,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE anomaly SET state = $1, shelved_until = $2, resolved_seen_at = $3 WHERE anomaly_id = $4",
+    )
+    .bind(life.state.name())
+    .bind(life.shelved_until.map(Timestamp::as_microsecond))
+    .bind(life.resolved_seen_at.map(Timestamp::as_microsecond))
+    .bind(anomaly_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Shelved anomalies whose time is over.
+async fn shelved_before(
+    executor: impl EngineExecutor<'_>,
+    clock: Timestamp,
+) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT anomaly_id FROM anomaly
+         WHERE state = 'shelved' AND shelved_until <= $1 AND NOT withdrawn
+         ORDER BY anomaly_id",
+    )
+    .bind(clock.as_microsecond())
+    .fetch_all(executor)
+    .await
+}
+
+async fn end_shelving(
+    connection: &mut EngineConnection,
+    clock: Timestamp,
+) -> Result<Vec<AnomalyEvent>, sqlx::Error> {
+    let mut events = Vec::new();
+    for anomaly_id in shelved_before(&mut *connection, clock).await? {
+        set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
+        events.push(record(&mut *connection, anomaly_id, EventKind::Unshelved, None).await?);
+    }
+    for anomaly_id in shown_after_work(&mut *connection).await? {
+        events.extend(open_again(&mut *connection, anomaly_id).await?);
+    }
+    Ok(events)
+}
+
+/// Anomalies in maintenance that a run shows which began with the latest work on their place or after it. What is
+/// concluded of the robot must have heard of that work: it ends most of them.
+async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>, sqlx::Error> {
+    sqlx::query_scalar(
+        "SELECT anomaly.anomaly_id
+         FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
+         WHERE anomaly.state = 'maintenance' AND NOT anomaly.ended AND NOT anomaly.withdrawn
+               AND robot.history = robot.concluded
+               AND anomaly.last_seen_at >= (
+                   SELECT max(maintenance.at) FROM maintenance
+                   WHERE maintenance.robot_id = anomaly.robot_id
+                         AND (maintenance.joint IS NULL OR maintenance.joint = anomaly.joint))
+         ORDER BY anomaly.anomaly_id",
+    )
+    .fetch_all(executor)
+    .await
+}
+
+/// Puts an anomaly into maintenance, whatever people had said of it.
+pub(in crate::robot) async fn maintain(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+    by: Person<'_>,
+) -> Result<AnomalyEvent, sqlx::Error> {
+    let action = AlarmAction::Maintain;
+    set_life(&mut *connection, anomaly_id, &Life::of(action.state())).await?;
+    record(connection, anomaly_id, action.event(), Some(by)).await
+}
+
+/// Opens an anomaly that was in maintenance. Of one that the history has taken back nothing is said: it comes back open.
+pub(in crate::robot) async fn open_again(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+) -> Result<Option<AnomalyEvent>, sqlx::Error> {
+    set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
+    let known = find(&mut *connection, anomaly_id).await?;
+    match known {
+        Some(Known { withdrawn: false, .. }) => {
+            record(connection, anomaly_id, EventKind::Reopened, None).await.map(Some)
+        }
+        _ => Ok(None),
+    }
+}
+
+/// Events of one anomaly or all, with keys above the first and up to the second bound, in order.
+async fn history(
+    executor: impl EngineExecutor<'_>,
+    anomaly_id: Option<i64>,
+    (after, last): (i64, i64),
+) -> Result<Vec<AnomalyHistoryRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT anomaly_event_id, anomaly_id, robot, joint, kind, at, what, severity, score, value, message, who, why,
+                run_id
+         FROM anomaly_history
+         WHERE anomaly_id = coalesce($1, anomaly_id) AND anomaly_event_id > $2 AND anomaly_event_id <= $3
+         ORDER BY anomaly_event_id",
+    )
+    .bind(anomaly_id)
+    .bind(after)
+    .bind(last)
+    .try_map(|row: EngineRow| history_row(&row))
+    .fetch_all(executor)
+    .await
+}
+
+fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
+    let of_joint: Option<i64> = row.try_get("joint")?;
+    Ok(AnomalyHistoryRow {
+        anomaly_event_id: row.try_get("anomaly_event_id")?,
+        anomaly_id: row.try_get("anomaly_id")?,
+        robot: row.try_get("robot")?,
+        joint: of_joint.map(|_| joint(row, "joint")).transpose()?,
+        kind: row.try_get("kind")?,
+        at: time_text(row, "at")?,
+        what: named(row, "what", &EventKind::ALL, EventKind::name)?,
+        severity: named(row, "severity", &Severity::ALL, Severity::name)?,
+        score: row.try_get("score")?,
+        value: row.try_get("value")?,
+        message: row.try_get("message")?,
+        who: row.try_get("who")?,
+        why: row.try_get("why")?,
+        run_id: row.try_get("run_id")?,
+    })
+}
+
+async fn evidence(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<SeriesRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, run.started_at, summary.joint, summary.warm_friction_nm, summary.relative_rmsd,
+                summary.rmsd_swing, friction_index.friction_index, friction_index.friction_index_std_error
+         FROM run
+         JOIN robot USING (robot_id)
+         JOIN run_joint_summary AS summary USING (run_id)
+         LEFT JOIN friction_index ON friction_index.run_id = run.run_id AND friction_index.joint = summary.joint
+         WHERE robot.name = $1 AND run.status = 'complete' AND run.kind = 'test'
+         ORDER BY run.started_at, run.run_id, summary.joint",
+    )
+    .bind(robot)
+    .try_map(|row: EngineRow| {
+        Ok(SeriesRun {
+            run_id: row.try_get("run_id")?,
+            started_at: time(&row, "started_at")?,
+            joint: joint(&row, "joint")?,
+            friction_index: row.try_get("friction_index")?,
+            friction_index_std_error: row.try_get("friction_index_std_error")?,
+            warm_friction_nm: row.try_get("warm_friction_nm")?,
+            moving_relative_rmsd: row.try_get("relative_rmsd")?,
+            rmsd_swing: row.try_get("rmsd_swing")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_already_is_said_as_a_sentence() {
+        let said = |state| NotDone::NotFrom { anomaly_id: 1, state, ended: false }.to_string();
+        for state in AlarmState::ALL {
+            assert!(!said(state).contains('_'), "{}", said(state));
+        }
+        assert!(said(AlarmState::FalseAlarm).starts_with("anomaly 1 is a false alarm already: "));
+        assert!(said(AlarmState::Maintenance).starts_with("anomaly 1 is in maintenance already: "));
+        assert!(said(AlarmState::Acknowledged).starts_with("anomaly 1 is acknowledged already: "));
+    }
+}

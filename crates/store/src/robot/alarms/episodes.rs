@@ -1,0 +1,219 @@
+//! Which found episode is which stored one. Pure.
+//!
+//! A refit of the history moves the first run of an episode, its quantity and sometimes its kind. What stays is the
+//! joint, and the time in which it was seen.
+
+use std::cmp::Reverse;
+
+/// An episode in time. Times are microseconds since 1970.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(in crate::robot) struct Episode {
+    /// Number of the joint; `None` where the cause is the whole arm's.
+    pub(in crate::robot) joint: Option<i64>,
+    pub(in crate::robot) kind: String,
+    pub(in crate::robot) quantity: String,
+    /// Its onset, or the start of its first run if that is earlier.
+    pub(in crate::robot) from: i64,
+    /// Start of the latest run that showed it.
+    pub(in crate::robot) to: i64,
+    pub(in crate::robot) ended: bool,
+    /// Whether an earlier conclusion has taken it back.
+    pub(in crate::robot) withdrawn: bool,
+}
+
+/// Starts of the robot's complete runs, ascending: tests, and logs of ordinary work. At least the first [`RUNS_APART`] behind
+/// each stored episode that has not ended.
+#[derive(Debug, Clone, Default)]
+pub(in crate::robot) struct Starts {
+    pub(in crate::robot) tests: Vec<i64>,
+    pub(in crate::robot) production: Vec<i64>,
+}
+
+/// Quiet runs after which what is found again is another episode, as for the detectors.
+pub(super) const RUNS_APART: usize = 2;
+
+/// Quantities that stand for one another: a run has the best of them that it can have.
+const FRICTION: [&str; 3] = ["friction_index", "warm_friction_nm", "excitation_friction_nm"];
+
+/// What people hear of as one fault of a joint, whichever of them the evidence favours: friction changed.
+const FRICTION_KINDS: [&str; 2] = ["drift", "step"];
+
+/// For each found episode the stored one that it goes on with, each used once. First the best overlap in time of those
+/// of one cause; then of those whose cause was corrected, since the old one is found no longer; last of those that
+/// were withdrawn before.
+pub(in crate::robot) fn same(stored: &[Episode], found: &[Episode], starts: &Starts) -> Vec<Option<usize>> {
+    let mut chosen = vec![None; found.len()];
+    let mut used = vec![false; stored.len()];
+    let passes: [fn(&Episode, &Episode) -> bool; 3] = [
+        |old, new| !old.withdrawn && is_of_one_cause(old, new),
+        |old, new| !old.withdrawn && may_be_corrected(old, new),
+        |old, new| old.withdrawn && is_of_one_cause(old, new),
+    ];
+    for may_be in passes {
+        let mut pairs = Vec::new();
+        for (o, old) in stored.iter().enumerate().filter(|(o, _)| !used[*o]) {
+            for (n, new) in found.iter().enumerate().filter(|(n, _)| chosen[*n].is_none()) {
+                if old.joint == new.joint
+                    && may_be(old, new)
+                    && let Some(overlap) = overlap(old, new, starts)
+                {
+                    let order = (old.ended != new.ended, Reverse(overlap), old.from.abs_diff(new.from), o, n);
+                    pairs.push(order);
+                }
+            }
+        }
+        pairs.sort_unstable();
+        for (.., o, n) in pairs {
+            if !used[o] && chosen[n].is_none() {
+                used[o] = true;
+                chosen[n] = Some(o);
+            }
+        }
+    }
+    chosen
+}
+
+/// Whether what a test shows that is being written goes on with a stored episode of the same cause. The detectors have
+/// judged all tests before it, so that one which has not ended is waited for, however many quiet tests there were.
+pub(in crate::robot) fn goes_on(old: &Episode, new: &Episode) -> bool {
+    !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
+}
+
+/// What the alarms of several joints become one of, by kind: an oscillation of any quantity, a warm-up of the arm's. Friction of all
+/// joints that the hall changes is no joint's alarm.
+const OF_ALL_JOINTS: [(&str, Option<&str>); 2] =
+    [("oscillation", None), ("thermal", Some("common_warm_up_time_ratio"))];
+
+/// Whether a stored episode of a joint is told as one of the whole arm now: of the same kind, at the same time.
+pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) -> bool {
+    let is_joined = |new: &Episode| {
+        OF_ALL_JOINTS
+            .iter()
+            .any(|(kind, quantity)| new.kind == *kind && quantity.is_none_or(|of| new.quantity == of))
+    };
+    let is_instead = |new: &Episode| {
+        new.joint.is_none() && is_joined(new) && new.kind == old.kind && overlap(old, new, starts).is_some()
+    };
+    old.joint.is_some() && found.iter().any(is_instead)
+}
+
+/// Whether a kind is so much another than before that what people said of the fault does not hold for it.
+pub(in crate::robot) fn is_another_fault(old: &str, new: &str) -> bool {
+    old != new && !(FRICTION_KINDS.contains(&old) && FRICTION_KINDS.contains(&new))
+}
+
+fn is_of_one_cause(old: &Episode, new: &Episode) -> bool {
+    let of_friction = |of: &Episode| FRICTION.contains(&of.quantity.as_str());
+    old.kind == new.kind && (old.quantity == new.quantity || (of_friction(old) && of_friction(new)))
+}
+
+/// A comparison with other arms is no correction of what the arm's own history says.
+fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
+    old.kind != "fleet" && new.kind != "fleet"
+}
+
+/// How long both last at once, in microseconds; 0 where one goes on with the other, `None` where they are apart.
+fn overlap(old: &Episode, new: &Episode, starts: &Starts) -> Option<i64> {
+    let both = old.to.min(new.to) - old.from.max(new.from);
+    if both >= 0 {
+        return Some(both);
+    }
+    let runs = if new.quantity.starts_with("production") { &starts.production } else { &starts.tests };
+    let between = runs.iter().filter(|start| (old.to + 1..new.from).contains(start)).count();
+    (!old.ended && old.to < new.from && between < RUNS_APART).then_some(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn episode(kind: &str, quantity: &str, from: i64, to: i64) -> Episode {
+        let (kind, quantity) = (kind.into(), quantity.into());
+        Episode { joint: Some(3), kind, quantity, from, to, ended: false, withdrawn: false }
+    }
+
+    fn drift(from: i64, to: i64) -> Episode {
+        episode("drift", "friction_index", from, to)
+    }
+
+    fn ended(of: Episode) -> Episode {
+        Episode { ended: true, ..of }
+    }
+
+    fn starts() -> Starts {
+        Starts { tests: (0..20).collect(), production: vec![5, 6, 7, 8] }
+    }
+
+    fn pairs(stored: &[Episode], found: &[Episode]) -> Vec<Option<usize>> {
+        same(stored, found, &starts())
+    }
+
+    #[test]
+    fn an_episode_whose_first_run_moves_or_whose_quantity_gets_better_is_the_same() {
+        assert_eq!(pairs(&[drift(5, 9)], &[drift(7, 10)]), [Some(0)]);
+        assert_eq!(pairs(&[drift(5, 9)], &[drift(2, 5)]), [Some(0)], "they touch");
+        let warm = episode("drift", "warm_friction_nm", 4, 6);
+        assert_eq!(pairs(&[warm], &[drift(5, 9)]), [Some(0)]);
+        let production = episode("drift", "production_friction", 4, 6);
+        assert_eq!(
+            pairs(&[drift(4, 6), production.clone()], &[production, drift(4, 6)]),
+            [Some(1), Some(0)],
+            "they stand beside each other"
+        );
+        let of_arm = Episode { joint: None, ..drift(5, 9) };
+        assert_eq!(pairs(&[drift(5, 9)], &[of_arm]), [None]);
+    }
+
+    #[test]
+    fn an_alarm_of_a_joint_is_told_of_the_arm_where_joints_are_joined_at_the_time() {
+        let is_told = |old: &Episode, new: Episode| is_told_of_arm(old, &[new], &starts());
+        let of_arm = |of: Episode| Episode { joint: None, ..of };
+        let swing = |from, to| episode("oscillation", "friction_swing", from, to);
+        let warm_up = episode("thermal", "warm_up_time_ratio", 5, 9);
+        assert!(is_told(&swing(5, 9), of_arm(swing(6, 10))));
+        assert!(is_told(&warm_up, of_arm(episode("thermal", "common_warm_up_time_ratio", 6, 10))));
+        assert!(!is_told(&warm_up, of_arm(episode("thermal", "common_friction_ratio", 6, 10))), "the hall");
+        assert!(!is_told(&ended(swing(1, 3)), of_arm(swing(6, 10))), "it was before");
+        assert!(!is_told(&warm_up, of_arm(swing(6, 10))), "another kind");
+        assert!(!is_told(&swing(5, 9), swing(6, 10)), "of a joint");
+        assert!(!is_told(&drift(5, 9), of_arm(drift(6, 10))), "drifts are not joined");
+    }
+
+    #[test]
+    fn an_open_one_goes_on_over_a_quiet_run_and_an_ended_one_does_not() {
+        assert_eq!(pairs(&[drift(5, 9)], &[drift(11, 12)]), [Some(0)]);
+        assert_eq!(pairs(&[drift(5, 9)], &[drift(12, 13)]), [None], "two runs lie between");
+        assert_eq!(pairs(&[ended(drift(5, 9))], &[drift(11, 12)]), [None]);
+        assert_eq!(pairs(&[drift(11, 12)], &[drift(5, 9)]), [None], "nothing goes on backwards");
+    }
+
+    #[test]
+    fn the_best_overlap_comes_first_and_each_is_used_once() {
+        let stored = [ended(drift(1, 3)), ended(drift(6, 12))];
+        assert_eq!(pairs(&stored, &[ended(drift(2, 11))]), [Some(1)]);
+        let open = [ended(drift(1, 9)), drift(11, 12)];
+        assert_eq!(pairs(&open, &[drift(1, 12)]), [Some(1)], "what is open stays what it is");
+        assert_eq!(pairs(&[drift(1, 12)], &[ended(drift(1, 5)), drift(8, 12)]), [None, Some(0)]);
+    }
+
+    #[test]
+    fn a_kind_is_corrected_where_the_old_one_vanishes_at_once() {
+        let step = episode("step", "friction_index", 6, 9);
+        assert_eq!(pairs(&[drift(5, 9)], std::slice::from_ref(&step)), [Some(0)]);
+        assert_eq!(pairs(&[drift(5, 9)], &[step.clone(), drift(5, 9)]), [None, Some(0)], "both are found");
+        assert_eq!(pairs(&[episode("fleet", "friction_index", 5, 9)], &[drift(5, 9)]), [None]);
+        let withdrawn = Episode { withdrawn: true, ..drift(5, 9) };
+        assert_eq!(
+            pairs(std::slice::from_ref(&withdrawn), std::slice::from_ref(&step)),
+            [None],
+            "it had vanished before"
+        );
+        assert_eq!(
+            pairs(std::slice::from_ref(&withdrawn), &[drift(6, 10)]),
+            [Some(0)],
+            "and comes back as what it was"
+        );
+        assert_eq!(pairs(&[withdrawn, step], &[drift(6, 10)]), [Some(1)], "what is shown goes first");
+        assert!(!is_another_fault("drift", "step") && is_another_fault("oscillation", "drift"));
+    }
+}

@@ -1,0 +1,213 @@
+//! What follows from a robot's history: which robots wait for it, what it is drawn from, and the transaction
+//! that stores it.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+
+use super::alarms::anomalies::{self, Reconciled};
+use super::conclusion_faults;
+use super::figures::friction_series::{self, FrictionHistory};
+use super::figures::run_brief;
+use super::history;
+use super::settled_rows;
+use crate::engine::{EngineExecutor, EngineTransaction};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::results::{production, run_analysis};
+use armwatch_model::analysis::{ProductionCheck, WarmUpFit};
+use armwatch_model::anomaly::{Anomaly, Findings, RunSummary};
+use armwatch_model::run::RunKind;
+
+/// A robot whose conclusions are older than its history.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub struct StaleRobot {
+    /// Its key.
+    pub robot_id: i64,
+    /// Its name.
+    pub name: String,
+    /// How often its history had changed when this was read.
+    pub history: i64,
+}
+
+/// An open transaction that stores what a robot's history says. Dropping it without
+/// [`commit`](Self::commit) leaves the database as it was. It holds the only writer: read and compute before
+/// opening it.
+#[derive(Debug)]
+pub struct ConclusionTransaction {
+    pub(crate) transaction: EngineTransaction,
+    pub(crate) path: Arc<Path>,
+    pub(crate) robot_id: i64,
+}
+
+impl ConclusionTransaction {
+    /// Replaces the fits over all runs of the robot.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn replace_mixed_fits(&mut self, fits: &[WarmUpFit]) -> Result<(), StoreError> {
+        let result = run_analysis::replace_mixed_fits(&mut self.transaction, self.robot_id, fits).await;
+        self.checked(result)
+    }
+
+    /// Stores the friction points that fits over the robot's tests stand on, one row a test. Only where the history is still
+    /// the one that they were read from.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn keep_friction_points(&mut self, history: &FrictionHistory) -> Result<(), StoreError> {
+        let result = friction_series::keep(&mut self.transaction, self.robot_id, history).await;
+        self.checked(result)
+    }
+
+    /// Whether conclusions from the history as it is now are stored already, by another program.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn is_concluded(&mut self) -> Result<bool, StoreError> {
+        let result = is_concluded(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// How often the robot's history has changed by now.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn history(&mut self) -> Result<i64, StoreError> {
+        let result = history_of(&mut *self.transaction, self.robot_id).await;
+        self.checked(result)
+    }
+
+    /// Writes what windows of a run of production, given by their numbers, are held against, in place of what was
+    /// stored of them.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn settle_production(
+        &mut self,
+        run_id: i64,
+        checks: &[(u32, ProductionCheck)],
+    ) -> Result<(), StoreError> {
+        let result = production::settle(&mut self.transaction, run_id, checks).await;
+        self.checked(result)
+    }
+
+    /// Writes what logs of production come to whose windows are all settled and that have no summary.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
+        let settled = settled_rows::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
+        // older ones have a summary: a log that loses it takes along what was settled with it
+        let from = self.checked(settled)?.and_then(|settled| settled.leads_from).map(|(at, _)| at);
+        let result = production::summarise_rest(&mut self.transaction, self.robot_id, from).await;
+        self.checked(result)
+    }
+
+    /// Reads the cycles of the tests at these places that are left out.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn read_cycles(&mut self, runs: &mut [RunSummary], places: &[usize]) -> Result<(), StoreError> {
+        let result = history::read_cycles(&mut self.transaction, runs, places).await;
+        self.checked(result)
+    }
+
+    /// Keeps what was found in the cycles of a test, as its brief has it.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn keep_judgements(&mut self, run: &RunSummary) -> Result<(), StoreError> {
+        let Some(brief) = &run.brief else { return Ok(()) };
+        let result = run_brief::keep_judgements(&mut *self.transaction, run.run_id, &brief.judgements).await;
+        self.checked(result)
+    }
+
+    /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
+    /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
+    /// that vanished withdrawn. `settled` has the anomalies that are settled from now on, with the key of what has settled
+    /// them; those that were settled before are left alone.
+    ///
+    /// # Errors
+    /// [`StoreError::Refused`] for findings that name a run which is not stored.
+    pub async fn reconcile(
+        &mut self,
+        findings: &Findings,
+        settled: &[(i64, Vec<Anomaly>)],
+    ) -> Result<Reconciled, StoreError> {
+        let (robot_id, clock) = (self.robot_id, Timestamp::now());
+        let result = anomalies::reconcile(&mut self.transaction, robot_id, findings, settled, clock).await;
+        self.checked(result)
+    }
+
+    /// Makes all of it lasting, as what the history says that had changed `history` times. If it has changed
+    /// since, the robot stays stale.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; nothing is stored then.
+    pub async fn commit(mut self, history: i64) -> Result<(), StoreError> {
+        let marked = mark_concluded(&mut *self.transaction, self.robot_id, history).await;
+        self.checked(marked)?;
+        let forgotten = conclusion_faults::forget(&mut *self.transaction, self.robot_id).await;
+        self.checked(forgotten)?;
+        self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+
+    pub(super) fn checked<T>(&self, result: Result<T, sqlx::Error>) -> Result<T, StoreError> {
+        result.map_err(|e| StoreError::from_sqlx(&self.path, &e))
+    }
+}
+
+impl Store {
+    /// Robots whose history has changed since conclusions were drawn from it, by name.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn stale_robots(&self) -> Result<Vec<StaleRobot>, StoreError> {
+        self.checked(stale_robots(&self.readers).await)
+    }
+
+    /// Opens the transaction that stores what a robot's history says.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn conclude(&self, robot_id: i64) -> Result<ConclusionTransaction, StoreError> {
+        let transaction = self.begin().await?;
+        Ok(ConclusionTransaction { transaction, path: Arc::clone(&self.path), robot_id })
+    }
+}
+
+/// Robots whose history has changed since conclusions were drawn from it, by name.
+pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<StaleRobot>, sqlx::Error> {
+    sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
+        .fetch_all(executor)
+        .await
+}
+
+async fn history_of(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<i64, sqlx::Error> {
+    sqlx::query_scalar("SELECT history FROM robot WHERE robot_id = $1")
+        .bind(robot_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn is_concluded(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar("SELECT history = concluded FROM robot WHERE robot_id = $1")
+        .bind(robot_id)
+        .fetch_one(executor)
+        .await
+}
+
+async fn mark_concluded(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    history: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query("UPDATE robot SET concluded = $1 WHERE robot_id = $2")
+        .bind(history)
+        .bind(robot_id)
+        .execute(executor)
+        .await?;
+    Ok(())
+}

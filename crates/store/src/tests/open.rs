@@ -1,0 +1,372 @@
+//! Opening, refusing, waiting and failing.
+
+use std::path::Path;
+use std::time::Duration;
+
+use sqlx::{
+    AssertSqlSafe, ConnectOptions, Connection, Executor, SqliteConnection, sqlite::SqliteConnectOptions,
+};
+
+use super::support::*;
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::open::{APPLICATION_ID, open};
+use crate::schema::MIGRATOR;
+use armwatch_testing::er3a;
+
+const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures/migrations");
+const MIGRATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations");
+
+async fn plain(path: &Path) -> SqliteConnection {
+    SqliteConnectOptions::new().filename(path).create_if_missing(true).connect().await.expect("a connection")
+}
+
+#[tokio::test]
+async fn sqlite_has_the_fix_for_resets_of_the_log() {
+    let (_folder, store) = fresh().await;
+    let version = text(&store, "SELECT sqlite_version()").await.expect("a version");
+    let numbers: Vec<u32> = version.split('.').map(|n| n.parse().expect("a number")).collect();
+    assert!(numbers >= vec![3, 51, 3], "{version}");
+}
+
+#[tokio::test]
+async fn folders_are_made_and_connections_behave_as_stated() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a/b/fleet.db");
+    let store = Store::open(&path).await.expect("a store");
+    assert_eq!(text(&store, "PRAGMA journal_mode").await.as_deref(), Some("wal"));
+    for (pragma, expected) in [
+        ("PRAGMA foreign_keys", 1),
+        ("PRAGMA synchronous", 1),
+        ("PRAGMA busy_timeout", 10_000),
+        ("PRAGMA application_id", APPLICATION_ID),
+    ] {
+        let found: i64 = sqlx::query_scalar(pragma).fetch_one(&store.writer).await.expect("a value");
+        assert_eq!(found, expected, "{pragma}");
+    }
+    let write = sqlx::query("INSERT INTO robot (name) VALUES ('x')").execute(&store.readers).await;
+    assert!(write.is_err(), "a reader wrote");
+    store.close().await.expect("closed");
+    assert!(path.exists() && !path.with_extension("db-wal").exists());
+}
+
+#[tokio::test]
+async fn the_database_answers_while_all_readers_are_busy_and_not_once_it_is_closed() {
+    let (_folder, store) = fresh().await;
+    let mut busy = Vec::new();
+    while let Some(reader) = store.readers.try_acquire() {
+        busy.push(reader);
+    }
+    for _ in busy.len()..4 {
+        busy.push(store.readers.acquire().await.expect("a reader"));
+    }
+    tokio::time::timeout(Duration::from_secs(1), store.probe()).await.expect("at once").expect("an answer");
+    drop(busy);
+    store.clone().close().await.expect("closed");
+    assert!(store.probe().await.is_err());
+}
+
+#[tokio::test]
+async fn a_database_opened_again_holds_what_was_committed() {
+    let (folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 2).await;
+    let before = dump(&store).await;
+    store.close().await.expect("closed");
+    let store = Store::open(&folder.path().join("fleet.db")).await.expect("the same store");
+    assert_eq!(dump(&store).await, before);
+    assert!(store.record_cycle(run_id, &cycle(3), &er3a()).await.expect("a cycle"));
+}
+
+/// What a disk that fails inside a transaction leaves behind: SQLite has ended it, the driver counts it as open.
+#[tokio::test]
+async fn a_transaction_that_sqlite_ended_by_itself_does_not_block_the_next() {
+    let (_folder, store) = fresh().await;
+    let mut lost = store.begin().await.expect("a transaction");
+    sqlx::raw_sql("ROLLBACK").execute(&mut *lost).await.expect("ended");
+    drop(lost);
+    streaming_run(&store, "R00", 0, 1).await;
+    assert_eq!(number(&store, "SELECT count(*) + 0.0 FROM cycles").await, Some(1.0));
+}
+
+#[tokio::test]
+async fn an_empty_file_becomes_a_database() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("empty.db");
+    std::fs::write(&path, b"").expect("a file");
+    let store = Store::open(&path).await.expect("a store");
+    assert_eq!(store.counts().await.expect("counts"), crate::views::Counts::default());
+}
+
+#[tokio::test]
+async fn a_newer_schema_is_refused() {
+    let (folder, store) = fresh().await;
+    sqlx::query(
+        "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
+         VALUES (9001, 'later', TRUE, x'00', 0)",
+    )
+    .execute(&store.writer)
+    .await
+    .expect("an insert");
+    store.close().await.expect("closed");
+    let error = Store::open(&folder.path().join("fleet.db")).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::Newer { found: 9001, .. }) && error.is_fatal(), "{error}");
+    assert!(error.to_string().contains("use the newer program"), "{error}");
+}
+
+#[tokio::test]
+async fn a_file_of_anything_else_is_refused_and_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // Multiplying by an odd number and taking the high byte: bytes without a pattern.
+    let noise: Vec<u8> = (1..=9000_u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    for (name, bytes) in [("noise.db", noise), ("export.csv", b"time,pos_1\n0,1\n".repeat(400))] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).expect("a file");
+        let error = Store::open(&path).await.expect_err("a refusal");
+        assert!(matches!(error, StoreError::NotADatabase { .. }) && error.is_fatal(), "{error}");
+        assert!(
+            error.to_string().contains(name) && error.to_string().contains("name another file"),
+            "{error}"
+        );
+        assert_eq!(std::fs::read(&path).expect("the file"), bytes);
+    }
+}
+
+#[tokio::test]
+async fn the_database_of_another_program_is_refused_and_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("bookmarks.db");
+    let mut other = plain(&path).await;
+    other.execute("CREATE TABLE bookmark (url TEXT)").await.expect("a table");
+    other.close().await.expect("closed");
+    let bytes = std::fs::read(&path).expect("the file");
+    let error = Store::open(&path).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::NotADatabase { .. }), "{error}");
+    assert_eq!(std::fs::read(&path).expect("the file"), bytes);
+}
+
+#[tokio::test]
+async fn a_damaged_database_is_said_to_be_damaged() {
+    let (folder, store) = fresh().await;
+    streaming_run(&store, "R00", 0, 2).await;
+    store.close().await.expect("closed");
+    let path = folder.path().join("fleet.db");
+    let mut bytes = std::fs::read(&path).expect("the file");
+    // The first page, with the header and the schema's root, stays.
+    bytes[4096..].fill(0xA5);
+    std::fs::write(&path, bytes).expect("the damaged file");
+    let error = Store::open(&path).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::Corrupt { .. }) && error.is_fatal(), "{error}");
+}
+
+#[tokio::test]
+async fn places_that_cannot_hold_a_database_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("file");
+    std::fs::write(&file, b"x").expect("a file");
+    let mut places = vec![file.join("fleet.db")];
+    if cfg!(target_os = "linux") {
+        // Not even a privileged user may create a file there.
+        places.push("/proc/fleet.db".into());
+    }
+    for place in places {
+        let error = Store::open(&place).await.expect_err("a refusal");
+        assert!(matches!(error, StoreError::NotWritable { .. }) && error.is_fatal(), "{error:?}");
+        assert!(error.to_string().contains(&place.display().to_string()), "{error}");
+    }
+}
+
+#[tokio::test]
+async fn a_folder_is_told_from_a_database() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let to_write = Store::open(folder.path()).await.expect_err("a refusal");
+    let to_read = Store::open_existing(folder.path()).await.expect_err("a refusal");
+    for error in [to_write, to_read] {
+        assert!(matches!(error, StoreError::Folder { .. }) && error.is_fatal(), "{error:?}");
+        let file = folder.path().join("armwatch.db");
+        assert!(error.to_string().contains(&format!("such as {}", file.display())), "{error}");
+    }
+}
+
+#[tokio::test]
+async fn a_database_that_may_not_be_written_says_so() {
+    let (_folder, store) = fresh().await;
+    sqlx::query("PRAGMA query_only = ON").execute(&store.writer).await.expect("a setting");
+    let error = store.begin_run(&header("R00", 0)).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::NotWritable { .. }), "{error}");
+}
+
+#[tokio::test]
+async fn a_full_disk_is_fatal_and_loses_nothing_that_was_committed() {
+    let (folder, store) = fresh().await;
+    let run_id = streaming_run(&store, "R00", 0, 1).await;
+    let before = dump(&store).await;
+    // SQLite answers "full" alike for the disk and for this limit, which it takes down to the present size.
+    sqlx::query("PRAGMA max_page_count = 1").execute(&store.writer).await.expect("a limit");
+    let mut error = None;
+    for number in 2..10 {
+        error = store.record_cycle(run_id, &cycle(number), &er3a()).await.err();
+        if error.is_some() {
+            break;
+        }
+    }
+    let error = error.expect("the limit is reached");
+    assert!(matches!(error, StoreError::Full { .. }) && error.is_fatal(), "{error}");
+    assert!(error.to_string().contains("free space"), "{error}");
+    let store = Store::open(&folder.path().join("fleet.db")).await.expect("the store");
+    let after = dump(&store).await;
+    assert!(before.iter().filter(|row| !row.starts_with("runs:")).all(|row| after.contains(row)));
+    assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn a_second_writer_waits_for_the_first() {
+    let (folder, first) = fresh().await;
+    let second = Store::open(&folder.path().join("fleet.db")).await.expect("a second store");
+    let run_id = streaming_run(&first, "R00", 0, 1).await;
+    let mut end = first.finish_run(run_id).await.expect("the lock");
+    end.complete(totals(1)).await.expect("completion");
+    let mut waiting = tokio::spawn(async move { second.begin_run(&header("R01", 0)).await });
+    let early = tokio::time::timeout(Duration::from_millis(200), &mut waiting).await;
+    assert!(early.is_err(), "the second writer did not wait: {early:?}");
+    end.commit().await.expect("a commit");
+    waiting.await.expect("no panic").expect("a run");
+    assert_eq!(first.runs().await.expect("runs").len(), 2);
+}
+
+#[tokio::test]
+async fn a_lock_that_stays_is_busy_and_not_fatal() {
+    let (folder, first) = fresh().await;
+    let run_id = streaming_run(&first, "R00", 0, 1).await;
+    let second =
+        open(&folder.path().join("fleet.db"), Duration::from_millis(50)).await.expect("a second store");
+    let end = first.finish_run(run_id).await.expect("the lock");
+    let error = second.begin_run(&header("R01", 0)).await.expect_err("locked out");
+    assert!(matches!(error, StoreError::Busy { .. }) && !error.is_fatal(), "{error}");
+    assert!(second.lookup(&header("R00", 0).content_hash).await.expect("readers do not wait").is_some());
+    drop(end);
+    second.begin_run(&header("R01", 0)).await.expect("the lock is free");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn programs_that_start_together_on_a_new_file_all_come_up() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let starts: Vec<_> = (0..4)
+        .map(|_| {
+            let path = path.clone();
+            tokio::spawn(async move { Store::open(&path).await })
+        })
+        .collect();
+    for start in starts {
+        start.await.expect("no panic").expect("a store");
+    }
+}
+
+/// A migration may not lose what an earlier version stored. Its data file holds rows of every table
+/// that it made, as that version wrote them.
+#[tokio::test]
+async fn migrations_keep_the_data_of_earlier_versions() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let mut connection = plain(&path).await;
+    for migration in MIGRATOR.iter() {
+        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
+        let data =
+            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
+        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
+    }
+    connection.close().await.expect("closed");
+
+    let store = Store::open(&path).await.expect("a store");
+    let rows = dump(&store).await;
+    for view in views(&store).await.into_iter().filter(|view| view != "view_columns") {
+        assert!(rows.iter().any(|row| row.starts_with(&format!("{view}:"))), "{view} lost its rows");
+    }
+    // in brief is made anew by the next conclusions: its form is another
+    assert_eq!(number(&store, "SELECT count(*) FROM run_brief").await, Some(0.0));
+    assert_eq!(store.runs().await.expect("runs").len(), 4);
+    assert_eq!(store.fleet_health().await.expect("health").len(), 2);
+    assert_eq!(store.anomalies_after(0).await.expect("anomalies").len(), 3);
+    // a parameter with 24.5 degrees of freedom has its interval now, one without has none
+    let width =
+        number(&store, "SELECT interval_high - value FROM cycle_parameters WHERE degrees_of_freedom = 24.5");
+    let width = width.await.expect("an interval");
+    assert!((width / 0.001 - 2.0617).abs() < 5e-4, "{width}");
+    let none =
+        "SELECT count(*) FROM cycle_parameters WHERE degrees_of_freedom IS NULL AND interval_low IS NOT NULL";
+    assert_eq!(number(&store, none).await, Some(0.0));
+    assert_eq!(number(&store, "SELECT count(*) FROM interval_fill").await, Some(0.0));
+    assert_times_are_text_too(&store).await;
+    assert_sound(&store).await;
+}
+
+/// Whoever is stopped while the schema is brought up to date leaves the database as it was, or with the new schema, and
+/// the next start ends it.
+#[tokio::test]
+async fn a_change_of_the_schema_that_is_stopped_changes_nothing() {
+    const OLD: i64 = 20;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let mut connection = plain(&path).await;
+    for migration in MIGRATOR.iter().filter(|migration| migration.version <= OLD) {
+        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
+        let data =
+            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
+        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
+    }
+    connection.close().await.expect("closed");
+    let latest = MIGRATOR.iter().map(|migration| migration.version).max();
+    let mut stopped = 0;
+    for milliseconds in [0, 1, 2, 5, 10, 20, 40, 80] {
+        let deadline = Duration::from_millis(milliseconds);
+        let opened = tokio::time::timeout(deadline, Store::open(&path)).await;
+        let mut connection = plain(&path).await;
+        let version: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+            .fetch_one(&mut connection)
+            .await
+            .expect("a version");
+        let runs: i64 =
+            sqlx::query_scalar("SELECT count(*) FROM run").fetch_one(&mut connection).await.expect("runs");
+        connection.close().await.expect("closed");
+        assert_eq!(runs, 4);
+        match opened {
+            Err(_) if version != latest => {
+                assert_eq!(version, Some(OLD), "stopped after {milliseconds} ms");
+                stopped += 1;
+            }
+            _ => assert_eq!(version, latest),
+        }
+    }
+    assert!(stopped > 0, "never stopped before the end");
+    let store = Store::open(&path).await.expect("a store");
+    assert_eq!(store.runs().await.expect("runs").len(), 4);
+    assert_sound(&store).await;
+}
+
+/// Beside each time of the views stands its text, whoever wrote the time.
+async fn assert_times_are_text_too(store: &Store) {
+    let times: Vec<(String, String)> = sqlx::query_as(
+        "SELECT tables.name, substr(text.name, 1, length(text.name) - 5)
+         FROM sqlite_schema AS tables JOIN pragma_table_info(tables.name) AS text
+         WHERE tables.type = 'table' AND text.name LIKE '%~_text' ESCAPE '~'",
+    )
+    .fetch_all(&store.writer)
+    .await
+    .expect("columns");
+    assert!(times.len() >= 21, "{times:?}");
+    for (table, column) in times {
+        let other = format!(
+            "SELECT count(*) FROM {table}
+             WHERE {column}_text IS NOT strftime('%Y-%m-%dT%H:%M:%fZ', {column} / 1000000.0, 'unixepoch')"
+        );
+        let other: i64 =
+            sqlx::query_scalar(AssertSqlSafe(other)).fetch_one(&store.writer).await.expect("a count");
+        assert_eq!(other, 0, "{table}.{column}");
+    }
+}
+
+#[test]
+fn every_migration_is_compiled_in() {
+    let files = std::fs::read_dir(MIGRATIONS).expect("the folder").count();
+    assert_eq!(MIGRATOR.iter().count(), files, "build again: a migration file was added");
+}

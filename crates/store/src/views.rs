@@ -1,0 +1,411 @@
+//! What people ask: runs, fleet health, anomalies, counts. Reads the views, as users do.
+
+use jiff::Timestamp;
+use jiff::civil::Date;
+use sqlx::Row;
+
+use super::ledger::runs;
+use super::values::{joint, named, size};
+use crate::engine::{EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::values::time_text;
+use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
+use armwatch_model::anomaly::{Alternative, Severity};
+use armwatch_model::robot::JointIndex;
+use armwatch_model::run::{RunKind, RunStatus};
+
+/// A row of the view `runs`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunRow {
+    /// Database key.
+    pub run_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// File name of the export.
+    pub source_name: String,
+    /// Rows, once the run is complete.
+    pub rows: Option<u64>,
+    /// Cycles stored.
+    pub cycles: u32,
+    /// Where the run stands.
+    pub status: RunStatus,
+    /// What it is a recording of.
+    pub kind: RunKind,
+    /// Why it was quarantined.
+    pub reason: Option<String>,
+    /// Line of the export that the reason points at.
+    pub reason_line: Option<u64>,
+    /// Column of the export that the reason points at.
+    pub reason_column: Option<String>,
+}
+
+/// A row of the view `fleet_health`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FleetHealthRow {
+    /// The individual robot.
+    pub robot: String,
+    /// The joint.
+    pub joint: JointIndex,
+    /// Start of the latest complete run.
+    pub last_run_at: Timestamp,
+    /// Median moving relative RMSD of the latest complete run's excitation stages.
+    pub moving_relative_rmsd: Option<f64>,
+    /// Warm friction against the joint's own baseline, 1 = unchanged.
+    pub friction_index: Option<f64>,
+    /// Anomalies in the state open.
+    pub open_anomalies: u32,
+    /// Where the joint stands.
+    pub status: HealthStatus,
+    /// Start of the latest complete run that gave a result of this joint.
+    pub last_result_at: Option<Timestamp>,
+    /// Why the status is what it is, where there is something to say.
+    pub reason: Option<String>,
+    /// When the next test should have begun at the latest.
+    pub expected_by: Option<Timestamp>,
+    /// The quantity that `friction_index` comes from.
+    pub friction_quantity: Option<String>,
+    /// When friction is expected to reach its limits.
+    pub forecast: Option<Forecast>,
+}
+
+/// Where a joint stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HealthStatus {
+    /// Nothing to see.
+    Ok,
+    /// The history is too short for a baseline.
+    Learning,
+    /// Plan a look.
+    Warning,
+    /// Look before the next shift.
+    Critical,
+    /// The latest test does not say; the reason does.
+    Unknown,
+    /// No test came for longer than usual.
+    Overdue,
+}
+
+impl HealthStatus {
+    /// Every status.
+    pub const ALL: [Self; 6] =
+        [Self::Ok, Self::Learning, Self::Warning, Self::Critical, Self::Unknown, Self::Overdue];
+
+    /// Every status, the worst first: a robot stands where the worst of its joints does.
+    pub const WORST_FIRST: [Self; 6] =
+        [Self::Critical, Self::Warning, Self::Overdue, Self::Unknown, Self::Learning, Self::Ok];
+
+    /// Its place among all: 0 is the worst.
+    #[must_use]
+    pub fn rank(self) -> usize {
+        Self::WORST_FIRST.iter().position(|status| *status == self).unwrap_or(Self::WORST_FIRST.len())
+    }
+
+    /// Name as in the view `fleet_health`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Learning => "learning",
+            Self::Warning => "warning",
+            Self::Critical => "critical",
+            Self::Unknown => "unknown",
+            Self::Overdue => "overdue",
+        }
+    }
+}
+
+/// A row of the view `anomalies`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AnomalyRow {
+    /// Database key.
+    pub anomaly_id: i64,
+    /// The individual robot.
+    pub robot: String,
+    /// Run with which the episode began; `None` if it was taken away and the history is not judged again yet.
+    pub run_id: Option<i64>,
+    /// Cycle of that run with which it began, where it is a cycle's.
+    pub cycle: Option<u32>,
+    /// The joint; `None` where the cause is the whole arm's.
+    pub joint: Option<JointIndex>,
+    /// Kind, such as `drift`.
+    pub kind: String,
+    /// The quantity that changed.
+    pub quantity: String,
+    /// How soon a person should look.
+    pub severity: Severity,
+    /// How far out the value is, in the scale of `threshold`.
+    pub score: Option<f64>,
+    /// Score at which the anomaly begins.
+    pub threshold: Option<f64>,
+    /// Value in the latest run that showed it.
+    pub value: Option<f64>,
+    /// What was expected.
+    pub baseline: Option<f64>,
+    /// Start of the first run.
+    pub first_seen_at: Timestamp,
+    /// Start of the latest run.
+    pub last_seen_at: Timestamp,
+    /// `open`, `acknowledged`, `shelved`, `maintenance`, `resolved` or `false_alarm`.
+    pub state: String,
+    /// What a technician should read.
+    pub message: String,
+    /// Latest run that showed it.
+    pub last_run_id: Option<i64>,
+    /// The value that was furthest out.
+    pub peak_value: Option<f64>,
+    /// The score that was furthest out.
+    pub peak_score: Option<f64>,
+    /// When the change most likely began.
+    pub onset_at: Option<Timestamp>,
+    /// With which run.
+    pub onset_run_id: Option<i64>,
+    /// With which cycle of that run, where that can be said.
+    pub onset_cycle: Option<u32>,
+    /// Odds of the named cause against all others together, where causes were compared.
+    pub odds: Option<f64>,
+    /// Rejected causes, the likeliest first; odds that are not known are not a number.
+    pub alternatives: Vec<Alternative>,
+    /// Until when it is shelved.
+    pub shelved_until: Option<Timestamp>,
+    /// Whether later runs no longer show it, whatever people said of it.
+    pub ended: bool,
+    /// Whether the test that shows it is still being written.
+    pub provisional: bool,
+}
+
+impl AnomalyRow {
+    /// Number of the joint that people read, from 1; `None` where the cause is the whole arm's.
+    #[must_use]
+    pub fn joint_number(&self) -> Option<usize> {
+        self.joint.map(JointIndex::number)
+    }
+}
+
+/// How much is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// Robots with a run of any status.
+    pub robots: u64,
+    /// Runs of which cycles are being stored.
+    pub streaming_runs: u64,
+    /// Runs stored completely.
+    pub complete_runs: u64,
+    /// Exports not understood.
+    pub quarantined_runs: u64,
+    /// Cycles stored.
+    pub cycles: u64,
+    /// Anomalies in the state open.
+    pub open_anomalies: u64,
+}
+
+impl Store {
+    /// All runs, by robot and start.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn runs(&self) -> Result<Vec<RunRow>, StoreError> {
+        self.checked(runs(&self.readers).await)
+    }
+
+    /// Where every joint of every robot with a complete run stands.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn fleet_health(&self) -> Result<Vec<FleetHealthRow>, StoreError> {
+        self.checked(fleet_health(&self.readers).await)
+    }
+
+    /// Anomalies found after the one with key `after` (0 for all), in the order found.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn anomalies_after(&self, after: i64) -> Result<Vec<AnomalyRow>, StoreError> {
+        self.checked(anomalies_after(&self.readers, after).await)
+    }
+
+    /// How much is stored.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn counts(&self) -> Result<Counts, StoreError> {
+        self.checked(counts(&self.readers).await)
+    }
+}
+
+/// All runs, by robot and start.
+pub(crate) async fn runs(executor: impl EngineExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run_id, robot, started_at, source_name, rows, cycles, status, kind, reason, reason_line, reason_column
+         FROM runs
+         ORDER BY robot, started_at, run_id",
+    )
+    .try_map(|row: EngineRow| {
+        Ok(RunRow {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            started_at: time_text(&row, "started_at")?,
+            source_name: row.try_get("source_name")?,
+            rows: row.try_get("rows")?,
+            cycles: size(&row, "cycles")?,
+            status: runs::status(&row, "status")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
+            reason: row.try_get("reason")?,
+            reason_line: row.try_get("reason_line")?,
+            reason_column: row.try_get("reason_column")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Every joint of every robot with a complete run, by robot and joint.
+pub(crate) async fn fleet_health(
+    executor: impl EngineExecutor<'_>,
+) -> Result<Vec<FleetHealthRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT robot, joint, last_run_at, moving_relative_rmsd, friction_index, open_anomalies, status,
+                last_result_at, reason, expected_by, friction_quantity, trend, warning_by, warning_by_lower,
+                warning_by_upper, critical_by, critical_by_lower, critical_by_upper
+         FROM fleet_health
+         ORDER BY robot, joint",
+    )
+    .try_map(|row: EngineRow| {
+        Ok(FleetHealthRow {
+            robot: row.try_get("robot")?,
+            joint: joint(&row, "joint")?,
+            last_run_at: time_text(&row, "last_run_at")?,
+            moving_relative_rmsd: row.try_get("moving_relative_rmsd")?,
+            friction_index: row.try_get("friction_index")?,
+            open_anomalies: size(&row, "open_anomalies")?,
+            status: named(&row, "status", &HealthStatus::ALL, HealthStatus::name)?,
+            last_result_at: optional_time(&row, "last_result_at")?,
+            reason: row.try_get("reason")?,
+            expected_by: optional_time(&row, "expected_by")?,
+            friction_quantity: row.try_get("friction_quantity")?,
+            forecast: forecast(&row)?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Anomalies with a key above `after`, in the order in which they were found.
+pub(crate) async fn anomalies_after(
+    executor: impl EngineExecutor<'_>,
+    after: i64,
+) -> Result<Vec<AnomalyRow>, sqlx::Error> {
+    sqlx::query(
+        "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
+                first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
+                onset_cycle, odds, alternatives, shelved_until, ended, provisional
+         FROM anomalies
+         WHERE anomaly_id > $1
+         ORDER BY anomaly_id",
+    )
+    .bind(after)
+    .try_map(|row: EngineRow| {
+        Ok(AnomalyRow {
+            anomaly_id: row.try_get("anomaly_id")?,
+            robot: row.try_get("robot")?,
+            run_id: row.try_get("run_id")?,
+            cycle: row.try_get("cycle")?,
+            joint: match row.try_get::<Option<i64>, _>("joint")? {
+                Some(_) => Some(joint(&row, "joint")?),
+                None => None,
+            },
+            kind: row.try_get("kind")?,
+            quantity: row.try_get("quantity")?,
+            severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
+            score: row.try_get("score")?,
+            threshold: row.try_get("threshold")?,
+            value: row.try_get("value")?,
+            baseline: row.try_get("baseline")?,
+            first_seen_at: time_text(&row, "first_seen_at")?,
+            last_seen_at: time_text(&row, "last_seen_at")?,
+            state: row.try_get("state")?,
+            message: row.try_get("message")?,
+            last_run_id: row.try_get("last_run_id")?,
+            peak_value: row.try_get("peak_value")?,
+            peak_score: row.try_get("peak_score")?,
+            onset_at: optional_time(&row, "onset_at")?,
+            onset_run_id: row.try_get("onset_run_id")?,
+            onset_cycle: row.try_get("onset_cycle")?,
+            odds: row.try_get("odds")?,
+            alternatives: alternatives(row.try_get("alternatives")?)?,
+            shelved_until: optional_time(&row, "shelved_until")?,
+            ended: row.try_get("ended")?,
+            provisional: row.try_get("provisional")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+/// Rejected causes from their JSON array.
+fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
+    let rejected: Vec<serde_json::Value> = serde_json::from_str(text)
+        .map_err(|error| sqlx::Error::Decode(format!("column alternatives holds {text}: {error}").into()))?;
+    let one = |of: &serde_json::Value| Alternative {
+        cause: of["cause"].as_str().unwrap_or_default().to_owned(),
+        odds: of["odds"].as_f64().unwrap_or(f64::NAN),
+    };
+    Ok(rejected.iter().map(one).collect())
+}
+
+/// How much is stored.
+pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<Counts, sqlx::Error> {
+    sqlx::query(
+        "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,
+                (SELECT count(*) FROM run WHERE status = 'streaming') AS streaming_runs,
+                (SELECT count(*) FROM run WHERE status = 'complete') AS complete_runs,
+                (SELECT count(*) FROM run WHERE status = 'quarantined' AND superseded_by_run_id IS NULL
+                     AND run_id NOT IN (SELECT run_id FROM quarantine WHERE state = 'dismissed'))
+                    AS quarantined_runs,
+                (SELECT count(*) FROM cycle) AS cycles,
+                (SELECT count(*) FROM anomaly WHERE state = 'open' AND NOT withdrawn) AS open_anomalies",
+    )
+    .try_map(|row: EngineRow| {
+        Ok(Counts {
+            robots: size(&row, "robots")?,
+            streaming_runs: size(&row, "streaming_runs")?,
+            complete_runs: size(&row, "complete_runs")?,
+            quarantined_runs: size(&row, "quarantined_runs")?,
+            cycles: size(&row, "cycles")?,
+            open_anomalies: size(&row, "open_anomalies")?,
+        })
+    })
+    .fetch_one(executor)
+    .await
+}
+
+fn optional_time(row: &EngineRow, column: &str) -> Result<Option<Timestamp>, sqlx::Error> {
+    match row.try_get::<Option<&str>, _>(column)? {
+        Some(_) => time_text(row, column).map(Some),
+        None => Ok(None),
+    }
+}
+
+fn forecast(row: &EngineRow) -> Result<Option<Forecast>, sqlx::Error> {
+    if row.try_get::<Option<&str>, _>("trend")?.is_none() {
+        return Ok(None);
+    }
+    let crossing = |by, lower, upper| -> Result<Option<Crossing>, sqlx::Error> {
+        let (days, upper) =
+            (optional_day(row, by)?.zip(optional_day(row, lower)?), optional_day(row, upper)?);
+        Ok(days.map(|(by, lower)| Crossing { by, lower, upper }))
+    };
+    Ok(Some(Forecast {
+        trend: named(row, "trend", &Trend::ALL, Trend::name)?,
+        warning_at: crossing("warning_by", "warning_by_lower", "warning_by_upper")?,
+        critical_at: crossing("critical_by", "critical_by_lower", "critical_by_upper")?,
+    }))
+}
+
+fn optional_day(row: &EngineRow, column: &str) -> Result<Option<Date>, sqlx::Error> {
+    let text: Option<&str> = row.try_get(column)?;
+    let day = text.map(str::parse).transpose();
+    day.map_err(|error: jiff::Error| sqlx::Error::Decode(error.to_string().into()))
+}

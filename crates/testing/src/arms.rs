@@ -1,0 +1,133 @@
+//! Arms of any kind, for property tests.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use armwatch_model::robot::{
+    ArmShape, Coupling, DhParameters, FrictionLaw, FrictionModel, Joint, JointGeometry, JointIndex,
+    JointKind, JointLimits, MAX_JOINTS, Robot, TorqueSensors, Transform, UrdfOrigin,
+};
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+/// A joint without parameters; lengths in m, angles in rad, ordinary limits.
+pub fn joint(kind: JointKind, a: f64, alpha: f64, d: f64, theta_offset: f64) -> Joint {
+    let limits = match kind {
+        JointKind::Revolute => JointLimits {
+            position_min: -2.5,
+            position_max: 2.0,
+            velocity: 4.0,
+            acceleration: 9.0,
+            jerk: None,
+        },
+        JointKind::Prismatic => JointLimits {
+            position_min: -0.2,
+            position_max: 0.8,
+            velocity: 1.5,
+            acceleration: 6.0,
+            jerk: None,
+        },
+    };
+    Joint {
+        name: None,
+        kind,
+        geometry: JointGeometry::modified_dh(DhParameters { a, alpha, d, theta_offset }),
+        limits,
+        gear_ratio: 1.0,
+        position_offset: 0.0,
+        drive_gain: None,
+        motor_torque_constant: None,
+        rated_motor_torque: None,
+        rated_torque: None,
+        peak_torque: None,
+        low_speed: 0.02,
+        friction: None,
+        nominal: None,
+    }
+}
+
+/// An arm of the given joints and gravity.
+pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
+    Robot {
+        model: "test arm".into(),
+        transmission: Robot::uncoupled_transmission(&joints),
+        joints,
+        gravity: Vector3::from(gravity),
+        tool: Transform::IDENTITY,
+        friction: FrictionModel::POLYNOMIAL,
+        torque_sensors: TorqueSensors::Motor,
+        couplings: Vec::new(),
+        speed_levels: Vec::new(),
+        excitation: None,
+        shape: ArmShape::default(),
+    }
+}
+
+/// Arms of 1 to 9 joints, turning and sliding mixed, in the three conventions, with any friction
+/// model and now and then a coupled motor. Lengths and twists come from a grid with zeros and right
+/// angles, and gravity is absent along an axis or clearly there: degenerate arms occur often,
+/// almost degenerate ones do not.
+pub fn any_arm() -> impl Strategy<Value = Robot> {
+    let kind = prop_oneof![3 => Just(JointKind::Revolute), 1 => Just(JointKind::Prismatic)];
+    let length = || prop_oneof![Just(0.0), Just(0.07), Just(0.3), Just(-0.25)];
+    let twist = prop_oneof![Just(0.0), Just(FRAC_PI_2), Just(-FRAC_PI_2), Just(0.7)];
+    let offset = prop_oneof![Just(0.0), Just(FRAC_PI_2), Just(PI), Just(0.4)];
+    let any_joint = (kind, length(), twist, length(), offset)
+        .prop_map(|(kind, a, alpha, d, offset)| joint(kind, a, alpha, d, offset));
+    let pull = prop_oneof![Just(0.0), 3.0..9.81, -9.81..-3.0];
+    let friction = prop_oneof![
+        Just(FrictionModel::POLYNOMIAL),
+        (any::<bool>()).prop_map(|asymmetric| FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric }),
+        (any::<bool>())
+            .prop_map(|asymmetric| FrictionModel { law: FrictionLaw::Smooth { speed: 0.1 }, asymmetric }),
+    ];
+    let joints = proptest::collection::vec(any_joint, 1..=MAX_JOINTS);
+    (joints, proptest::array::uniform3(pull), friction, 0..3_u8, any::<bool>()).prop_map(
+        |(joints, gravity, friction, convention, coupled)| {
+            let mut robot = Robot { friction, ..arm(joints, gravity) };
+            match convention {
+                0 => {}
+                1 => read_as_standard_dh(&mut robot),
+                _ => turn_axes(&mut robot),
+            }
+            if coupled {
+                couple_last_joints(&mut robot);
+            }
+            robot
+        },
+    )
+}
+
+/// Takes the rows of an arm for those of a standard DH table.
+fn read_as_standard_dh(robot: &mut Robot) {
+    let rows: Vec<DhParameters> = robot.joints.iter().filter_map(|j| j.geometry.dh_row()).collect();
+    let (geometry, end) = JointGeometry::standard_dh(&rows);
+    robot.joints.iter_mut().zip(geometry).for_each(|(joint, geometry)| joint.geometry = geometry);
+    robot.tool = end;
+}
+
+/// Turns each axis away from z as URDF files do.
+fn turn_axes(robot: &mut Robot) {
+    const AXES: [[f64; 3]; 4] = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]];
+    let mut back = Transform::IDENTITY;
+    for (joint, axis) in robot.joints.iter_mut().zip(AXES.into_iter().cycle()) {
+        let turn = Transform::z_to(&Vector3::from(axis));
+        let placement = back.then(joint.geometry.placement()).then(&turn);
+        let origin = UrdfOrigin { xyz: [0.0; 3], rpy: [0.0; 3], axis };
+        joint.geometry = JointGeometry::urdf(placement, origin);
+        back = turn.inverse();
+    }
+}
+
+fn couple_last_joints(robot: &mut Robot) {
+    let n = robot.joint_count();
+    let turns = |joint: &Joint| joint.kind == JointKind::Revolute;
+    if n >= 2 && robot.joints[n - 2..].iter().all(turns) {
+        let (joint, motor_joint) = (JointIndex::new(n - 2), JointIndex::new(n - 1));
+        robot.couplings = vec![Coupling { joint, motor_joint, ratio: -0.6 }];
+    }
+}
+
+/// `[n]` numbers for every channel of a state or a parameter set.
+pub fn numbers() -> impl Strategy<Value = Vec<f64>> {
+    proptest::collection::vec(-1.0..1.0, 16 * MAX_JOINTS)
+}

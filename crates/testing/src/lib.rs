@@ -1,0 +1,31 @@
+//! What several unit tests share.
+
+pub mod arms;
+pub mod cycle;
+pub mod direct;
+
+use armwatch_config::parse_robot;
+use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot};
+
+/// The ER3A as its shipped description has it.
+pub fn er3a() -> Robot {
+    let text = include_str!("../../../config/robots/er3a.toml");
+    parse_robot("config/robots/er3a.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
+}
+
+/// Changes the row of a joint of an arm in modified DH parameters.
+pub fn change_dh(robot: &mut Robot, joint: usize, change: impl FnOnce(&mut DhParameters)) {
+    let geometry = &mut robot.joints[joint].geometry;
+    let GeometrySource::ModifiedDh(mut row) = *geometry.source() else { panic!("not modified DH") };
+    change(&mut row);
+    *geometry = JointGeometry::modified_dh(row);
+}
+
+/// The first joints of the ER3A as an arm of their own, without an excitation.
+pub fn er3a_of(joints: usize) -> Robot {
+    let mut robot = er3a();
+    robot.joints.truncate(joints);
+    robot.transmission = Robot::uncoupled_transmission(&robot.joints);
+    robot.excitation = None;
+    robot
+}

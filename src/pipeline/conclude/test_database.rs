@@ -1,0 +1,50 @@
+//! A database for tests that conclude, with a connection of their own to change its rows.
+
+use std::ops::Deref;
+
+use armwatch_store::Store;
+use sqlx::{AssertSqlSafe, Row, SqlitePool};
+use tempfile::TempDir;
+
+/// A store, and rows behind it.
+pub(super) struct Database {
+    store: Store,
+    /// Connections beside those of the store.
+    pub(super) rows: SqlitePool,
+}
+
+impl Deref for Database {
+    type Target = Store;
+
+    fn deref(&self) -> &Store {
+        &self.store
+    }
+}
+
+/// A fresh database; the folder lives as long as the first value.
+pub(super) async fn fresh() -> (TempDir, Database) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    let store = Store::open(&path).await.expect("a store");
+    let rows = SqlitePool::connect(&path.display().to_string()).await.expect("connections");
+    (folder, Database { store, rows })
+}
+
+/// Runs a statement that changes rows; returns their number.
+pub(super) async fn change(database: &Database, statement: &str) -> u64 {
+    let done = sqlx::query(AssertSqlSafe(statement.to_owned())).execute(&database.rows).await;
+    done.unwrap_or_else(|error| panic!("{statement}: {error}")).rows_affected()
+}
+
+/// The number that a statement asks for.
+pub(super) async fn count(database: &Database, statement: &'static str) -> i64 {
+    sqlx::query_scalar(statement).fetch_one(&database.rows).await.expect("a count")
+}
+
+/// Checks that the database is sound and no row refers to one that is missing.
+pub(super) async fn assert_sound(database: &Database) {
+    let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_all(&database.rows).await.expect("a check");
+    assert!(dangling.is_empty(), "{} rows refer to nothing", dangling.len());
+    let integrity = sqlx::query("PRAGMA integrity_check").fetch_one(&database.rows).await.expect("a check");
+    assert_eq!(integrity.get::<String, _>(0), "ok");
+}

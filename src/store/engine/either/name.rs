@@ -1,5 +1,0 @@
-//! The engine that is SQLite or PostgreSQL, by the connection.
-
-/// Either engine, for statements that both understand.
-#[derive(Debug)]
-pub(in crate::store) struct Either;

@@ -1,9 +1,0 @@
-//! What a test comes to, in rows that are short enough to be read for a whole history.
-
-pub(super) mod packed;
-pub(super) mod joint_summary;
-pub(in crate::store) mod cycle_friction;
-pub(in crate::store) mod cycle_rmsd;
-pub(super) mod run_series;
-pub(super) mod run_brief;
-pub mod friction_series;
