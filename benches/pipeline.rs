@@ -43,9 +43,9 @@ use armwatch_store::Store;
 use criterion::{Criterion, Throughput};
 use faer::Mat;
 use jiff::Timestamp;
-use polars::prelude::{
-    CsvParseOptions, CsvReadOptions, DataFrame, DataType, Field, Schema, SchemaRef, SerReader,
-};
+use polars_core::prelude::{DataFrame, DataType, Field, Schema, SchemaRef};
+use polars_io::SerReader;
+use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 
 /// Samples of the groups whose single measurement takes tens of milliseconds.
 const FEW_SAMPLES: usize = 20;

@@ -6,18 +6,20 @@
 //! Prometheus (prometheus.io/docs/practices/naming). Labels have few values that are known beforehand; the label
 //! `robot` has those of growing files alone and goes with them.
 
+mod process;
+
 use std::collections::HashMap;
+use std::fmt;
+use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use prometheus::core::Collector;
-use prometheus::{
-    Gauge, GaugeVec, Histogram, HistogramOpts, HistogramVec, IntCounter, IntCounterVec, IntGauge,
-    IntGaugeVec, Opts, Registry,
-};
-
-/// A figure that cannot be kept: a name or label that Prometheus does not allow, or one that is there twice.
-pub type MetricsError = prometheus::Error;
+use prometheus_client::encoding::prometheus_text;
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::Histogram;
+use prometheus_client::registry::{Metric, Registry};
 
 /// Upper bounds of the durations of a piece of work, s: from a small transaction to a cycle on a slow machine.
 const WORK_SECONDS: [f64; 14] =
@@ -114,45 +116,51 @@ impl ExportEnd {
 #[derive(Debug, Clone, Default)]
 pub struct Metrics(Option<Arc<Families>>);
 
+/// Names of labels with the values that a sample has.
+type Labels<const N: usize> = [(&'static str, String); N];
+
+type Histograms<const N: usize> = Family<Labels<N>, Histogram, fn() -> Histogram>;
+
+/// Seconds since 1970.
+type Moment = Gauge<f64, AtomicU64>;
+
 #[derive(Debug)]
 struct Families {
     registry: Registry,
-    stage_seconds: HistogramVec,
+    stage_seconds: Histograms<1>,
     cycle_lag_seconds: Histogram,
-    cycles: IntCounter,
-    rows: IntCounter,
-    bytes: IntCounter,
-    exports: IntCounterVec,
-    conclusion_failures: IntCounter,
-    waiting: IntGaugeVec,
-    reading: IntGaugeVec,
-    watched_files: IntGauge,
+    cycles: Counter,
+    rows: Counter,
+    bytes: Counter,
+    exports: Family<Labels<1>, Counter>,
+    conclusion_failures: Counter,
+    waiting: Family<Labels<1>, Gauge>,
+    reading: Family<Labels<1>, Gauge>,
+    watched_files: Gauge,
     scan_seconds: Histogram,
     live: LiveFigures,
-    snapshot_time: Gauge,
-    snapshot_bytes: IntGauge,
+    snapshot_time: Moment,
+    snapshot_bytes: Gauge,
     snapshot_seconds: Histogram,
-    snapshot_failures: IntCounter,
-    requests: IntCounterVec,
-    request_seconds: HistogramVec,
+    snapshot_failures: Counter,
+    requests: Family<Labels<3>, Counter>,
+    request_seconds: Histograms<2>,
 }
 
 #[derive(Debug)]
 struct LiveFigures {
-    begun: GaugeVec,
-    last_read: GaugeVec,
-    last_cycle: GaugeVec,
+    begun: Family<Labels<1>, Moment>,
+    last_read: Family<Labels<1>, Moment>,
+    last_cycle: Family<Labels<1>, Moment>,
     /// Files that are read, by robot: its samples go with the last of them.
     open: Mutex<HashMap<String, usize>>,
 }
 
 impl Metrics {
     /// Figures that are kept, with those of the process itself where the system tells them (Linux).
-    ///
-    /// # Errors
-    /// [`MetricsError`] of a family that cannot be registered; a fault of the program.
-    pub fn counting() -> Result<Self, MetricsError> {
-        Ok(Self(Some(Arc::new(Families::new()?))))
+    #[must_use]
+    pub fn counting() -> Self {
+        Self(Some(Arc::new(Families::new())))
     }
 
     fn with(&self, count: impl FnOnce(&Families)) {
@@ -163,7 +171,9 @@ impl Metrics {
 
     /// A piece of a stage is done.
     pub fn stage(&self, stage: Stage, took: Duration) {
-        self.with(|of| observe(&of.stage_seconds, &[stage.name()], took));
+        self.with(|of| {
+            of.stage_seconds.get_or_create(&labels([("stage", stage.name())])).observe(took.as_secs_f64());
+        });
     }
 
     /// A cycle of so many rows was cut, for which so many bytes of its file were read.
@@ -187,26 +197,31 @@ impl Metrics {
 
     /// What became of an export.
     pub fn export(&self, end: ExportEnd) {
-        self.with(|of| count(&of.exports, &[end.name()]));
+        self.with(|of| {
+            of.exports.get_or_create(&labels([("end", end.name())])).inc();
+        });
     }
 
     /// Conclusions of a robot failed.
     pub fn conclusion_failed(&self) {
-        self.with(|of| of.conclusion_failures.inc());
+        self.with(|of| {
+            of.conclusion_failures.inc();
+        });
     }
 
     /// Files that wait in a queue, and that are being read from it.
     pub fn queue(&self, queue: Queue, waiting: usize, reading: usize) {
         self.with(|of| {
-            set(&of.waiting, queue.name(), waiting);
-            set(&of.reading, queue.name(), reading);
+            let labels = labels([("queue", queue.name())]);
+            of.waiting.get_or_create(&labels).set(whole(waiting));
+            of.reading.get_or_create(&labels).set(whole(reading));
         });
     }
 
     /// The watched folders were looked at, and have so many exports.
     pub fn scanned(&self, files: usize, took: Duration) {
         self.with(|of| {
-            of.watched_files.set(i64::try_from(files).unwrap_or(i64::MAX));
+            of.watched_files.set(whole(files));
             of.scan_seconds.observe(took.as_secs_f64());
         });
     }
@@ -229,144 +244,171 @@ impl Metrics {
     pub fn snapshot(&self, bytes: u64, took: Duration) {
         self.with(|of| {
             of.snapshot_time.set(now());
-            of.snapshot_bytes.set(i64::try_from(bytes).unwrap_or(i64::MAX));
+            of.snapshot_bytes.set(whole(bytes));
             of.snapshot_seconds.observe(took.as_secs_f64());
         });
     }
 
     /// A copy of the database could not be written.
     pub fn snapshot_failed(&self) {
-        self.with(|of| of.snapshot_failures.inc());
+        self.with(|of| {
+            of.snapshot_failures.inc();
+        });
     }
 
     /// A request was answered. `route` is the pattern of the address, never the address itself.
     pub fn request(&self, method: &str, route: &str, status: &str, took: Duration) {
         self.with(|of| {
-            count(&of.requests, &[method, route, status]);
-            observe(&of.request_seconds, &[method, route], took);
+            let [method, route] = [("method", method), ("route", route)];
+            of.requests.get_or_create(&labels([method, route, ("status", status)])).inc();
+            of.request_seconds.get_or_create(&labels([method, route])).observe(took.as_secs_f64());
         });
     }
 
-    /// All figures as they are now.
-    #[must_use]
-    pub fn gather(&self) -> Vec<prometheus::proto::MetricFamily> {
-        self.0.as_ref().map(|of| of.registry.gather()).unwrap_or_default()
+    /// Writes all figures as they are now, in the text format of Prometheus.
+    ///
+    /// # Errors
+    /// That of the writer.
+    pub fn write(&self, text: &mut impl fmt::Write) -> fmt::Result {
+        self.0.as_ref().map_or(Ok(()), |of| prometheus_text::encode(text, &of.registry))
     }
 }
 
 impl Families {
-    fn new() -> Result<Self, MetricsError> {
-        let registry = Registry::new();
-        let live = |name, help| kept(&registry, GaugeVec::new(Opts::new(name, help), &["robot"])?);
+    // Registering adds the full stop of a help and the `_total` of a counter.
+    fn new() -> Self {
+        let mut registry = Registry::default();
+        let mut live = |name, help| kept(&mut registry, name, help, Family::default());
         let live = LiveFigures {
             begun: live(
                 "armwatch_live_begun_timestamp_seconds",
-                "When reading of the robot's growing file began, seconds since 1970.",
-            )?,
+                "When reading of the robot's growing file began, seconds since 1970",
+            ),
             last_read: live(
                 "armwatch_live_last_read_timestamp_seconds",
-                "When rows of the robot's growing file were read last, seconds since 1970.",
-            )?,
+                "When rows of the robot's growing file were read last, seconds since 1970",
+            ),
             last_cycle: live(
                 "armwatch_live_last_cycle_timestamp_seconds",
-                "When a cycle of the robot's growing file was stored last, seconds since 1970.",
-            )?,
+                "When a cycle of the robot's growing file was stored last, seconds since 1970",
+            ),
             open: Mutex::default(),
         };
+        registry.register_collector(Box::new(process::Process));
         let families = Self {
-            stage_seconds: histograms(
-                &registry,
+            stage_seconds: kept(
+                &mut registry,
                 "armwatch_stage_duration_seconds",
-                "Work of a stage: read, analyse and record of a cycle, finish of a run, conclude of a robot.",
-                &["stage"],
-                &WORK_SECONDS,
-            )?,
-            cycle_lag_seconds: histogram(
-                &registry,
+                "Work of a stage: read, analyse and record of a cycle, finish of a run, conclude of a robot",
+                histograms(|| Histogram::new(WORK_SECONDS)),
+            ),
+            cycle_lag_seconds: kept(
+                &mut registry,
                 "armwatch_cycle_lag_seconds",
-                "From the write of the row that ends a cycle of a growing file to the cycle's commit.",
-                &LAG_SECONDS,
-            )?,
-            cycles: counter(&registry, "armwatch_cycles_stored_total", "Cycles stored.")?,
-            rows: counter(&registry, "armwatch_rows_read_total", "Rows of the cycles that were cut.")?,
-            bytes: counter(
-                &registry,
-                "armwatch_read_bytes_total",
-                "Bytes of exports as they lie on disk, read up to the last cycle that was cut.",
-            )?,
-            exports: counters(
-                &registry,
-                "armwatch_exports_total",
-                "Exports that were taken up, by what became of them.",
-                &["end"],
-            )?,
-            conclusion_failures: counter(
-                &registry,
-                "armwatch_conclusion_failures_total",
-                "Conclusions of a robot that failed.",
-            )?,
-            waiting: gauges(&registry, "armwatch_files_waiting", "Files that wait to be read.", &["queue"])?,
-            reading: gauges(&registry, "armwatch_files_reading", "Files that are being read.", &["queue"])?,
-            watched_files: gauge(
-                &registry,
+                "From the write of the row that ends a cycle of a growing file to the cycle's commit",
+                Histogram::new(LAG_SECONDS),
+            ),
+            cycles: kept(&mut registry, "armwatch_cycles_stored", "Cycles stored", Counter::default()),
+            rows: kept(
+                &mut registry,
+                "armwatch_rows_read",
+                "Rows of the cycles that were cut",
+                Counter::default(),
+            ),
+            bytes: kept(
+                &mut registry,
+                "armwatch_read_bytes",
+                "Bytes of exports as they lie on disk, read up to the last cycle that was cut",
+                Counter::default(),
+            ),
+            exports: kept(
+                &mut registry,
+                "armwatch_exports",
+                "Exports that were taken up, by what became of them",
+                Family::default(),
+            ),
+            conclusion_failures: kept(
+                &mut registry,
+                "armwatch_conclusion_failures",
+                "Conclusions of a robot that failed",
+                Counter::default(),
+            ),
+            waiting: kept(
+                &mut registry,
+                "armwatch_files_waiting",
+                "Files that wait to be read",
+                Family::default(),
+            ),
+            reading: kept(
+                &mut registry,
+                "armwatch_files_reading",
+                "Files that are being read",
+                Family::default(),
+            ),
+            watched_files: kept(
+                &mut registry,
                 "armwatch_watched_files",
-                "Exports in the watched folders at the last look.",
-            )?,
-            scan_seconds: histogram(
-                &registry,
+                "Exports in the watched folders at the last look",
+                Gauge::default(),
+            ),
+            scan_seconds: kept(
+                &mut registry,
                 "armwatch_scan_duration_seconds",
-                "A look at the watched folders.",
-                &WORK_SECONDS,
-            )?,
+                "A look at the watched folders",
+                Histogram::new(WORK_SECONDS),
+            ),
             live,
             snapshot_time: kept(
-                &registry,
-                Gauge::new(
-                    "armwatch_snapshot_timestamp_seconds",
-                    "When this process wrote the last copy of the database, seconds since 1970; 0 before the first.",
-                )?,
-            )?,
-            snapshot_bytes: gauge(&registry, "armwatch_snapshot_size_bytes", "Size of that copy.")?,
-            snapshot_seconds: histogram(
-                &registry,
+                &mut registry,
+                "armwatch_snapshot_timestamp_seconds",
+                "When this process wrote the last copy of the database, seconds since 1970; 0 before the first",
+                Moment::default(),
+            ),
+            snapshot_bytes: kept(
+                &mut registry,
+                "armwatch_snapshot_size_bytes",
+                "Size of that copy",
+                Gauge::default(),
+            ),
+            snapshot_seconds: kept(
+                &mut registry,
                 "armwatch_snapshot_duration_seconds",
-                "Writing a copy of the database.",
-                &WORK_SECONDS,
-            )?,
-            snapshot_failures: counter(
-                &registry,
-                "armwatch_snapshot_failures_total",
-                "Copies of the database that could not be written.",
-            )?,
-            requests: counters(
-                &registry,
-                "armwatch_http_requests_total",
-                "Requests that were answered.",
-                &["method", "route", "status"],
-            )?,
-            request_seconds: histograms(
-                &registry,
+                "Writing a copy of the database",
+                Histogram::new(WORK_SECONDS),
+            ),
+            snapshot_failures: kept(
+                &mut registry,
+                "armwatch_snapshot_failures",
+                "Copies of the database that could not be written",
+                Counter::default(),
+            ),
+            requests: kept(
+                &mut registry,
+                "armwatch_http_requests",
+                "Requests that were answered",
+                Family::default(),
+            ),
+            request_seconds: kept(
+                &mut registry,
                 "armwatch_http_request_duration_seconds",
-                "From a request's headers to those of its answer; events go on after that.",
-                &["method", "route"],
-                &ANSWER_SECONDS,
-            )?,
+                "From a request's headers to those of its answer; events go on after that",
+                histograms(|| Histogram::new(ANSWER_SECONDS)),
+            ),
             registry,
         };
-        #[cfg(target_os = "linux")]
-        families.registry.register(Box::new(prometheus::process_collector::ProcessCollector::for_self()))?;
         // what never happened is 0, not missing
         for stage in Stage::ALL {
-            families.stage_seconds.get_metric_with_label_values(&[stage.name()])?;
+            drop(families.stage_seconds.get_or_create(&labels([("stage", stage.name())])));
         }
         for end in ExportEnd::ALL {
-            families.exports.get_metric_with_label_values(&[end.name()])?;
+            drop(families.exports.get_or_create(&labels([("end", end.name())])));
         }
         for queue in Queue::ALL {
-            set(&families.waiting, queue.name(), 0);
-            set(&families.reading, queue.name(), 0);
+            let labels = labels([("queue", queue.name())]);
+            drop(families.waiting.get_or_create(&labels));
+            drop(families.reading.get_or_create(&labels));
         }
-        Ok(families)
+        families
     }
 }
 
@@ -400,8 +442,7 @@ impl Drop for LiveFile {
             if left == 0 {
                 open.remove(&self.robot);
                 for figure in [&of.live.begun, &of.live.last_read, &of.live.last_cycle] {
-                    // one that was never set is not there
-                    let _ = figure.remove_label_values(&[&self.robot]);
+                    figure.remove(&labels([("robot", &self.robot)]));
                 }
             }
         });
@@ -409,70 +450,25 @@ impl Drop for LiveFile {
 }
 
 /// Registers a family.
-fn kept<C: Collector + Clone + 'static>(registry: &Registry, family: C) -> Result<C, MetricsError> {
-    registry.register(Box::new(family.clone()))?;
-    Ok(family)
+fn kept<M: Metric + Clone>(registry: &mut Registry, name: &str, help: &str, family: M) -> M {
+    registry.register(name, help, family.clone());
+    family
 }
 
-fn counter(registry: &Registry, name: &str, help: &str) -> Result<IntCounter, MetricsError> {
-    kept(registry, IntCounter::new(name, help)?)
+fn histograms<const N: usize>(empty: fn() -> Histogram) -> Histograms<N> {
+    Family::new_with_constructor(empty)
 }
 
-fn counters(
-    registry: &Registry,
-    name: &str,
-    help: &str,
-    labels: &[&str],
-) -> Result<IntCounterVec, MetricsError> {
-    kept(registry, IntCounterVec::new(Opts::new(name, help), labels)?)
+fn labels<const N: usize>(of: [(&'static str, &str); N]) -> Labels<N> {
+    of.map(|(name, value)| (name, value.to_owned()))
 }
 
-fn gauge(registry: &Registry, name: &str, help: &str) -> Result<IntGauge, MetricsError> {
-    kept(registry, IntGauge::new(name, help)?)
+fn whole(count: impl TryInto<i64>) -> i64 {
+    count.try_into().unwrap_or(i64::MAX)
 }
 
-fn gauges(registry: &Registry, name: &str, help: &str, labels: &[&str]) -> Result<IntGaugeVec, MetricsError> {
-    kept(registry, IntGaugeVec::new(Opts::new(name, help), labels)?)
-}
-
-fn histogram(registry: &Registry, name: &str, help: &str, bounds: &[f64]) -> Result<Histogram, MetricsError> {
-    kept(registry, Histogram::with_opts(HistogramOpts::new(name, help).buckets(bounds.to_vec()))?)
-}
-
-fn histograms(
-    registry: &Registry,
-    name: &str,
-    help: &str,
-    labels: &[&str],
-    bounds: &[f64],
-) -> Result<HistogramVec, MetricsError> {
-    kept(registry, HistogramVec::new(HistogramOpts::new(name, help).buckets(bounds.to_vec()), labels)?)
-}
-
-// Labels are given in the number that a family has: there is no other error.
-
-fn observe(family: &HistogramVec, labels: &[&str], took: Duration) {
-    if let Ok(histogram) = family.get_metric_with_label_values(labels) {
-        histogram.observe(took.as_secs_f64());
-    }
-}
-
-fn count(family: &IntCounterVec, labels: &[&str]) {
-    if let Ok(counter) = family.get_metric_with_label_values(labels) {
-        counter.inc();
-    }
-}
-
-fn set(family: &IntGaugeVec, label: &str, value: usize) {
-    if let Ok(gauge) = family.get_metric_with_label_values(&[label]) {
-        gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
-    }
-}
-
-fn set_now(family: &GaugeVec, label: &str) {
-    if let Ok(gauge) = family.get_metric_with_label_values(&[label]) {
-        gauge.set(now());
-    }
+fn set_now(family: &Family<Labels<1>, Moment>, robot: &str) {
+    family.get_or_create(&labels([("robot", robot)])).set(now());
 }
 
 /// Seconds since 1970.
@@ -485,7 +481,9 @@ mod tests {
     use super::*;
 
     fn text(metrics: &Metrics) -> String {
-        prometheus::TextEncoder::new().encode_to_string(&metrics.gather()).unwrap()
+        let mut text = String::new();
+        metrics.write(&mut text).unwrap();
+        text
     }
 
     fn has(metrics: &Metrics, line: &str) -> bool {
@@ -494,7 +492,7 @@ mod tests {
 
     #[test]
     fn what_is_counted_is_told_and_what_never_happened_is_zero() {
-        let metrics = Metrics::counting().unwrap();
+        let metrics = Metrics::counting();
         assert!(has(&metrics, "armwatch_exports_total{end=\"quarantined\"} 0"));
         assert!(has(&metrics, "armwatch_stage_duration_seconds_count{stage=\"conclude\"} 0"));
         metrics.stage(Stage::Read, Duration::from_millis(20));
@@ -519,7 +517,7 @@ mod tests {
 
     #[test]
     fn lag_is_counted_where_the_time_of_the_row_is_known() {
-        let metrics = Metrics::counting().unwrap();
+        let metrics = Metrics::counting();
         metrics.cycle_stored(None);
         metrics.cycle_stored(Some(SystemTime::now() - Duration::from_secs(3)));
         // a clock that was set back
@@ -531,7 +529,7 @@ mod tests {
 
     #[test]
     fn figures_of_a_growing_file_go_with_the_last_of_its_robot() {
-        let metrics = Metrics::counting().unwrap();
+        let metrics = Metrics::counting();
         let begun = |robot| {
             let begin = format!("armwatch_live_begun_timestamp_seconds{{robot=\"{robot}\"}}");
             text(&metrics).lines().any(|line| line.starts_with(&begin))
@@ -553,6 +551,6 @@ mod tests {
         let metrics = Metrics::default();
         metrics.cycle_read(1, 1);
         metrics.live("R1").read();
-        assert!(metrics.gather().is_empty());
+        assert_eq!(text(&metrics), "");
     }
 }

@@ -55,7 +55,7 @@ pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
         tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
         let config = shared(config);
         let (in_force, configs) = watch::channel(Arc::clone(&config));
-        let metrics = Metrics::counting().map_err(|error| CliError::Internal(error.to_string()))?;
+        let metrics = Metrics::counting();
         let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
         // the server ends with the daemon, whatever ends that
         let serving = stop.child_token();

@@ -1,6 +1,6 @@
 //! Random numbers of one robot: a stream of its own, so that threads and their order change nothing.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal, StudentT};
 

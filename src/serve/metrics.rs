@@ -2,6 +2,7 @@
 //! follow its conventions.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::sync::Arc;
 
 use axum::extract::State;
@@ -9,15 +10,15 @@ use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
-use prometheus::{GaugeVec, Opts, Registry, TextEncoder};
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::{DescriptorEncoder, EncodeGaugeValue, prometheus_text};
+use prometheus_client::metrics::MetricType;
+use prometheus_client::registry::Registry;
 
 use super::answer::Refusal;
 use super::shared::Shared;
-use crate::metrics::{Metrics, MetricsError};
+use crate::metrics::Metrics;
 use armwatch_store::{Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError};
-
-/// Version of the text format.
-const FORMAT: &str = "text/plain; version=0.0.4; charset=utf-8";
 
 /// States of an anomaly that is not settled.
 const STATES: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
@@ -36,8 +37,8 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
         // said where it was met
         Err(_) => None,
     };
-    let text = written(&shared.metrics, stored.as_ref()).map_err(|error| Refusal::internal(&error))?;
-    Ok(([(CONTENT_TYPE, FORMAT)], text).into_response())
+    let text = written(&shared.metrics, stored).map_err(|error| Refusal::internal(&error))?;
+    Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 
 /// What the database says.
@@ -77,77 +78,83 @@ impl Stored {
     }
 }
 
-fn written(process: &Metrics, stored: Option<&Stored>) -> Result<String, MetricsError> {
-    let figures = Figures::default();
-    figures
-        .one("armwatch_build_info", "Version of the program.", &["version"])?
-        .set(&[env!("CARGO_PKG_VERSION")], 1.0);
-    let is_up = f64::from(u8::from(stored.is_some()));
-    figures
-        .one("armwatch_database_up", "1 while the database can be read, 0 otherwise.", &[])?
-        .set(&[], is_up);
-    if let Some(stored) = stored {
-        of_database(&figures, stored)?;
-        of_joints(&figures, &stored.health)?;
-        of_robots(&figures, stored)?;
-        of_routes(&figures, &stored.routes)?;
-    }
-    let mut families = process.gather();
-    families.extend(figures.0.gather());
-    families.sort_by(|one, other| one.name().cmp(other.name()));
-    TextEncoder::new().encode_to_string(&families)
+fn written(process: &Metrics, stored: Option<Stored>) -> Result<String, fmt::Error> {
+    let mut text = String::new();
+    process.write(&mut text)?;
+    let mut registry = Registry::default();
+    registry.register_collector(Box::new(Figures(stored)));
+    prometheus_text::encode(&mut text, &registry)?;
+    Ok(text)
 }
 
-fn of_database(figures: &Figures, stored: &Stored) -> Result<(), MetricsError> {
+/// Figures of the program and of the database, of which there are none while it cannot be read.
+#[derive(Debug)]
+struct Figures(Option<Stored>);
+
+impl Collector for Figures {
+    fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
+        let (to, stored) = (&mut encoder, self.0.as_ref());
+        let version = [("version", env!("CARGO_PKG_VERSION"))];
+        gauges(to, "armwatch_build_info", "Version of the program.", [(version, 1)])?;
+        let is_up = [([], u32::from(stored.is_some()))];
+        gauges(to, "armwatch_database_up", "1 while the database can be read, 0 otherwise.", is_up)?;
+        stored.map_or(Ok(()), |stored| {
+            of_database(to, stored)?;
+            of_joints(to, &stored.health)?;
+            of_robots(to, stored)?;
+            of_routes(to, &stored.routes)
+        })
+    }
+}
+
+fn of_database(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
     let Counts { robots, streaming_runs, complete_runs, quarantined_runs, cycles, .. } = stored.counts;
-    let runs = figures.one("armwatch_runs", "Runs in the database, by where they stand.", &["status"])?;
-    for (status, count) in
-        [("complete", complete_runs), ("quarantined", quarantined_runs), ("streaming", streaming_runs)]
-    {
-        runs.set(&[status], count as f64);
-    }
-    figures.one("armwatch_cycles", "Cycles in the database.", &[])?.set(&[], cycles as f64);
-    figures.one("armwatch_robots", "Robots in the database.", &[])?.set(&[], robots as f64);
-    figures
-        .one(
-            "armwatch_robots_to_conclude",
-            "Robots whose history has changed since conclusions were drawn.",
-            &[],
-        )?
-        .set(&[], stored.to_conclude as f64);
-    if let Some(DatabaseSize { database, log }) = stored.size {
-        let size =
-            figures.one("armwatch_database_size_bytes", "Sizes of the files of the database.", &["file"])?;
-        size.set(&["database"], database as f64);
-        size.set(&["log"], log as f64);
-    }
-    let anomalies = figures.one(
+    let runs =
+        [("complete", complete_runs), ("quarantined", quarantined_runs), ("streaming", streaming_runs)];
+    let runs = runs.map(|(status, count)| ([("status", status)], count));
+    gauges(to, "armwatch_runs", "Runs in the database, by where they stand.", runs)?;
+    gauges(to, "armwatch_cycles", "Cycles in the database.", [([], cycles)])?;
+    gauges(to, "armwatch_robots", "Robots in the database.", [([], robots)])?;
+    gauges(
+        to,
+        "armwatch_robots_to_conclude",
+        "Robots whose history has changed since conclusions were drawn.",
+        [([], stored.to_conclude)],
+    )?;
+    let sizes = stored.size.map(|DatabaseSize { database, log }| [("database", database), ("log", log)]);
+    gauges(
+        to,
+        "armwatch_database_size_bytes",
+        "Sizes of the files of the database.",
+        sizes.into_iter().flatten().map(|(file, size)| ([("file", file)], size)),
+    )?;
+    gauges(
+        to,
         "armwatch_anomalies",
         "Anomalies that are not settled, by severity and state.",
-        &["severity", "state"],
-    )?;
-    for ((severity, state), count) in &stored.anomalies {
-        anomalies.set(&[severity, state], *count as f64);
-    }
-    Ok(())
+        stored
+            .anomalies
+            .iter()
+            .map(|((severity, state), count)| ([("severity", *severity), ("state", *state)], *count)),
+    )
 }
 
 /// Name and help of a family with a figure of each joint, and where the figure stands.
 type Figure = (&'static str, &'static str, fn(&FleetHealthRow) -> Option<f64>);
 
-fn of_joints(figures: &Figures, health: &[FleetHealthRow]) -> Result<(), MetricsError> {
-    let states = figures.one(
+fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::Result {
+    let joints: Vec<String> = health.iter().map(|row| row.joint.to_string()).collect();
+    let joints =
+        || health.iter().zip(&joints).map(|(row, joint)| (row, ("joint", &**joint), ("robot", &*row.robot)));
+    gauges(
+        to,
         "armwatch_joint_status",
         "1 for the status that a joint has, 0 for the others.",
-        &["robot", "joint", "status"],
+        joints().flat_map(|(row, joint, robot)| {
+            HealthStatus::ALL
+                .map(|status| ([joint, robot, ("status", status.name())], u32::from(row.status == status)))
+        }),
     )?;
-    for row in health {
-        let joint = row.joint.to_string();
-        for status in HealthStatus::ALL {
-            let has = f64::from(u8::from(row.status == status));
-            states.set(&[&row.robot, &joint, status.name()], has);
-        }
-    }
     let of_joints: [Figure; 2] = [
         (
             "armwatch_joint_friction_index_ratio",
@@ -161,17 +168,13 @@ fn of_joints(figures: &Figures, health: &[FleetHealthRow]) -> Result<(), Metrics
         ),
     ];
     for (name, help, figure) in of_joints {
-        let family = figures.one(name, help, &["robot", "joint"])?;
-        for row in health {
-            if let Some(value) = figure(row) {
-                family.set(&[&row.robot, &row.joint.to_string()], value);
-            }
-        }
+        let values = joints().filter_map(|(row, joint, robot)| Some(([joint, robot], figure(row)?)));
+        gauges(to, name, help, values)?;
     }
     Ok(())
 }
 
-fn of_robots(figures: &Figures, stored: &Stored) -> Result<(), MetricsError> {
+fn of_robots(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
     let mut last: BTreeMap<&str, Timestamp> = BTreeMap::new();
     for row in &stored.health {
         if let Some(at) = row.last_result_at {
@@ -179,57 +182,43 @@ fn of_robots(figures: &Figures, stored: &Stored) -> Result<(), MetricsError> {
             *latest = at.max(*latest);
         }
     }
-    let results = figures.one(
+    gauges(
+        to,
         "armwatch_robot_last_result_timestamp_seconds",
         "Start of the latest test that gave a result, seconds since 1970.",
-        &["robot"],
+        last.into_iter().map(|(robot, at)| ([("robot", robot)], seconds(at))),
     )?;
-    for (robot, at) in last {
-        results.set(&[robot], seconds(at));
-    }
-    let quarantined = figures.one(
+    gauges(
+        to,
         "armwatch_robot_quarantined_exports",
         "Exports in quarantine that somebody has to look at, by the robot of their names.",
-        &["robot"],
-    )?;
-    for (robot, exports) in &stored.quarantined {
-        quarantined.set(&[robot], *exports as f64);
-    }
-    Ok(())
+        stored.quarantined.iter().map(|(robot, exports)| ([("robot", &**robot)], *exports)),
+    )
 }
 
-fn of_routes(figures: &Figures, routes: &[RouteCounts]) -> Result<(), MetricsError> {
-    let messages = figures.one(
+fn of_routes(to: &mut DescriptorEncoder<'_>, routes: &[RouteCounts]) -> fmt::Result {
+    let routes = || routes.iter().map(|of| (of, ("route", &*of.route)));
+    gauges(
+        to,
         "armwatch_deliveries",
         "Messages about alarms, by route and where they stand.",
-        &["route", "state"],
+        routes().flat_map(|(of, route)| {
+            [("failed", of.failed), ("pending", of.pending), ("sent", of.sent), ("suppressed", of.suppressed)]
+                .map(|(state, count)| ([route, ("state", state)], count))
+        }),
     )?;
-    let failures = figures.one(
+    gauges(
+        to,
         "armwatch_delivery_route_failures",
         "Attempts in a row that did not reach the receiver of a route.",
-        &["route"],
+        routes().map(|(of, route)| ([route], of.failures)),
     )?;
-    let oldest = figures.one(
+    gauges(
+        to,
         "armwatch_delivery_oldest_due_timestamp_seconds",
         "Since when the oldest waiting message of a route could have been sent, seconds since 1970.",
-        &["route"],
-    )?;
-    for of in routes {
-        let states = [
-            ("pending", of.pending),
-            ("sent", of.sent),
-            ("failed", of.failed),
-            ("suppressed", of.suppressed),
-        ];
-        for (state, count) in states {
-            messages.set(&[&of.route, state], count as f64);
-        }
-        failures.set(&[&of.route], of.failures as f64);
-        if let Some(at) = of.oldest_due_at {
-            oldest.set(&[&of.route], seconds(at));
-        }
-    }
-    Ok(())
+        routes().filter_map(|(of, route)| Some(([route], seconds(of.oldest_due_at?)))),
+    )
 }
 
 /// Seconds since 1970.
@@ -237,31 +226,21 @@ fn seconds(at: Timestamp) -> f64 {
     at.as_millisecond() as f64 / 1e3
 }
 
-/// Gauges of one answer.
-#[derive(Debug, Default)]
-struct Figures(Registry);
-
-impl Figures {
-    /// Begins a family of gauges.
-    fn one(&self, name: &str, help: &str, labels: &[&str]) -> Result<Family, MetricsError> {
-        let family = GaugeVec::new(Opts::new(name, help), labels)?;
-        self.0.register(Box::new(family.clone()))?;
-        Ok(Family(family))
-    }
-}
-
-/// A family of gauges.
-#[derive(Debug)]
-struct Family(GaugeVec);
-
-impl Family {
-    /// Sets the sample with the values of the family's labels.
-    fn set(&self, labels: &[&str], value: f64) {
-        // there is an error for a wrong number of labels only
-        if let Ok(gauge) = self.0.get_metric_with_label_values(labels) {
-            gauge.set(value);
+/// Writes a family of gauges, each with its labels and its value. A family without gauges is left out.
+fn gauges<'a, const N: usize, V: EncodeGaugeValue>(
+    to: &mut DescriptorEncoder<'_>,
+    name: &str,
+    help: &str,
+    samples: impl IntoIterator<Item = ([(&'a str, &'a str); N], V)>,
+) -> fmt::Result {
+    let mut samples = samples.into_iter().peekable();
+    if samples.peek().is_some() {
+        let mut family = to.encode_descriptor(name, help, None, MetricType::Gauge)?;
+        for (labels, value) in samples {
+            family.encode_family(&labels)?.encode_gauge(&value)?;
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -269,8 +248,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn labels_are_escaped_and_figures_of_the_process_stand_among_those_of_the_database() {
-        let process = Metrics::counting().unwrap();
+    fn labels_are_escaped_and_no_family_is_there_twice() {
+        let process = Metrics::counting();
         process.cycle_stored(None);
         let stored = Stored {
             counts: Counts { robots: 1, complete_runs: 2, ..Counts::default() },
@@ -289,12 +268,12 @@ mod tests {
             }],
             size: Some(DatabaseSize { database: 4096, log: 0 }),
         };
-        let text = written(&process, Some(&stored)).unwrap();
+        let text = written(&process, Some(stored)).unwrap();
         for line in [
             "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\\nd\"} 3",
             "armwatch_deliveries{route=\"shift\",state=\"failed\"} 1",
             "armwatch_delivery_route_failures{route=\"shift\"} 4",
-            "armwatch_delivery_oldest_due_timestamp_seconds{route=\"shift\"} 1767602820",
+            "armwatch_delivery_oldest_due_timestamp_seconds{route=\"shift\"} 1767602820.0",
             "armwatch_database_size_bytes{file=\"database\"} 4096",
             "armwatch_database_up 1",
             "armwatch_cycles_stored_total 1",
@@ -302,13 +281,14 @@ mod tests {
         ] {
             assert!(text.lines().any(|one| one == line), "{line} is not in\n{text}");
         }
-        let names: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("# TYPE ")).collect();
-        assert!(names.is_sorted(), "{names:?}");
+        let mut families: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("# TYPE ")).collect();
+        families.sort_unstable();
+        assert!(families.is_sorted_by(|one, other| one < other), "{families:?}");
     }
 
     #[test]
     fn without_the_database_the_process_still_tells_of_itself() {
-        let text = written(&Metrics::counting().unwrap(), None).unwrap();
+        let text = written(&Metrics::counting(), None).unwrap();
         assert!(text.contains("\narmwatch_database_up 0\n"), "{text}");
         assert!(text.contains("armwatch_cycles_stored_total 0") && !text.contains("armwatch_runs"), "{text}");
     }

@@ -338,7 +338,7 @@ fn figures_for_prometheus_are_those_of_the_views_and_promtool_has_nothing_to_say
         "armwatch_cycles 3",
         "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"learning\"} 1",
         "armwatch_joint_status{joint=\"1\",robot=\"A\",status=\"critical\"} 0",
-        "armwatch_robot_last_result_timestamp_seconds{robot=\"A\"} 1767602820",
+        "armwatch_robot_last_result_timestamp_seconds{robot=\"A\"} 1767602820.0",
         "armwatch_anomalies{severity=\"critical\",state=\"open\"} 0",
     ] {
         assert!(metrics.body.lines().any(|line| line == sample), "{sample} is not in\n{}", metrics.body);

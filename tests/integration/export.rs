@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
+use std::io::Cursor;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,9 +10,10 @@ use std::sync::LazyLock;
 
 use jiff::Timestamp;
 use jiff::civil::Date;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use parquet::file::reader::{FileReader, SerializedFileReader};
-use parquet::record::Field;
+use polars_core::prelude::{AnyValue, ArrowDataType, ArrowField, ArrowTimeUnit, Series};
+use polars_parquet::read::{
+    BasicDecompressor, FileMetadata, PageReader, column_iter_to_arrays, infer_schema, read_metadata,
+};
 
 use crate::canon;
 use crate::small::{self, export};
@@ -122,16 +124,8 @@ fn parquet_has_every_value_with_its_type_and_says_what_it_means() {
     workshop.stdout(&["export", "--parquet", "out"], 0);
     let database = workshop.path("armwatch.db");
     for (view, columns) in views(&database) {
-        let open = || File::open(workshop.path(&format!("out/{view}.parquet"))).expect("a file");
-        let reader = SerializedFileReader::new(open()).expect("Parquet");
-        let rows = reader.get_row_iter(None).expect("rows").map(|row| row.expect("a row"));
-        let shown = |row: parquet::record::Row| {
-            let cells = row.get_column_iter().zip(&columns).map(|((_, value), of)| shown(value, of));
-            cells.collect::<Vec<_>>().join("|")
-        };
-        assert_eq!(sorted(rows.map(shown).collect()), in_sql(&database, &view), "{view}");
-
-        let pairs = reader.metadata().file_metadata().key_value_metadata().expect("metadata").clone();
+        let file = Parquet::read(&workshop.path(&format!("out/{view}.parquet")));
+        let pairs = file.metadata.key_value_metadata().as_ref().expect("metadata");
         let told = |key: &str| pairs.iter().find(|pair| pair.key == key).and_then(|pair| pair.value.clone());
         assert_eq!(told("armwatch.view").as_deref(), Some(view.as_str()));
         assert_eq!(told("armwatch.version").as_deref(), Some(env!("CARGO_PKG_VERSION")));
@@ -141,28 +135,88 @@ fn parquet_has_every_value_with_its_type_and_says_what_it_means() {
                 "SELECT column_name, unit, meaning FROM view_columns WHERE view_name = '{view}' ORDER BY position"
             ),
         );
-        let schema = ParquetRecordBatchReaderBuilder::try_new(open()).expect("Parquet").schema().clone();
-        let fields = schema.fields().iter().map(|field| {
-            let of = |key: &str| field.metadata().get(key).map_or("", String::as_str);
-            format!("{}|{}|{}", field.name(), of("unit"), of("description"))
+        let fields = infer_schema(&file.metadata).expect("a schema");
+        let told = fields.iter_values().map(|field| {
+            let metadata = field.metadata.as_ref().expect("metadata");
+            let of = |key: &str| metadata.get(key).map_or("", |text| text.as_str());
+            format!("{}|{}|{}", field.name, of("unit"), of("description"))
         });
-        assert_eq!(fields.collect::<Vec<_>>(), described, "{view}");
+        assert_eq!(told.collect::<Vec<_>>(), described, "{view}");
+
+        let values: Vec<(&ArrowField, Series)> = fields
+            .iter_values()
+            .enumerate()
+            .map(|(number, field)| (field, file.values(number, field)))
+            .collect();
+        let row = |number: usize| {
+            let cells = values
+                .iter()
+                .zip(&columns)
+                .map(|((field, values), of)| shown(&field.dtype, &values.get(number).expect("a value"), of));
+            cells.collect::<Vec<_>>().join("|")
+        };
+        let rows = (0..file.metadata.num_rows).map(row).collect();
+        assert_eq!(sorted(rows), in_sql(&database, &view), "{view}");
+    }
+}
+
+/// A file of Parquet.
+struct Parquet {
+    metadata: FileMetadata,
+    bytes: Vec<u8>,
+}
+
+impl Parquet {
+    fn read(path: &Path) -> Self {
+        let bytes = fs::read(path).expect("a file");
+        Self { metadata: read_metadata(&mut Cursor::new(&bytes)).expect("Parquet"), bytes }
+    }
+
+    /// Values of a column; times and days as numbers, for polars is built without them.
+    fn values(&self, number: usize, field: &ArrowField) -> Series {
+        let kind = match &field.dtype {
+            ArrowDataType::Timestamp(..) => ArrowDataType::Int64,
+            ArrowDataType::Date32 => ArrowDataType::Int32,
+            other => other.clone(),
+        };
+        let field = ArrowField::new(field.name.clone(), kind, true);
+        let groups = self.metadata.row_groups.iter();
+        let arrays = groups.flat_map(|group| {
+            let column = &group.parquet_columns()[number];
+            let range = column.byte_range();
+            let bytes = self.bytes[range.start as usize..range.end as usize].to_vec();
+            let pages = PageReader::new(Cursor::new(bytes.into()), column, Vec::new(), usize::MAX);
+            let pages = vec![BasicDecompressor::new(pages, Vec::new())];
+            let kinds = vec![&column.descriptor().descriptor.primitive_type];
+            column_iter_to_arrays(pages, kinds, field.clone(), None).expect("values").0
+        });
+        let arrays: Vec<_> = arrays.collect();
+        match arrays.is_empty() {
+            true => Series::default(),
+            false => Series::try_from((&field, arrays)).expect("a column"),
+        }
     }
 }
 
 /// A value as [`query`] shows that of SQL; fails where it has another type.
-fn shown(value: &Field, [kind, unit]: &[String; 2]) -> String {
-    match (kind.as_str(), unit.as_str(), value) {
-        (_, _, Field::Null) => String::new(),
-        ("integer", _, Field::Long(number)) => number.to_string(),
-        ("real", _, Field::Double(number)) => number.to_string(),
-        ("text", "UTC", Field::TimestampMillis(time)) => {
+fn shown(kind: &ArrowDataType, value: &AnyValue<'_>, [of, unit]: &[String; 2]) -> String {
+    match (of.as_str(), unit.as_str(), kind, value) {
+        (_, _, _, AnyValue::Null) => String::new(),
+        ("integer", _, ArrowDataType::Int64, AnyValue::Int64(number)) => number.to_string(),
+        ("real", _, ArrowDataType::Float64, AnyValue::Float64(number)) => number.to_string(),
+        (
+            "text",
+            "UTC",
+            ArrowDataType::Timestamp(ArrowTimeUnit::Millisecond, Some(zone)),
+            AnyValue::Int64(time),
+        ) => {
+            assert_eq!(zone.as_str(), "UTC");
             format!("{:.3}", Timestamp::from_millisecond(*time).expect("a time"))
         }
-        ("text", "UTC day", Field::Date(days)) => {
+        ("text", "UTC day", ArrowDataType::Date32, AnyValue::Int32(days)) => {
             (Date::constant(1970, 1, 1) + jiff::Span::new().days(i64::from(*days))).to_string()
         }
-        ("text", "", Field::Str(text)) => text.clone(),
+        ("text", "", _, AnyValue::String(text)) => (*text).to_owned(),
         other => panic!("{other:?}"),
     }
 }
@@ -270,10 +324,8 @@ fn by_month_every_row_is_in_one_file_and_what_has_not_changed_is_left_alone() {
     assert_eq!(parts(&by_month(&["--parquet", "months"]), "cycles"), [1, 1, 0]);
     let file =
         |robot: &str, month: &str| workshop.path(&format!("months/cycles/robot={robot}/month={month}"));
-    let open = File::open(file("A", "2026-01").join("cycles.parquet")).expect("a file");
-    let reader = SerializedFileReader::new(open).expect("Parquet");
-    let counted = reader.metadata().file_metadata().num_rows();
-    assert_eq!(counted, workshop.number("SELECT count(*) FROM cycles WHERE robot = 'A'"));
+    let counted = Parquet::read(&file("A", "2026-01").join("cycles.parquet")).metadata.num_rows;
+    assert_eq!(counted as i64, workshop.number("SELECT count(*) FROM cycles WHERE robot = 'A'"));
 
     // a file of which no row is left goes, of the months and robots that are asked for
     for robot in ["A", "B"] {
@@ -302,11 +354,8 @@ fn an_empty_database_gives_files_without_rows() {
     workshop.stdout(&["export", "--parquet", "out"], 0);
     let header = fs::read_to_string(workshop.path("out/fleet_health.csv")).expect("a file");
     assert!(header.starts_with("robot,joint,") && header.lines().count() == 1, "{header}");
-    let file = File::open(workshop.path("out/fleet_health.parquet")).expect("a file");
-    let reader = SerializedFileReader::new(file).expect("Parquet");
-    assert_eq!(reader.metadata().file_metadata().num_rows(), 0);
-    let columns = reader.metadata().file_metadata().schema_descr().num_columns();
-    assert_eq!(columns, header.split(',').count());
+    let metadata = Parquet::read(&workshop.path("out/fleet_health.parquet")).metadata;
+    assert_eq!((metadata.num_rows, metadata.schema().fields().len()), (0, header.split(',').count()));
 }
 
 #[test]
@@ -405,7 +454,7 @@ fn a_killed_export_leaves_no_half_file() {
     let last = out.join(".reestimated_statistics.parquet.partial");
     let whole = |path: &Path| {
         let file = File::open(path).ok();
-        file.is_some_and(|file| SerializedFileReader::new(file).is_ok())
+        file.is_some_and(|mut file| read_metadata(&mut file).is_ok())
     };
     wait_until(|| whole(&last) || half.try_wait().expect("a child").is_some(), || "no half export".into());
     let other = workshop.run(&["export", "runs", "--parquet", "out"]);

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 #[path = "../../fuzz/checks/infer_layout.rs"]

@@ -33,7 +33,7 @@ mod maintenance;
 mod estimators;
 mod no_result;
 mod overdue;
-#[cfg(all(feature = "postgres", target_os = "linux"))]
+#[cfg(target_os = "linux")]
 mod postgres;
 mod excitation_only;
 mod explain;

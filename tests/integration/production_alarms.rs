@@ -20,7 +20,7 @@ use armwatch_simulate::arm::fault::{Fault, FaultKind};
 use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 use nalgebra::{Matrix3, Vector3};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Logs behind each test.

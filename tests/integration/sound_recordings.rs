@@ -13,7 +13,7 @@ use armwatch_simulate::arm::friction::FrictionShape;
 use armwatch_simulate::run::record::record;
 use armwatch_simulate::run::recording::Clock;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::wrong_recordings::arms::{in_standard_dh, shipped, with_bodies};

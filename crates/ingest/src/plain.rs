@@ -3,7 +3,9 @@
 
 use std::path::Path;
 
-use polars::prelude::{CsvReadOptions, SerReader};
+use polars_core::error::PolarsError;
+use polars_io::SerReader;
+use polars_io::csv::read::CsvReadOptions;
 
 use super::rejection::Rejection;
 
@@ -13,9 +15,8 @@ use super::rejection::Rejection;
 /// # Errors
 /// A rejection with polars' own words.
 pub fn read_with_polars(path: &Path) -> Result<usize, Rejection> {
-    let failed = |error: polars::error::PolarsError| {
-        Rejection::of_file(path, error.to_string(), "take a plain comma-separated file")
-    };
+    let failed =
+        |error: PolarsError| Rejection::of_file(path, error.to_string(), "take a plain comma-separated file");
     let reader = CsvReadOptions::default()
         .with_has_header(true)
         .try_into_reader_with_file_path(Some(path.to_path_buf()))

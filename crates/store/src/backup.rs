@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
-#[cfg(feature = "postgres")]
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
@@ -32,7 +31,6 @@ impl Store {
     /// [`StoreError::NoFactorsInSnapshot`] for a copy for readers; [`StoreError::Corrupt`] where the database or the copy is
     /// damaged; [`StoreError`] of the database or of the copy.
     pub async fn backup(&self, target: &Path) -> Result<Backup, StoreError> {
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             let (file, address) = (target.display(), self.path.display());
             let instead =

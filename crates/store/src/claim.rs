@@ -4,9 +4,8 @@ use std::fs::{File, TryLockError};
 use std::io::Write;
 use std::path::Path;
 
-use super::engine::Dialect;
-#[cfg(feature = "postgres")]
-use super::engine::{EnginePool, host_lock::HostLock};
+use super::engine::host_lock::HostLock;
+use super::engine::{Dialect, EnginePool};
 use super::error::StoreError;
 use crate::handle::Store;
 
@@ -20,14 +19,10 @@ pub struct DaemonClaim {
 
 #[derive(Debug)]
 enum Held {
-    File {
-        _locked: File,
-    },
-    #[cfg(feature = "postgres")]
+    File { _locked: File },
     Server(HostLock, EnginePool),
 }
 
-#[cfg(feature = "postgres")]
 impl Drop for Held {
     fn drop(&mut self) {
         if let Self::Server(lock, writer) = self {
@@ -44,7 +39,6 @@ impl Store {
     pub async fn claim(&self) -> Result<DaemonClaim, StoreError> {
         match self.dialect() {
             Dialect::Sqlite => claim(&self.path),
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => {
                 let lock = self.own_host.lock();
                 if !self.checked(lock.claim(&self.writer).await)? {
@@ -71,7 +65,6 @@ impl Store {
                 // not kept: a daemon that starts now takes over
                 Ok(_) => Ok(false),
             },
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => {
                 let daemon = "SELECT EXISTS (SELECT 1 FROM host_session
                                              WHERE kind = 'daemon' AND ended_at IS NULL AND alive_until > clock_us())";

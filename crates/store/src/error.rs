@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-#[cfg(feature = "postgres")]
 use super::engine::sqlstate::{ServerFault, fault_of};
-#[cfg(feature = "postgres")]
 use armwatch_config::is_on_server;
 
 /// Why the database could not be used. Every message names the file and a remedy.
@@ -266,16 +264,6 @@ pub enum StoreError {
         /// What is wrong.
         detail: String,
     },
-    /// A server was named, and the program is built without its engine.
-    #[error(
-        "database {} is on a server, and this armwatch is built without PostgreSQL; name a file, or build it with \
-         `--features postgres`",
-        .path.display()
-    )]
-    NoServerEngine {
-        /// The address, without a password.
-        path: PathBuf,
-    },
     /// What the server's own programs do.
     #[error("{what} of database {} is left to its server; {instead}", .path.display())]
     OnServer {
@@ -325,7 +313,6 @@ impl StoreError {
 
     /// Puts an error of the driver into the words of this type.
     pub(super) fn from_sqlx(path: &Path, error: &sqlx::Error) -> Self {
-        #[cfg(feature = "postgres")]
         if is_on_server(path) {
             return Self::of_server(path, error);
         }
@@ -350,7 +337,6 @@ impl StoreError {
     }
 
     /// The same for a database on a server.
-    #[cfg(feature = "postgres")]
     fn of_server(path: &Path, error: &sqlx::Error) -> Self {
         let path = path.to_path_buf();
         let detail = match error {

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::error::StoreError;
-#[cfg(feature = "postgres")]
 use super::own_host::OwnHost;
 use crate::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
@@ -19,7 +18,6 @@ pub struct Store {
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
     /// The host that this program is on.
-    #[cfg(feature = "postgres")]
     pub(super) own_host: OwnHost,
 }
 
@@ -41,7 +39,6 @@ impl Store {
                 self.writer.close().await;
                 self.checked(checkpoint).map(|_| ())
             }
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => {
                 self.control().close().await;
                 self.writer.close().await;
@@ -51,7 +48,6 @@ impl Store {
     }
 
     /// A connection of its own for leases and claims, which must not wait for a turn at the writer.
-    #[cfg(feature = "postgres")]
     pub(crate) fn control(&self) -> EnginePool {
         self.own_host.control(&self.writer)
     }
@@ -61,7 +57,6 @@ impl Store {
     }
 
     /// What a database on a server leaves to the programs of the server, said with how they do it.
-    #[cfg(feature = "postgres")]
     pub(crate) fn on_server(&self, what: &'static str, instead: String) -> StoreError {
         StoreError::OnServer { path: self.path.to_path_buf(), what, instead }
     }
@@ -70,7 +65,6 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
-    #[cfg(feature = "postgres")]
     pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
         let mut transaction = self.checked(begin_writing(&self.writer).await)?;
         if self.checked(self.own_host.is_alive(&mut *transaction).await)? {
@@ -78,15 +72,6 @@ impl Store {
         } else {
             Err(StoreError::LeaseEnded { path: self.path.to_path_buf() })
         }
-    }
-
-    /// A transaction that has the write lock.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    #[cfg(not(feature = "postgres"))]
-    pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
-        self.checked(begin_writing(&self.writer).await)
     }
 
     pub(crate) async fn commit(&self, transaction: EngineTransaction) -> Result<(), StoreError> {

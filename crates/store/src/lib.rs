@@ -19,7 +19,6 @@ mod error;
 mod finish;
 mod handle;
 mod hosts;
-#[cfg(feature = "postgres")]
 mod own_host;
 mod models;
 mod monitoring;
@@ -28,7 +27,6 @@ mod synthetic;
 mod write_ahead_log;
 mod new_schema;
 mod schema;
-#[cfg(feature = "postgres")]
 mod server;
 mod open;
 mod table;

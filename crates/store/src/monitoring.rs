@@ -8,9 +8,7 @@ use sqlx::Row;
 use super::error::StoreError;
 use super::handle::Store;
 use super::values::{named, size, time};
-#[cfg(feature = "postgres")]
-use crate::engine::{Dialect, catalog};
-use crate::engine::{EngineExecutor, EngineRow};
+use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::anomaly::Severity;
 
 /// Where the deliveries of a route stand.
@@ -96,7 +94,6 @@ impl Store {
 
     /// Sizes of the files of the database; `None` where the system does not tell.
     pub async fn size(&self) -> Option<DatabaseSize> {
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             let database = catalog::bytes_on_server(&self.readers).await.ok()?;
             return Some(DatabaseSize { database: database.try_into().ok()?, log: 0 });

@@ -7,18 +7,14 @@ use std::time::{Duration, Instant};
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqliteConnection};
 
-use super::engine::{Dialect, EnginePool, EnginePoolOptions, catalog, of_sqlite};
+use super::engine::{Dialect, EngineConnectOptions, EnginePool, EnginePoolOptions, catalog};
 use super::error::StoreError;
 use super::handle::Store;
-#[cfg(feature = "postgres")]
 use super::own_host::OwnHost;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
-#[cfg(feature = "postgres")]
 use super::server;
 use super::{view_columns, write_ahead_log};
-#[cfg(not(feature = "postgres"))]
-use armwatch_config::shown_database;
 use armwatch_config::{ClusterSettings, is_on_server};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
@@ -62,7 +58,7 @@ impl Store {
     /// As [`Store::open`].
     pub async fn open_as(path: &Path, cluster: &ClusterSettings) -> Result<Self, StoreError> {
         if is_on_server(path) {
-            return open_on_server(path, cluster).await;
+            return server::open(path, cluster, BUSY_TIMEOUT).await;
         }
         open(path, BUSY_TIMEOUT).await
     }
@@ -85,7 +81,7 @@ impl Store {
         cluster: &ClusterSettings,
     ) -> Result<Option<Self>, StoreError> {
         if is_on_server(path) {
-            return open_existing_on_server(path, cluster).await;
+            return server::open_existing(path, cluster, BUSY_TIMEOUT).await;
         }
         open_existing(path).await
     }
@@ -97,7 +93,6 @@ impl Store {
     pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
         match self.dialect() {
             Dialect::Sqlite => open_existing(&self.path).await,
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => server::open_again(self, BUSY_TIMEOUT).await,
         }
     }
@@ -120,38 +115,9 @@ impl Store {
         match self.dialect() {
             Dialect::Sqlite => write_ahead_log::sync(&self.path).await,
             // a server syncs with each commit, unless whoever looks after it says otherwise
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => Ok(()),
         }
     }
-}
-
-/// Opens a database on a server; see [`Store::open`].
-#[cfg(feature = "postgres")]
-async fn open_on_server(address: &Path, cluster: &ClusterSettings) -> Result<Store, StoreError> {
-    server::open(address, cluster, BUSY_TIMEOUT).await
-}
-
-/// Opens what is there on a server for reading only; see [`Store::open_existing`].
-#[cfg(feature = "postgres")]
-async fn open_existing_on_server(
-    address: &Path,
-    cluster: &ClusterSettings,
-) -> Result<Option<Store>, StoreError> {
-    server::open_existing(address, cluster, BUSY_TIMEOUT).await
-}
-
-#[cfg(not(feature = "postgres"))]
-async fn open_on_server(address: &Path, _cluster: &ClusterSettings) -> Result<Store, StoreError> {
-    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
-}
-
-#[cfg(not(feature = "postgres"))]
-async fn open_existing_on_server(
-    address: &Path,
-    _cluster: &ClusterSettings,
-) -> Result<Option<Store>, StoreError> {
-    Err(StoreError::NoServerEngine { path: shown_database(address).into() })
 }
 
 /// Opens, creates and migrates; see [`Store::open`].
@@ -200,7 +166,6 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         readers,
         probe,
         is_read_only: false,
-        #[cfg(feature = "postgres")]
         own_host: OwnHost::none(&ClusterSettings::default()),
     })
 }
@@ -238,7 +203,6 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
         readers,
         probe,
         is_read_only: true,
-        #[cfg(feature = "postgres")]
         own_host: OwnHost::none(&ClusterSettings::default()),
     }))
 }
@@ -290,7 +254,7 @@ async fn pool(
         // SQLite ends a transaction by itself when the disk fails under it; the connection, which cannot end it once
         // more, counts it as open for good and would refuse the next one with words that name no disk.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
-        .connect_with(of_sqlite(options))
+        .connect_with(EngineConnectOptions::Sqlite(options))
         .await
 }
 
@@ -301,7 +265,7 @@ fn probe(options: SqliteConnectOptions) -> EnginePool {
         .acquire_timeout(PROBE_TIMEOUT)
         .idle_timeout(None)
         .max_lifetime(None)
-        .connect_lazy_with(of_sqlite(options.read_only(true).busy_timeout(PROBE_TIMEOUT)))
+        .connect_lazy_with(EngineConnectOptions::Sqlite(options.read_only(true).busy_timeout(PROBE_TIMEOUT)))
 }
 
 impl Store {

@@ -18,7 +18,6 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, ToSql, params_from_iter};
 use serde_json::Value;
 
 use self::names::Names;
-#[cfg(feature = "postgres")]
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
@@ -114,7 +113,6 @@ impl Store {
         limits: SqlLimits,
         abandoned: &Arc<AtomicBool>,
     ) -> Result<SqlAnswer, SqlError> {
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             let path = self.path.display();
             return Err(SqlError::Forbidden(format!(

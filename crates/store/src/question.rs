@@ -6,7 +6,6 @@
 //! that takes one statement.
 
 mod asked;
-#[cfg(feature = "postgres")]
 mod on_server;
 
 use std::path::Path;
@@ -41,7 +40,6 @@ impl Store {
                     Err(StoreError::Other { path, detail }.into())
                 })
             }
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => on_server::answer(self, question).await,
         }
     }

@@ -11,9 +11,7 @@ use super::error::StoreError;
 use super::handle::Store;
 use super::results::joined_factors::remove_of;
 use super::values::{count, named, size};
-#[cfg(feature = "postgres")]
-use crate::engine::{Dialect, catalog};
-use crate::engine::{EngineExecutor, EngineRow};
+use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::run::RunKind;
 
 /// Tests that are looked at for a window of ordinary work until one has parameters. So many of the latest tests of a
@@ -103,7 +101,6 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn free_space(&self) -> Result<FreeSpace, StoreError> {
         const INCREMENTAL: u64 = 2;
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             const PAGE: u64 = 8192;
             let bytes = self.checked(catalog::bytes_on_server(&self.readers).await)?;

@@ -33,7 +33,6 @@ const LEFT_OUT: [&str; 11] = [
 ];
 
 /// What a user needs who reads the views on a server.
-#[cfg(feature = "postgres")]
 const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL TABLES IN SCHEMA armwatch";
 
 /// End of the name that a copy has until it is whole.
@@ -49,7 +48,6 @@ impl Store {
             Dialect::Sqlite => {
                 header_of(&self.path).is_ok_and(|found| found == Some(Some([SNAPSHOT, APPLICATION_ID])))
             }
-            #[cfg(feature = "postgres")]
             Dialect::Postgres => false,
         }
     }
@@ -71,7 +69,6 @@ impl Store {
     /// [`StoreError::NotASnapshot`] where something else lies at `target`, such as the database itself; [`StoreError`] of
     /// the database or of the copy. What is there then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             let instead = format!("readers ask it there, as a user who may only read: {READERS_GRANT}");
             return Err(self.on_server("a snapshot", instead));

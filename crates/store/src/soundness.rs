@@ -2,7 +2,6 @@
 
 use jiff::Timestamp;
 
-#[cfg(feature = "postgres")]
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
@@ -19,7 +18,6 @@ impl Store {
     /// [`StoreError`] of the database, also for one that is damaged so much that it cannot be looked through.
     pub async fn damages(&self) -> Result<Vec<String>, StoreError> {
         // a server looks after its pages itself
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             return Ok(Vec::new());
         }
@@ -35,7 +33,6 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn broken_references(&self) -> Result<Vec<String>, StoreError> {
         // a server refuses such rows
-        #[cfg(feature = "postgres")]
         if self.dialect() == Dialect::Postgres {
             return Ok(Vec::new());
         }

@@ -8,7 +8,6 @@ use sqlx::{AssertSqlSafe, Column, Executor, Row, SqlSafeStr, Statement, TypeInfo
 
 use super::error::StoreError;
 use super::handle::Store;
-#[cfg(feature = "postgres")]
 use crate::engine::sqlstate::{self, ServerFault};
 use crate::engine::{Dialect, Engine, EngineArguments, EngineRow, catalog, dialect};
 
@@ -130,7 +129,6 @@ impl Store {
 
     pub(crate) fn ask_error(&self, error: &sqlx::Error) -> AskError {
         const READ_ONLY: &str = "8";
-        #[cfg(feature = "postgres")]
         match (sqlstate::fault_of(error), error) {
             (
                 Some(

@@ -113,7 +113,7 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
         let store = open_store(&config).await?;
         let config = shared(config);
         let (_in_force, configs) = watch::channel(Arc::clone(&config));
-        let metrics = Metrics::counting().map_err(|error| CliError::Internal(error.to_string()))?;
+        let metrics = Metrics::counting();
         let pipeline = Pipeline::new(config, store.clone()).counting(metrics.clone());
         let serving = stop.child_token();
         let server = match args.once {

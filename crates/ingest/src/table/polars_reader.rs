@@ -11,9 +11,9 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::Arc;
 
-use polars::prelude::{
-    Column, CsvParseOptions, CsvReadOptions, DataFrame, DataType, Field, Schema, SchemaRef, SerReader,
-};
+use polars_core::prelude::{Column, DataFrame, DataType, Field, Schema, SchemaRef};
+use polars_io::SerReader;
+use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 
 use super::cell_reader::{PassedOver, PreviousTime};
 use super::channels::RawColumns;

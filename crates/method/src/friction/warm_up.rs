@@ -405,7 +405,7 @@ fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f6
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, SeedableRng};
+    use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 

@@ -1,11 +1,12 @@
 //! The zero-phase low-pass, over several channels at once: a lane each.
 //!
 //! Second-order sections run forwards and backwards over a channel that is continued at either end by its odd
-//! reflection (Gustafsson 1996; as SciPy's and sci-rs' `sosfiltfilt`). The order of operations is theirs, so that a
-//! channel in a lane is the channel alone to the last bit.
+//! reflection (Gustafsson 1996; as SciPy's `sosfiltfilt`). The order of operations is SciPy's, so that a channel in a lane is
+//! the channel alone to the last bit.
 
-use sci_rs::signal::filter::design::{DigitalFilter, FilterBandType, FilterOutputType, Sos, butter_dyn};
-use sci_rs::signal::filter::sosfilt_zi_dyn;
+use std::f64::consts::PI;
+
+use nalgebra::Complex;
 
 use crate::NumericsError;
 use crate::buffers::Buffers;
@@ -26,26 +27,47 @@ const EDGE: usize = 3 * (2 * SECTIONS + 1);
 /// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
 /// low cut-offs.
 pub(super) struct LowPass {
-    sections: [Sos<f64>; SECTIONS],
+    sections: [Section; SECTIONS],
+}
+
+/// A section `(b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²)` with `a0 = 1`.
+#[derive(Debug, Clone, Copy)]
+struct Section {
+    b: [f64; 3],
+    a: [f64; 3],
+    /// The two states in which the section is left by an input of all sections that was always 1.
+    settled: [f64; 2],
 }
 
 impl LowPass {
+    /// Poles of the analog low-pass lie on the left half of a circle, at `s_i = W exp(jπ(2i + N + 1)/2N)`; the bilinear
+    /// transform `z = (4 + s)/(4 - s)` of a rate of 2 moves them into the unit circle and all zeros to -1. The warped
+    /// radius `W = 4 tan(π cutoff/rate)` keeps the gain of 1/√2 at the cut-off (Oppenheim and Schafer, Discrete-Time Signal
+    /// Processing, 7.2 and 7.3). The poles nearest to the unit circle come last, the gain `Re W^N / Π(4 - s_i)` first. This
+    /// is `butter(4, cutoff, fs=rate, output="sos")` of SciPy.
     pub(super) fn new(cutoff: f64, sample_rate: f64) -> Result<Self, NumericsError> {
-        let too_high = NumericsError::CutoffTooHigh { sample_rate_hz: sample_rate, cutoff_hz: cutoff };
         if !(cutoff > 0.0 && cutoff < 0.5 * sample_rate) {
-            return Err(too_high);
+            return Err(NumericsError::CutoffTooHigh { sample_rate_hz: sample_rate, cutoff_hz: cutoff });
         }
-        let design = butter_dyn(
-            FILTER_ORDER,
-            vec![cutoff],
-            Some(FilterBandType::Lowpass),
-            Some(false),
-            Some(FilterOutputType::Sos),
-            Some(sample_rate),
-        );
-        let DigitalFilter::Sos(sos) = design else { return Err(too_high) };
-        let mut sections: [Sos<f64>; SECTIONS] = sos.sos.try_into().map_err(|_| too_high)?;
-        sosfilt_zi_dyn::<_, _, Sos<f64>>(sections.iter_mut());
+        let radius = 4.0 * (PI * (2.0 * cutoff / sample_rate) / 2.0).tan();
+        let analog =
+            [-3.0, -1.0, 1.0, 3.0].map(|i| -Complex::cis(PI * i / (2 * FILTER_ORDER) as f64) * radius);
+        let from_four = analog.iter().map(|s| 4.0 - s).product::<Complex<f64>>();
+        let gain = radius.powi(4) * from_four.inv().re;
+        // of each pair of poles the upper one
+        let [near, far, ..] = analog.map(|s| (4.0 + s) / (4.0 - s));
+        let mut level = 1.0;
+        let sections = [(far, gain), (near, 1.0)].map(|(pole, gain)| {
+            let b = [gain, 2.0 * gain, gain];
+            let a = [1.0, -2.0 * pole.re, pole.re * pole.re + pole.im * pole.im];
+            // what a constant leaves behind in the transposed direct form II, as SciPy's `sosfilt_zi`
+            let rest = [b[1] - a[1] * b[0], b[2] - a[2] * b[0]];
+            let first = (rest[0] + rest[1]) / (a[0] + a[1] + a[2]);
+            let second = (a[0] + a[1]) * first - rest[0];
+            let settled = [level * first, level * second];
+            level *= (b[0] + b[1] + b[2]) / (a[0] + a[1] + a[2]);
+            Section { b, a, settled }
+        });
         Ok(Self { sections })
     }
 
@@ -85,7 +107,7 @@ impl LowPass {
 
 /// `N` channels of one length there and back, in `GROUPS` lanes.
 struct ThereAndBack<'a, const N: usize, const GROUPS: usize> {
-    sections: &'a [Sos<f64>; SECTIONS],
+    sections: &'a [Section; SECTIONS],
     channels: &'a [&'a [f64]; N],
     found: [&'a mut [f64]; N],
 }
@@ -146,12 +168,12 @@ type States<const GROUPS: usize> = [[[Lanes; GROUPS]; 2]; SECTIONS];
 
 /// The states that channels leave which always had their `first` value.
 #[inline(always)]
-fn start<const GROUPS: usize>(sections: &[Sos<f64>; SECTIONS], first: [Lanes; GROUPS]) -> States<GROUPS> {
+fn start<const GROUPS: usize>(sections: &[Section; SECTIONS], first: [Lanes; GROUPS]) -> States<GROUPS> {
     let mut states = [[[Lanes::ZERO; GROUPS]; 2]; SECTIONS];
     for k in 0..SECTIONS {
         for group in 0..GROUPS {
-            states[k][0][group] = first[group] * sections[k].zi0;
-            states[k][1][group] = first[group] * sections[k].zi1;
+            states[k][0][group] = first[group] * sections[k].settled[0];
+            states[k][1][group] = first[group] * sections[k].settled[1];
         }
     }
     states
@@ -160,7 +182,7 @@ fn start<const GROUPS: usize>(sections: &[Sos<f64>; SECTIONS], first: [Lanes; GR
 /// All sections over one row.
 #[inline(always)]
 fn filter<const GROUPS: usize>(
-    sections: &[Sos<f64>; SECTIONS],
+    sections: &[Section; SECTIONS],
     states: &mut States<GROUPS>,
     row: &mut [Lanes; GROUPS],
 ) {
@@ -180,11 +202,30 @@ fn filter<const GROUPS: usize>(
 
 #[cfg(test)]
 mod tests {
-    use sci_rs::signal::filter::sosfiltfilt_dyn;
-
     use super::*;
 
-    /// sci-rs, which is held against SciPy, is the form that lanes must equal.
+    /// One channel forwards and backwards, row by row.
+    fn alone(low_pass: &LowPass, channel: &[f64]) -> Vec<f64> {
+        let last = channel.len() - 1;
+        let front = (0..EDGE).map(|k| channel[0] + channel[0] - channel[EDGE - k]);
+        let behind = (0..EDGE).map(|k| channel[last] + channel[last] - channel[last - 1 - k]);
+        let mut rows: Vec<f64> = front.chain(channel.iter().copied()).chain(behind).collect();
+        for _ in 0..2 {
+            let first = rows[0];
+            for section in &low_pass.sections {
+                let (b, a) = (&section.b, &section.a);
+                let mut state = section.settled.map(|settled| settled * first);
+                for row in &mut rows {
+                    let x = *row;
+                    *row = b[0] * x + state[0];
+                    state = [b[1] * x - a[1] * *row + state[1], b[2] * x - a[2] * *row];
+                }
+            }
+            rows.reverse();
+        }
+        rows[EDGE..=EDGE + last].to_vec()
+    }
+
     #[test]
     fn each_channel_is_what_it_is_alone() {
         let buffers = Buffers::going_round();
@@ -200,14 +241,96 @@ mod tests {
                     (0..count).map(|k| (0..rows).map(|row| value(k, row)).collect()).collect();
                 let slices: Vec<&[f64]> = channels.iter().map(Vec::as_slice).collect();
                 for (found, channel) in low_pass.over(&slices, &buffers).iter().zip(&channels) {
-                    let mut sections = low_pass.sections.to_vec();
-                    sections.iter_mut().for_each(|section| (section.zi0, section.zi1) = (0.0, 0.0));
-                    let expected = sosfiltfilt_dyn(channel.iter(), &sections);
                     let bits = |of: &[f64]| of.iter().map(|x| x.to_bits()).collect::<Vec<u64>>();
-                    assert_eq!(bits(found), bits(&expected), "{rate} {count} {rows}");
+                    assert_eq!(bits(found), bits(&alone(&low_pass, channel)), "{rate} {count} {rows}");
                 }
             }
         }
         assert!(LowPass::new(12.0, 250.0).expect("fits").over(&[], &buffers).is_empty());
+    }
+
+    /// SciPy 1.17.1 gives these values: `b[0]` of the first section and both `a[1:]` of `butter(4, cutoff, fs=rate,
+    /// output="sos")`, and `sosfilt_zi`.
+    #[test]
+    fn sections_are_those_of_scipy() {
+        let expected = [
+            (
+                (12.0, 250.0),
+                0.0003588407958559482,
+                [[-1.4984959033971867, 0.5693282483273973], [-1.7148025270468699, 0.7958594614085954]],
+                [[0.019905392794575424, -0.011178159817881549], [0.9797357664095669, -0.7755952278181627]],
+            ),
+            (
+                (12.0, 50.0),
+                0.08267262046299348,
+                [[-0.06533681044003006, 0.04055215548149342], [-0.09087377369825422, 0.4472530945667702]],
+                [[0.25642220975413554, 0.06892159418505785], [0.6609051697828711, -0.10815826434964121]],
+            ),
+            (
+                (2.0, 1000.0),
+                1.5332455206019598e-9,
+                [[-1.9768913542871203, 0.977047453642916], [-1.990271241661728, 0.9904283975206014]],
+                [[3.9287431472772094e-5, -3.838564968875365e-5], [0.9999607110335417, -0.9903891085541597]],
+            ),
+        ];
+        for ((cutoff, rate), gain, poles, settled) in expected {
+            let low_pass = LowPass::new(cutoff, rate).expect("a cut-off below half the rate");
+            for (section, (gain, (pole, settled))) in
+                low_pass.sections.iter().zip([gain, 1.0].into_iter().zip(poles.iter().zip(&settled)))
+            {
+                let found = [section.b, section.a].concat();
+                let expected = [gain, 2.0 * gain, gain, 1.0, pole[0], pole[1]];
+                for (found, expected) in found.iter().zip(&expected) {
+                    assert!((found / expected - 1.0).abs() < 1e-14, "{cutoff} {rate}: {found} {expected}");
+                }
+                // differences of sums near 1, whose rounding the gain of the sections before divides
+                for (found, expected) in section.settled.iter().zip(settled) {
+                    assert!((found / expected - 1.0).abs() < 1e-8, "{cutoff} {rate}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    /// SciPy 1.17.1 gives these values: `sosfiltfilt(butter(4, 12, fs=50, output="sos"), arange(40) ** 2 % 17)`, every eighth.
+    #[test]
+    fn a_channel_passes_as_in_scipy() {
+        let channel: Vec<f64> = (0..40).map(|k| f64::from(k * k % 17)).collect();
+        let low_pass = LowPass::new(12.0, 50.0).expect("a cut-off below half the rate");
+        let found = low_pass.over(&[&channel], &Buffers::going_round());
+        let expected = [
+            -0.0001456783263071859,
+            14.988383905877551,
+            0.5965226226341325,
+            8.634567504120936,
+            12.044867988492491,
+        ];
+        for (found, expected) in found[0].iter().step_by(8).zip(expected) {
+            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
+        }
+    }
+
+    /// Gain of the sections at a frequency, Hz.
+    fn response(low_pass: &LowPass, frequency: f64, rate: f64) -> f64 {
+        let back = Complex::cis(-2.0 * PI * frequency / rate);
+        let at = |of: &[f64; 3]| back * back * of[2] + back * of[1] + of[0];
+        low_pass.sections.iter().map(|section| (at(&section.b) / at(&section.a)).norm()).product()
+    }
+
+    #[test]
+    fn a_constant_passes_the_cut_off_loses_half_its_power_and_poles_lie_inside() {
+        for (cutoff, rate) in [(12.0, 250.0), (12.0, 50.0), (0.5, 1000.0), (24.9, 50.0), (1000.0, 8000.0)] {
+            let low_pass = LowPass::new(cutoff, rate).expect("a cut-off below half the rate");
+            let gain = |frequency| response(&low_pass, frequency, rate);
+            assert!((gain(0.0) - 1.0).abs() < 1e-7, "{cutoff} {rate}: {}", gain(0.0));
+            assert!((gain(cutoff) - 0.5f64.sqrt()).abs() < 1e-7, "{cutoff} {rate}: {}", gain(cutoff));
+            assert!(gain(0.5 * rate) < 1e-12);
+            for section in &low_pass.sections {
+                // the triangle of Jury
+                assert!(section.a[2] < 1.0 && section.a[1].abs() < 1.0 + section.a[2], "{section:?}");
+            }
+        }
+        for (cutoff, rate) in [(0.0, 250.0), (125.0, 250.0), (f64::NAN, 250.0), (12.0, f64::NAN)] {
+            assert!(LowPass::new(cutoff, rate).is_err());
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Units of one model: what differs from one arm of a fleet to the next.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

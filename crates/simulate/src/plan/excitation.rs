@@ -1,7 +1,7 @@
 //! The Fourier part of the excitation stage: the description's own, or a random one inside all
 //! limits.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::motion::{MotionPiece, MotionState, state_at};

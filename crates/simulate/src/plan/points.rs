@@ -1,6 +1,6 @@
 //! Motion from point to point, with a dead time at each: for controllers that drive nothing else.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::motion::PerJoint;

@@ -4,7 +4,7 @@
 //! and gives it to the hall. Nothing in here knows what friction does with warmth: the gears' truth is another
 //! ([`crate::arm::friction`]), as a motor's sensor is not in the oil.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

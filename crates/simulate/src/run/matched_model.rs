@@ -3,7 +3,7 @@
 //!
 //! For checks of estimators and their errors; an export is made by [`crate::simulate_run`].
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

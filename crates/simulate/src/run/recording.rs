@@ -1,6 +1,6 @@
 //! A run row by row: what the arm does, and what its controller would record of it.
 
-use rand::Rng;
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

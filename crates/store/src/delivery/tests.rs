@@ -400,7 +400,6 @@ async fn what_waits_as_long_as_anything_may_goes_on_waiting() {
 }
 
 /// Sessions of daemons, and what they have claimed, in a file that stands in for a server.
-#[cfg(feature = "postgres")]
 mod sessions {
     use super::*;
     use crate::error::StoreError;

@@ -12,7 +12,6 @@ pub(crate) async fn views(readers: &EnginePool) -> Result<Vec<(String, String)>,
              WHERE view.type = 'view'
              ORDER BY view.name, of.cid"
         }
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => {
             "SELECT CAST(listed.relname AS text), CAST(described.attname AS text)
              FROM pg_class AS listed JOIN pg_attribute AS described ON described.attrelid = listed.oid
@@ -33,7 +32,6 @@ pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<
              WHERE view.type = 'view' AND view.name = $1
              ORDER BY of.cid"
         }
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => {
             "SELECT CAST(described.attname AS text)
              FROM pg_class AS listed JOIN pg_attribute AS described ON described.attrelid = listed.oid
@@ -52,7 +50,6 @@ pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<
 pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(match dialect(probe) {
         Dialect::Sqlite => "PRAGMA data_version",
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => "SELECT CAST(CAST(pg_snapshot_xmax(pg_current_snapshot()) AS text) AS bigint)",
     })
     .fetch_one(probe)
@@ -60,7 +57,6 @@ pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error>
 }
 
 /// Bytes that the database has on its server.
-#[cfg(feature = "postgres")]
 pub(crate) async fn bytes_on_server(readers: &EnginePool) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar("SELECT pg_database_size(current_database())").fetch_one(readers).await
 }
@@ -70,7 +66,6 @@ pub(crate) async fn bytes_on_server(readers: &EnginePool) -> Result<i64, sqlx::E
 pub(crate) fn equals(dialect: Dialect, column: &str, place: usize) -> String {
     match dialect {
         Dialect::Sqlite => format!("(\"{column}\" = ${place} OR \"{column}\" = ${})", place + 1),
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => format!("equals(\"{column}\", ${place}, ${})", place + 1),
     }
 }

@@ -1,43 +1,19 @@
 //! The door to the database engine: what statements are run on and rows are read from has its names here, and nowhere
 //! else in the store.
 //!
-//! SQLite is the engine, and these names stand for the types of its driver. Built with the feature `postgres`, the engine is
-//! SQLite or PostgreSQL, by the connection. Statements number their places, `$1`, and are written in the part of SQL
-//! that both understand: `coalesce`, `CASE`, `IS NOT DISTINCT FROM`, `ON CONFLICT ... DO`, a name for every subquery,
+//! The engine is SQLite or PostgreSQL, by the connection. Statements number their places, `$1`, and are written in the part of
+//! SQL that both understand: `coalesce`, `CASE`, `IS NOT DISTINCT FROM`, `ON CONFLICT ... DO`, a name for every subquery,
 //! columns that are grouped by or aggregated, `TRUE` and `FALSE` for flags. What only one engine has is a file of this
 //! folder.
 
-use sqlx::Database;
 use sqlx::SqliteConnection;
-use sqlx::sqlite::SqliteConnectOptions;
 
 pub(crate) mod catalog;
-#[cfg(feature = "postgres")]
 pub(crate) mod host_lock;
-#[cfg(feature = "postgres")]
 mod either;
-#[cfg(feature = "postgres")]
 pub(crate) mod sqlstate;
 
-/// The engine.
-#[cfg(not(feature = "postgres"))]
-pub(crate) type Engine = sqlx::Sqlite;
-
-/// The engine.
-#[cfg(feature = "postgres")]
-pub(crate) type Engine = either::Either;
-
-/// A connection.
-pub(crate) type EngineConnection = <Engine as Database>::Connection;
-
-/// How a connection is opened.
-pub(crate) type EngineConnectOptions = <EngineConnection as sqlx::Connection>::Options;
-
-/// Values bound to the places of a statement.
-pub(crate) type EngineArguments = <Engine as Database>::Arguments;
-
-/// A row of an answer.
-pub(crate) type EngineRow = <Engine as Database>::Row;
+pub(crate) use self::either::{Engine, EngineArguments, EngineConnectOptions, EngineConnection, EngineRow};
 
 /// Connections that take turns.
 pub(crate) type EnginePool = sqlx::Pool<Engine>;
@@ -57,18 +33,10 @@ impl<'c, T: sqlx::Executor<'c, Database = Engine>> EngineExecutor<'c> for T {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
     Sqlite,
-    #[cfg(feature = "postgres")]
     Postgres,
 }
 
 /// The engine of a pool's connections.
-#[cfg(not(feature = "postgres"))]
-pub(crate) fn dialect(_pool: &EnginePool) -> Dialect {
-    Dialect::Sqlite
-}
-
-/// The engine of a pool's connections.
-#[cfg(feature = "postgres")]
 pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
     match *pool.connect_options() {
         EngineConnectOptions::Sqlite(_) => Dialect::Sqlite,
@@ -76,33 +44,10 @@ pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
     }
 }
 
-/// How a file of SQLite is opened.
-#[cfg(not(feature = "postgres"))]
-pub(crate) fn of_sqlite(options: SqliteConnectOptions) -> EngineConnectOptions {
-    options
-}
-
-/// How a file of SQLite is opened.
-#[cfg(feature = "postgres")]
-pub(crate) fn of_sqlite(options: SqliteConnectOptions) -> EngineConnectOptions {
-    EngineConnectOptions::Sqlite(options)
-}
-
 /// The connection of SQLite's driver, for what only that can do.
 ///
 /// # Errors
 /// The connection is one to a server.
-#[cfg(not(feature = "postgres"))]
-#[expect(clippy::unnecessary_wraps, reason = "with the other engine, a connection may be none of SQLite")]
-pub(crate) fn as_sqlite(connection: &mut EngineConnection) -> Result<&mut SqliteConnection, sqlx::Error> {
-    Ok(connection)
-}
-
-/// The connection of SQLite's driver, for what only that can do.
-///
-/// # Errors
-/// The connection is one to a server.
-#[cfg(feature = "postgres")]
 pub(crate) fn as_sqlite(connection: &mut EngineConnection) -> Result<&mut SqliteConnection, sqlx::Error> {
     match connection {
         EngineConnection::Sqlite(connection) => Ok(connection),
@@ -118,7 +63,6 @@ pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransacti
     match dialect(writer) {
         Dialect::Sqlite => writer.begin_with("BEGIN IMMEDIATE").await,
         // the lock is the same for all transactions that write, whatever program they are of; it goes with the transaction
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => {
             let mut transaction = writer.begin().await?;
             let locked = sqlx::query("SELECT pg_catalog.pg_advisory_xact_lock(1098343522, 1)");
@@ -132,7 +76,6 @@ pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransacti
 pub(crate) async fn begin_reading(readers: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
     match dialect(readers) {
         Dialect::Sqlite => readers.begin().await,
-        #[cfg(feature = "postgres")]
         Dialect::Postgres => readers.begin_with("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY").await,
     }
 }

@@ -1,65 +1,65 @@
 //! Rows as Parquet: times as timestamps of UTC, units and meanings of columns in the metadata of fields and of the file.
 
-use std::collections::HashMap;
 use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use arrow_array::builder::{
-    Date32Builder, Float64Builder, Int64Builder, StringBuilder, TimestampMillisecondBuilder,
-};
-use arrow_array::{ArrayRef, RecordBatch};
-use arrow_schema::{DataType, Field, Schema, SchemaRef, TimeUnit};
 use jiff::civil::Date;
 use jiff::{Timestamp, Unit};
-use parquet::arrow::ArrowWriter;
-use parquet::basic::{Compression, ZstdLevel};
-use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
-use parquet::file::reader::{FileReader, SerializedFileReader};
+use polars_core::prelude::{
+    ArrowDataType, ArrowField, ArrowSchema, ArrowTimeUnit, ChunkedBuilder, Column, CompatLevel, DataFrame,
+    Float64Type, Int32Type, Int64Type, IntoColumn, PlSmallStr, PolarsError, PolarsResult,
+    PrimitiveChunkedBuilder, StringChunkedBuilder,
+};
+use polars_parquet::read::read_metadata;
+use polars_parquet::write::{
+    CompressionOptions, Encoding, FileWriter, KeyValue, StatisticsOptions, Version, WriteOptions,
+    row_group_iter, schema_to_metadata_key,
+};
 use serde_json::{Value, json};
 
 use super::error::ExportError;
 use super::target;
 use crate::{PublicView, ViewColumn};
 
-/// Rows that are handed on at once.
-const BATCH_ROWS: usize = 8_192;
+/// Rows of a row group, which is in memory until it is whole: some tens of megabytes in the widest view.
+const ROW_GROUP_ROWS: usize = 65_536;
 
-/// Rows of a row group, which is in memory, compressed, until it is whole: some megabytes.
-const ROW_GROUP_ROWS: usize = 131_072;
-
-/// Metadata of the file that names its view; no other program writes it.
+/// Metadata of the file that names its view; only armwatch writes it.
 const VIEW_KEY: &str = "armwatch.view";
 
 /// A Parquet file that is being written.
 pub(super) struct ParquetFile<'a> {
     view: &'a PublicView,
     path: PathBuf,
-    schema: SchemaRef,
-    writer: ArrowWriter<File>,
-    columns: Vec<Column>,
+    writer: FileWriter<BufWriter<Output>>,
+    failure: Failure,
+    columns: Vec<Cells>,
     rows: usize,
 }
 
 impl<'a> ParquetFile<'a> {
     pub(super) fn new(view: &'a PublicView, path: &Path, file: File) -> Result<Self, ExportError> {
-        let schema = Arc::new(Schema::new(view.columns.iter().map(field).collect::<Vec<_>>()));
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .set_max_row_group_row_count(Some(ROW_GROUP_ROWS))
-            .set_key_value_metadata(Some(metadata(view)))
-            .build();
-        let writer = ArrowWriter::try_new(file, Arc::clone(&schema), Some(properties))
-            .map_err(|error| failed(path, error))?;
-        let columns = view.columns.iter().map(Column::new).collect();
-        Ok(Self { view, path: path.to_path_buf(), schema, writer, columns, rows: 0 })
+        let failure = Failure::default();
+        let output = BufWriter::new(Output { file, failure: Arc::clone(&failure) });
+        let schema: ArrowSchema =
+            view.columns.iter().map(|column| (name_of(column), field(column))).collect();
+        let options = WriteOptions {
+            statistics: StatisticsOptions::default(),
+            version: Version::V1,
+            compression: CompressionOptions::Zstd(None),
+            data_page_size: None,
+        };
+        let writer = FileWriter::try_new(output, schema, options)
+            .map_err(|error| ExportError::of_file(path, &error))?;
+        let columns = view.columns.iter().map(Cells::new).collect();
+        Ok(Self { view, path: path.to_path_buf(), writer, failure, columns, rows: 0 })
     }
 
     pub(super) fn add<'r>(&mut self, row: impl Iterator<Item = &'r Value>) -> Result<(), ExportError> {
-        for ((column, value), described) in self.columns.iter_mut().zip(row).zip(&self.view.columns) {
-            column.add(value).map_err(|kind| ExportError::Value {
+        for ((cells, value), described) in self.columns.iter_mut().zip(row).zip(&self.view.columns) {
+            cells.add(value).map_err(|kind| ExportError::Value {
                 view: self.view.name.clone(),
                 column: described.name.clone(),
                 value: value.to_string(),
@@ -67,55 +67,104 @@ impl<'a> ParquetFile<'a> {
             })?;
         }
         self.rows += 1;
-        if self.rows == BATCH_ROWS { self.hand_on() } else { Ok(()) }
+        if self.rows == ROW_GROUP_ROWS { self.hand_on() } else { Ok(()) }
     }
 
     pub(super) fn finish(mut self) -> Result<(), ExportError> {
         self.hand_on()?;
-        self.writer.close().map(|_| ()).map_err(|error| failed(&self.path, error))
+        let metadata = metadata(self.view, self.writer.schema());
+        self.writer.end(Some(metadata)).map(|_| ()).map_err(|error| self.failed(&error))
     }
 
     fn hand_on(&mut self) -> Result<(), ExportError> {
         if self.rows == 0 {
             return Ok(());
         }
+        let empty = self.view.columns.iter().map(Cells::new).collect();
+        let full = std::mem::replace(&mut self.columns, empty);
+        self.write_group(full).map_err(|error| self.failed(&error))
+    }
+
+    fn write_group(&mut self, columns: Vec<Cells>) -> PolarsResult<()> {
+        let encodings = vec![vec![Encoding::RleDictionary]; columns.len()];
+        let rows = DataFrame::new(self.rows, columns.into_iter().map(Cells::finish).collect())?;
+        // one, since no column is in pieces
+        for chunk in rows.iter_chunks(CompatLevel::newest(), false) {
+            let types = self.writer.parquet_schema().fields().to_vec();
+            let group = row_group_iter(chunk, encodings.clone().into(), types, self.writer.options());
+            self.writer.write(self.rows as u64, group)?;
+        }
         self.rows = 0;
-        let arrays = self.columns.iter_mut().map(Column::take).collect();
-        let batch = RecordBatch::try_new(Arc::clone(&self.schema), arrays).map_err(ParquetError::from);
-        let written = batch.and_then(|batch| self.writer.write(&batch));
-        written.map_err(|error| failed(&self.path, error))
+        Ok(())
+    }
+
+    fn failed(&self, error: &PolarsError) -> ExportError {
+        match self.failure.get() {
+            Some(cause) => ExportError::of_file(&self.path, cause),
+            None => ExportError::of_file(&self.path, error),
+        }
     }
 }
 
-/// Whether nothing else lies at `path` than an export of the view: its metadata names it.
+/// The first error of the system. The errors of polars hold its text only, within a longer one.
+type Failure = Arc<OnceLock<io::Error>>;
+
+/// The file, which keeps why it could not be written.
+struct Output {
+    file: File,
+    failure: Failure,
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write_all(bytes).map(|()| bytes.len());
+        written.map_err(|error| {
+            let kind = error.kind();
+            self.failure.get_or_init(|| error);
+            kind.into()
+        })
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// True if `path` is free or holds an export of the view, whose metadata names it.
 pub(super) fn may_replace(view: &PublicView, path: &Path) -> Result<bool, ExportError> {
-    let Some(file) = target::existing(path)? else { return Ok(true) };
-    let Ok(reader) = SerializedFileReader::new(file) else { return Ok(false) };
+    let Some(mut file) = target::existing(path)? else { return Ok(true) };
+    let Ok(metadata) = read_metadata(&mut file) else { return Ok(false) };
     let named = |pair: &KeyValue| pair.key == VIEW_KEY && pair.value.as_deref() == Some(&view.name);
-    Ok(reader.metadata().file_metadata().key_value_metadata().is_some_and(|pairs| pairs.iter().any(named)))
+    Ok(metadata.key_value_metadata().as_ref().is_some_and(|pairs| pairs.iter().any(named)))
 }
 
-/// Every column may be NULL, whatever is said of it: readers that join files of several exports want one schema.
-fn field(column: &ViewColumn) -> Field {
-    let texts = [("unit", &column.unit), ("null_when", &column.null_when)];
-    let mut told: HashMap<String, String> =
-        texts.iter().filter_map(|(key, text)| Some(((*key).to_owned(), text.as_ref()?.clone()))).collect();
-    told.insert("description".into(), column.meaning.clone());
-    Field::new(&column.name, kind_of(column), true).with_metadata(told)
+fn name_of(column: &ViewColumn) -> PlSmallStr {
+    column.name.as_str().into()
 }
 
-fn kind_of(column: &ViewColumn) -> DataType {
+fn kind_of(column: &ViewColumn) -> ArrowDataType {
     match (column.kind.as_str(), column.unit.as_deref()) {
-        ("integer", _) => DataType::Int64,
-        ("real", _) => DataType::Float64,
-        (_, Some("UTC")) => DataType::Timestamp(TimeUnit::Millisecond, Some("UTC".into())),
-        (_, Some("UTC day")) => DataType::Date32,
-        _ => DataType::Utf8,
+        ("integer", _) => ArrowDataType::Int64,
+        ("real", _) => ArrowDataType::Float64,
+        (_, Some("UTC")) => ArrowDataType::Timestamp(ArrowTimeUnit::Millisecond, Some("UTC".into())),
+        (_, Some("UTC day")) => ArrowDataType::Date32,
+        _ => ArrowDataType::Utf8,
     }
 }
 
-/// For programs that do not show the metadata of fields.
-fn metadata(view: &PublicView) -> Vec<KeyValue> {
+/// Every column may be NULL, since readers that join files of several exports want one schema.
+fn field(column: &ViewColumn) -> ArrowField {
+    let texts = [
+        ("description", Some(&column.meaning)),
+        ("null_when", column.null_when.as_ref()),
+        ("unit", column.unit.as_ref()),
+    ];
+    let told = texts.into_iter().filter_map(|(key, text)| Some((key.into(), text?.as_str().into())));
+    ArrowField::new(name_of(column), kind_of(column), true).with_metadata(told.collect())
+}
+
+/// The schema, and the same for programs that do not show the metadata of fields.
+fn metadata(view: &PublicView, schema: &ArrowSchema) -> Vec<KeyValue> {
     let columns: Vec<Value> = view
         .columns
         .iter()
@@ -124,51 +173,44 @@ fn metadata(view: &PublicView) -> Vec<KeyValue> {
                    "null_when": column.null_when})
         })
         .collect();
-    [
+    let told = [
         (VIEW_KEY, view.name.clone()),
         ("armwatch.version", env!("CARGO_PKG_VERSION").to_owned()),
         ("armwatch.row_is", view.row_is.clone()),
         ("armwatch.columns", Value::from(columns).to_string()),
     ]
-    .map(|(key, value)| KeyValue::new(key.to_owned(), value))
-    .into()
-}
-
-fn failed(path: &Path, error: ParquetError) -> ExportError {
-    match error {
-        ParquetError::External(cause) => ExportError::of_file(path, &cause),
-        error => ExportError::of_file(path, &error),
-    }
+    .map(|(key, value)| KeyValue { key: key.to_owned(), value: Some(value) });
+    [schema_to_metadata_key(schema)].into_iter().chain(told).collect()
 }
 
 /// Values of a column that are not handed on yet.
-enum Column {
-    Integer(Int64Builder),
-    Real(Float64Builder),
-    Text(StringBuilder),
-    Time(TimestampMillisecondBuilder),
-    Day(Date32Builder),
+enum Cells {
+    Integer(PrimitiveChunkedBuilder<Int64Type>),
+    Real(PrimitiveChunkedBuilder<Float64Type>),
+    Text(StringChunkedBuilder),
+    Time(PrimitiveChunkedBuilder<Int64Type>),
+    Day(PrimitiveChunkedBuilder<Int32Type>),
 }
 
-impl Column {
+impl Cells {
     fn new(column: &ViewColumn) -> Self {
+        let name = name_of(column);
         match kind_of(column) {
-            DataType::Int64 => Self::Integer(Int64Builder::new()),
-            DataType::Float64 => Self::Real(Float64Builder::new()),
-            DataType::Date32 => Self::Day(Date32Builder::new()),
-            DataType::Timestamp(..) => Self::Time(TimestampMillisecondBuilder::new().with_timezone("UTC")),
-            _ => Self::Text(StringBuilder::new()),
+            ArrowDataType::Int64 => Self::Integer(PrimitiveChunkedBuilder::new(name, 0)),
+            ArrowDataType::Float64 => Self::Real(PrimitiveChunkedBuilder::new(name, 0)),
+            ArrowDataType::Date32 => Self::Day(PrimitiveChunkedBuilder::new(name, 0)),
+            ArrowDataType::Timestamp(..) => Self::Time(PrimitiveChunkedBuilder::new(name, 0)),
+            _ => Self::Text(StringChunkedBuilder::new(name, 0)),
         }
     }
 
-    /// Fails with what the value should be.
+    /// Fails with the kind that the value should have.
     fn add(&mut self, value: &Value) -> Result<(), &'static str> {
         let text = value.as_str();
         match (self, value) {
-            (Self::Integer(of), Value::Null) => of.append_null(),
+            (Self::Integer(of) | Self::Time(of), Value::Null) => of.append_null(),
             (Self::Real(of), Value::Null) => of.append_null(),
             (Self::Text(of), Value::Null) => of.append_null(),
-            (Self::Time(of), Value::Null) => of.append_null(),
             (Self::Day(of), Value::Null) => of.append_null(),
             (Self::Integer(of), _) => of.append_value(value.as_i64().ok_or("integer")?),
             (Self::Real(of), _) => of.append_value(value.as_f64().ok_or("number")?),
@@ -179,13 +221,13 @@ impl Column {
         Ok(())
     }
 
-    fn take(&mut self) -> ArrayRef {
+    /// Times and days as numbers, of which the schema has the types.
+    fn finish(self) -> Column {
         match self {
-            Self::Integer(of) => Arc::new(of.finish()),
-            Self::Real(of) => Arc::new(of.finish()),
-            Self::Text(of) => Arc::new(of.finish()),
-            Self::Time(of) => Arc::new(of.finish()),
-            Self::Day(of) => Arc::new(of.finish()),
+            Self::Integer(of) | Self::Time(of) => of.finish().into_column(),
+            Self::Real(of) => of.finish().into_column(),
+            Self::Text(of) => of.finish().into_column(),
+            Self::Day(of) => of.finish().into_column(),
         }
     }
 }
@@ -215,8 +257,8 @@ mod tests {
 
     #[test]
     fn a_value_of_another_type_is_no_value() {
-        let column = |kind: &str, unit: Option<&str>| {
-            Column::new(&ViewColumn {
+        let cells = |kind: &str, unit: Option<&str>| {
+            Cells::new(&ViewColumn {
                 name: "of".into(),
                 kind: kind.into(),
                 unit: unit.map(str::to_owned),
@@ -224,12 +266,12 @@ mod tests {
                 meaning: String::new(),
             })
         };
-        assert_eq!(column("integer", None).add(&json!(1.5)), Err("integer"));
-        assert_eq!(column("real", Some("Nm")).add(&json!("1.5")), Err("number"));
-        assert_eq!(column("real", Some("Nm")).add(&json!(2)), Ok(()));
-        assert_eq!(column("text", None).add(&json!(2)), Err("text"));
-        assert_eq!(column("text", Some("UTC")).add(&json!("today")), Err("time"));
-        assert_eq!(column("text", Some("UTC day")).add(&json!("2026-13-01")), Err("day"));
-        assert_eq!(column("text", Some("UTC day")).add(&Value::Null), Ok(()));
+        assert_eq!(cells("integer", None).add(&json!(1.5)), Err("integer"));
+        assert_eq!(cells("real", Some("Nm")).add(&json!("1.5")), Err("number"));
+        assert_eq!(cells("real", Some("Nm")).add(&json!(2)), Ok(()));
+        assert_eq!(cells("text", None).add(&json!(2)), Err("text"));
+        assert_eq!(cells("text", Some("UTC")).add(&json!("today")), Err("time"));
+        assert_eq!(cells("text", Some("UTC day")).add(&json!("2026-13-01")), Err("day"));
+        assert_eq!(cells("text", Some("UTC day")).add(&Value::Null), Ok(()));
     }
 }

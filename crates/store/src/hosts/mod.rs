@@ -1,11 +1,9 @@
 //! Several daemons on one database of a server: sessions with a lease, what each has claimed, and where its files are. A
 //! database in a file has one daemon, for which everything here is granted without a question.
 
-#[cfg(feature = "postgres")]
 pub(super) mod claims;
 pub(super) mod list;
 pub(super) mod kinds;
-#[cfg(feature = "postgres")]
 pub(super) mod session;
 
 use std::collections::HashSet;
@@ -14,16 +12,13 @@ use std::path::{Path, PathBuf};
 use self::kinds::{ClaimKind, SessionKind};
 use super::error::StoreError;
 use super::handle::Store;
-#[cfg(feature = "postgres")]
-use crate::engine::Dialect;
-use crate::engine::EngineTransaction;
+use crate::engine::{Dialect, EngineTransaction};
 use armwatch_model::run::FileId;
 
 /// Membership among the programs that write to a database, until it is left or the process ends. A lease that is renewed
 /// in the background says that it is there.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct HostSession {
-    #[cfg(feature = "postgres")]
     joined: Option<session::Joined>,
 }
 
@@ -31,7 +26,6 @@ impl HostSession {
     /// Gives back what was claimed and says that the program has ended. The lease ends by itself where that cannot be
     /// said any more.
     pub async fn leave(self) {
-        #[cfg(feature = "postgres")]
         if let Some(joined) = self.joined {
             joined.leave().await;
         }
@@ -44,63 +38,40 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub async fn join(&self, kind: SessionKind) -> Result<HostSession, StoreError> {
-        match kind {
-            #[cfg(feature = "postgres")]
-            kind if self.dialect() == Dialect::Postgres => {
-                Ok(HostSession { joined: Some(session::join(self, kind).await?) })
-            }
-            SessionKind::Daemon | SessionKind::Command => Ok(HostSession::default()),
-        }
+        let joined = match self.dialect() {
+            Dialect::Sqlite => None,
+            Dialect::Postgres => Some(session::join(self, kind).await?),
+        };
+        Ok(HostSession { joined })
     }
 
     /// The number of this program's session, under which it writes; `None` on a file, and before it has joined.
     pub(crate) fn session(&self) -> Option<i64> {
-        #[cfg(feature = "postgres")]
-        return self.own_host.session();
-        #[cfg(not(feature = "postgres"))]
-        None
+        self.own_host.session()
     }
 
     /// Claims a subject for this program; `false` if another one works on it. What was claimed before is claimed again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub async fn claim_work(&self, kind: ClaimKind, subject: &str) -> Result<bool, StoreError> {
-        match self.session() {
-            #[cfg(feature = "postgres")]
-            Some(session) => {
-                // what is claimed for long is asked for often, and only the first time written
-                let holder = self.checked(claims::holder(&self.control(), kind, subject).await)?;
-                if let Some(holder) = holder {
-                    return Ok(holder == session);
-                }
-                self.checked(claims::claim(&self.control(), kind, subject, session).await)
-            }
-            _ => {
-                let _ = (kind, subject);
-                Ok(true)
-            }
+        let Some(session) = self.session() else { return Ok(true) };
+        // what is claimed for long is asked for often, and only the first time written
+        let holder = self.checked(claims::holder(&self.control(), kind, subject).await)?;
+        if let Some(holder) = holder {
+            return Ok(holder == session);
         }
+        self.checked(claims::claim(&self.control(), kind, subject, session).await)
     }
 
     /// Gives back what was claimed. It goes with the session where that fails.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub async fn release_work(&self, subjects: &[(ClaimKind, &str)]) {
-        match self.session() {
-            #[cfg(feature = "postgres")]
-            Some(session) => {
-                for (kind, subject) in subjects {
-                    let released = claims::release(&self.control(), *kind, subject, session).await;
-                    if let Err(error) = released {
-                        tracing::debug!(kind = kind.name(), subject, %error, "stays claimed until the session ends");
-                    }
-                }
-            }
-            _ => {
-                let _ = subjects;
+        let Some(session) = self.session() else { return };
+        for (kind, subject) in subjects {
+            let released = claims::release(&self.control(), *kind, subject, session).await;
+            if let Err(error) = released {
+                tracing::debug!(kind = kind.name(), subject, %error, "stays claimed until the session ends");
             }
         }
     }
@@ -109,12 +80,10 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub async fn runs_of_others(&self) -> Result<HashSet<i64>, StoreError> {
         match self.session() {
-            #[cfg(feature = "postgres")]
             Some(session) => self.checked(claims::runs_of_others(&self.readers, session).await),
-            _ => Ok(HashSet::new()),
+            None => Ok(HashSet::new()),
         }
     }
 
@@ -122,85 +91,52 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::RunNotOpen`] if another program reads it, and others of the database.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub(crate) async fn claim_run(
         &self,
         transaction: &mut EngineTransaction,
         run_id: i64,
     ) -> Result<(), StoreError> {
-        match self.session() {
-            #[cfg(feature = "postgres")]
-            Some(session) => {
-                let subject = run_id.to_string();
-                let claimed = claims::claim(&mut **transaction, ClaimKind::Run, &subject, session).await;
-                if self.checked(claimed)? { Ok(()) } else { Err(self.run_not_open(run_id)) }
-            }
-            _ => {
-                let _ = (transaction, run_id);
-                Ok(())
-            }
-        }
+        let Some(session) = self.session() else { return Ok(()) };
+        let subject = run_id.to_string();
+        let claimed = claims::claim(&mut **transaction, ClaimKind::Run, &subject, session).await;
+        if self.checked(claimed)? { Ok(()) } else { Err(self.run_not_open(run_id)) }
     }
 
     /// Refuses to write to a run that another program reads.
     ///
     /// # Errors
     /// [`StoreError::RunNotOpen`] then, and others of the database.
-    #[cfg_attr(not(feature = "postgres"), expect(clippy::unused_async, reason = "a server is asked"))]
     pub(crate) async fn refuse_run_of_another(
         &self,
         transaction: &mut EngineTransaction,
         run_id: i64,
     ) -> Result<(), StoreError> {
-        match self.session() {
-            #[cfg(feature = "postgres")]
-            Some(session) => {
-                let is_other = claims::is_of_another(&mut **transaction, run_id, session).await;
-                if self.checked(is_other)? { Err(self.run_not_open(run_id)) } else { Ok(()) }
-            }
-            _ => {
-                let _ = (transaction, run_id);
-                Ok(())
-            }
-        }
+        let Some(session) = self.session() else { return Ok(()) };
+        let is_other = claims::is_of_another(&mut **transaction, run_id, session).await;
+        if self.checked(is_other)? { Err(self.run_not_open(run_id)) } else { Ok(()) }
     }
 
     /// The number of a file, told apart from those of other hosts.
     pub(crate) fn numbered(&self, file: FileId) -> FileId {
-        #[cfg(feature = "postgres")]
-        return self.own_host.place().file(file);
-        #[cfg(not(feature = "postgres"))]
-        file
+        self.own_host.place().file(file)
     }
 
     /// Whether other daemons see the file at this path under the same path, so that it has to be claimed.
     #[must_use]
     pub fn is_shared(&self, path: &Path) -> bool {
-        #[cfg(feature = "postgres")]
-        return self.own_host.place().is_shared(path);
-        #[cfg(not(feature = "postgres"))]
-        {
-            let _ = path;
-            false
-        }
+        self.own_host.place().is_shared(path)
     }
 
     /// A path as the ledger has it: with the name of the host where there are several and the file is in no shared
     /// folder.
     #[must_use]
     pub fn located(&self, path: String) -> String {
-        #[cfg(feature = "postgres")]
-        return self.own_host.place().located(path);
-        #[cfg(not(feature = "postgres"))]
-        path
+        self.own_host.place().located(path)
     }
 
     /// The file on this host that a path of the ledger names; `None` for one of another host.
     #[must_use]
     pub fn local_path(&self, located: &str) -> Option<PathBuf> {
-        #[cfg(feature = "postgres")]
-        return self.own_host.place().local_path(located);
-        #[cfg(not(feature = "postgres"))]
-        Some(PathBuf::from(located))
+        self.own_host.place().local_path(located)
     }
 }

@@ -32,11 +32,10 @@ pub(crate) fn fault(problem: &str, place: Option<(u64, &str)>) -> ExportFault {
 
 /// A fresh database; the folder lives as long as the first value.
 ///
-/// With the feature `postgres`, `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` has it on that
-/// server, in a database of its own whose name takes the place of `{}`. Tests whose statements are SQLite's fail there.
+/// `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` has it on that server, in a database of its own
+/// whose name takes the place of `{}`. Tests whose statements are SQLite's fail there.
 pub(crate) async fn fresh() -> (TempDir, Store) {
     let folder = tempfile::tempdir().expect("a folder");
-    #[cfg(feature = "postgres")]
     if let Ok(address) = std::env::var("ARMWATCH_TEST_SERVER") {
         let store = on_server(&address, &folder).await;
         return (folder, store);
@@ -46,7 +45,6 @@ pub(crate) async fn fresh() -> (TempDir, Store) {
 }
 
 /// A database on a server, named after the folder of the test.
-#[cfg(feature = "postgres")]
 async fn on_server(address: &str, folder: &TempDir) -> Store {
     use sqlx::Connection;
     let name = folder.path().file_name().expect("a name").to_string_lossy().replace('.', "t_");

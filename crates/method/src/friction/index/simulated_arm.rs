@@ -5,7 +5,7 @@ use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::anomaly::baseline_runs::REMEMBERED_S;
 use armwatch_model::anomaly::baseline_runs::learnt_runs;
 use armwatch_model::anomaly::baseline_runs::stages;
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

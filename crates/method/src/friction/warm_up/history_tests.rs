@@ -1,6 +1,6 @@
 //! Warm-up curves over many draws of noise, with the time constants of thesis Table 5.6.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

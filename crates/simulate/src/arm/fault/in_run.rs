@@ -1,6 +1,6 @@
 //! What the faults of one run do to its cycles and its signals.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

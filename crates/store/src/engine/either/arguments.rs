@@ -8,8 +8,8 @@ use sqlx::postgres::PgArguments;
 use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments, Type};
 
-use super::name::Either;
-use super::type_info::{EitherTypeInfo, Kind};
+use super::name::Engine;
+use super::type_info::{EngineTypeInfo, Kind};
 
 /// A value, or NULL of a type: PostgreSQL wants to know the type of every place when it reads a statement first.
 #[derive(Debug)]
@@ -35,9 +35,9 @@ impl Argument {
 
 /// Values in the order of their places.
 #[derive(Debug, Default)]
-pub(crate) struct EitherArguments(Vec<Argument>);
+pub(crate) struct EngineArguments(Vec<Argument>);
 
-impl EitherArguments {
+impl EngineArguments {
     pub(super) fn into_sqlite(self) -> Result<SqliteArguments, BoxDynError> {
         let mut arguments = SqliteArguments::default();
         arguments.reserve(self.0.len(), 0);
@@ -73,8 +73,8 @@ fn without_nul(text: String) -> String {
     if text.contains('\0') { text.replace('\0', "\u{fffd}") } else { text }
 }
 
-impl Arguments for EitherArguments {
-    type Database = Either;
+impl Arguments for EngineArguments {
+    type Database = Engine;
 
     fn reserve(&mut self, additional: usize, _size: usize) {
         self.0.reserve(additional);
@@ -82,11 +82,11 @@ impl Arguments for EitherArguments {
 
     fn add<'t, T>(&mut self, value: T) -> Result<(), BoxDynError>
     where
-        T: Encode<'t, Either> + Type<Either>,
+        T: Encode<'t, Engine> + Type<Engine>,
     {
         let type_info = value.produces().unwrap_or_else(T::type_info);
         if let IsNull::Yes = value.encode(&mut self.0)? {
-            let EitherTypeInfo::Own(kind) = type_info else {
+            let EngineTypeInfo::Own(kind) = type_info else {
                 return Err("a NULL of a type that the store does not use".into());
             };
             self.0.push(Argument::null(kind));
@@ -103,4 +103,4 @@ impl Arguments for EitherArguments {
     }
 }
 
-sqlx_core::impl_into_arguments_for_arguments!(EitherArguments);
+sqlx_core::impl_into_arguments_for_arguments!(EngineArguments);

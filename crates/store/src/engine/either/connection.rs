@@ -13,19 +13,19 @@ use sqlx::{ConnectOptions, Connection, Database, Execute, Executor, SqlSafeStr, 
 use sqlx_core::Url;
 use sqlx_core::transaction::TransactionManager;
 
-use super::arguments::EitherArguments;
-use super::name::Either;
-use super::row::{EitherQueryResult, EitherRow, EitherStatement};
-use super::type_info::EitherTypeInfo;
+use super::arguments::EngineArguments;
+use super::name::Engine;
+use super::row::{EngineQueryResult, EngineRow, EngineStatement};
+use super::type_info::EngineTypeInfo;
 
 /// How a connection is opened, and thereby to which engine.
 #[derive(Debug, Clone)]
-pub(crate) enum EitherConnectOptions {
+pub(crate) enum EngineConnectOptions {
     Sqlite(SqliteConnectOptions),
     Postgres(PgConnectOptions),
 }
 
-impl FromStr for EitherConnectOptions {
+impl FromStr for EngineConnectOptions {
     type Err = Error;
 
     fn from_str(address: &str) -> Result<Self, Error> {
@@ -36,8 +36,8 @@ impl FromStr for EitherConnectOptions {
     }
 }
 
-impl ConnectOptions for EitherConnectOptions {
-    type Connection = EitherConnection;
+impl ConnectOptions for EngineConnectOptions {
+    type Connection = EngineConnection;
 
     fn from_url(url: &Url) -> Result<Self, Error> {
         url.as_str().parse()
@@ -50,10 +50,10 @@ impl ConnectOptions for EitherConnectOptions {
         }
     }
 
-    async fn connect(&self) -> Result<EitherConnection, Error> {
+    async fn connect(&self) -> Result<EngineConnection, Error> {
         match self {
-            Self::Sqlite(options) => options.connect().await.map(EitherConnection::Sqlite),
-            Self::Postgres(options) => options.connect().await.map(EitherConnection::Postgres),
+            Self::Sqlite(options) => options.connect().await.map(EngineConnection::Sqlite),
+            Self::Postgres(options) => options.connect().await.map(EngineConnection::Postgres),
         }
     }
 
@@ -74,14 +74,14 @@ impl ConnectOptions for EitherConnectOptions {
 
 /// A connection.
 #[derive(Debug)]
-pub(crate) enum EitherConnection {
+pub(crate) enum EngineConnection {
     Sqlite(SqliteConnection),
     Postgres(PgConnection),
 }
 
-impl Connection for EitherConnection {
-    type Database = Either;
-    type Options = EitherConnectOptions;
+impl Connection for EngineConnection {
+    type Database = Engine;
+    type Options = EngineConnectOptions;
 
     async fn close(self) -> Result<(), Error> {
         match self {
@@ -104,14 +104,14 @@ impl Connection for EitherConnection {
         }
     }
 
-    fn begin(&mut self) -> impl Future<Output = Result<Transaction<'_, Either>, Error>> + Send + '_ {
+    fn begin(&mut self) -> impl Future<Output = Result<Transaction<'_, Engine>, Error>> + Send + '_ {
         Transaction::begin(self, None)
     }
 
     fn begin_with(
         &mut self,
         statement: impl SqlSafeStr,
-    ) -> impl Future<Output = Result<Transaction<'_, Either>, Error>> + Send + '_ {
+    ) -> impl Future<Output = Result<Transaction<'_, Engine>, Error>> + Send + '_ {
         Transaction::begin(self, Some(statement.into_sql_str()))
     }
 
@@ -138,46 +138,46 @@ impl Connection for EitherConnection {
 }
 
 /// Begins and ends transactions as the engine of the connection does.
-pub(crate) struct EitherTransactionManager;
+pub(crate) struct EngineTransactionManager;
 
 type OfSqlite = <Sqlite as Database>::TransactionManager;
 type OfPostgres = <Postgres as Database>::TransactionManager;
 
-impl TransactionManager for EitherTransactionManager {
-    type Database = Either;
+impl TransactionManager for EngineTransactionManager {
+    type Database = Engine;
 
-    async fn begin(connection: &mut EitherConnection, statement: Option<SqlStr>) -> Result<(), Error> {
+    async fn begin(connection: &mut EngineConnection, statement: Option<SqlStr>) -> Result<(), Error> {
         match connection {
-            EitherConnection::Sqlite(connection) => OfSqlite::begin(connection, statement).await,
-            EitherConnection::Postgres(connection) => OfPostgres::begin(connection, statement).await,
+            EngineConnection::Sqlite(connection) => OfSqlite::begin(connection, statement).await,
+            EngineConnection::Postgres(connection) => OfPostgres::begin(connection, statement).await,
         }
     }
 
-    async fn commit(connection: &mut EitherConnection) -> Result<(), Error> {
+    async fn commit(connection: &mut EngineConnection) -> Result<(), Error> {
         match connection {
-            EitherConnection::Sqlite(connection) => OfSqlite::commit(connection).await,
-            EitherConnection::Postgres(connection) => OfPostgres::commit(connection).await,
+            EngineConnection::Sqlite(connection) => OfSqlite::commit(connection).await,
+            EngineConnection::Postgres(connection) => OfPostgres::commit(connection).await,
         }
     }
 
-    async fn rollback(connection: &mut EitherConnection) -> Result<(), Error> {
+    async fn rollback(connection: &mut EngineConnection) -> Result<(), Error> {
         match connection {
-            EitherConnection::Sqlite(connection) => OfSqlite::rollback(connection).await,
-            EitherConnection::Postgres(connection) => OfPostgres::rollback(connection).await,
+            EngineConnection::Sqlite(connection) => OfSqlite::rollback(connection).await,
+            EngineConnection::Postgres(connection) => OfPostgres::rollback(connection).await,
         }
     }
 
-    fn start_rollback(connection: &mut EitherConnection) {
+    fn start_rollback(connection: &mut EngineConnection) {
         match connection {
-            EitherConnection::Sqlite(connection) => OfSqlite::start_rollback(connection),
-            EitherConnection::Postgres(connection) => OfPostgres::start_rollback(connection),
+            EngineConnection::Sqlite(connection) => OfSqlite::start_rollback(connection),
+            EngineConnection::Postgres(connection) => OfPostgres::start_rollback(connection),
         }
     }
 
-    fn get_transaction_depth(connection: &EitherConnection) -> usize {
+    fn get_transaction_depth(connection: &EngineConnection) -> usize {
         match connection {
-            EitherConnection::Sqlite(connection) => OfSqlite::get_transaction_depth(connection),
-            EitherConnection::Postgres(connection) => OfPostgres::get_transaction_depth(connection),
+            EngineConnection::Sqlite(connection) => OfSqlite::get_transaction_depth(connection),
+            EngineConnection::Postgres(connection) => OfPostgres::get_transaction_depth(connection),
         }
     }
 }
@@ -190,9 +190,9 @@ struct Asked<A> {
 }
 
 /// The statement of a query with its values. None are bound where several statements are sent as one text.
-fn asked<'q, E: Execute<'q, Either>, A>(
+fn asked<'q, E: Execute<'q, Engine>, A>(
     mut query: E,
-    convert: impl FnOnce(EitherArguments) -> Result<A, BoxDynError>,
+    convert: impl FnOnce(EngineArguments) -> Result<A, BoxDynError>,
 ) -> Result<Asked<A>, Error> {
     let arguments = query.take_arguments().map_err(Error::Encode)?;
     let persistent = query.persistent();
@@ -200,7 +200,7 @@ fn asked<'q, E: Execute<'q, Either>, A>(
     Ok(Asked { sql: query.sql(), arguments, persistent })
 }
 
-type Steps<'e> = BoxStream<'e, Result<sqlx::Either<EitherQueryResult, EitherRow>, Error>>;
+type Steps<'e> = BoxStream<'e, Result<sqlx::Either<EngineQueryResult, EngineRow>, Error>>;
 
 /// Carries a statement out on a connection of one engine.
 macro_rules! steps {
@@ -222,50 +222,50 @@ macro_rules! first {
         match asked($query, $convert) {
             Err(error) => ready(Err(error)).boxed(),
             Ok(Asked { sql, arguments: None, .. }) => {
-                $connection.fetch_optional(sql).map_ok(|row| row.map(EitherRow::from)).boxed()
+                $connection.fetch_optional(sql).map_ok(|row| row.map(EngineRow::from)).boxed()
             }
             Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
                 let query = sqlx::query_with::<$database, _>(sql, arguments).persistent(persistent);
-                $connection.fetch_optional(query).map_ok(|row| row.map(EitherRow::from)).boxed()
+                $connection.fetch_optional(query).map_ok(|row| row.map(EngineRow::from)).boxed()
             }
         }
     };
 }
 
-fn either<Q: Into<EitherQueryResult>, R: Into<EitherRow>>(
+fn either<Q: Into<EngineQueryResult>, R: Into<EngineRow>>(
     step: sqlx::Either<Q, R>,
-) -> sqlx::Either<EitherQueryResult, EitherRow> {
+) -> sqlx::Either<EngineQueryResult, EngineRow> {
     step.map_either(Q::into, R::into)
 }
 
-impl<'c> Executor<'c> for &'c mut EitherConnection {
-    type Database = Either;
+impl<'c> Executor<'c> for &'c mut EngineConnection {
+    type Database = Engine;
 
     fn fetch_many<'e, 'q: 'e, E>(self, query: E) -> Steps<'e>
     where
         'c: 'e,
-        E: 'q + Execute<'q, Either>,
+        E: 'q + Execute<'q, Engine>,
     {
         match self {
-            EitherConnection::Sqlite(connection) => {
+            EngineConnection::Sqlite(connection) => {
                 steps!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
             }
-            EitherConnection::Postgres(connection) => {
+            EngineConnection::Postgres(connection) => {
                 steps!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
             }
         }
     }
 
-    fn fetch_optional<'e, 'q: 'e, E>(self, query: E) -> BoxFuture<'e, Result<Option<EitherRow>, Error>>
+    fn fetch_optional<'e, 'q: 'e, E>(self, query: E) -> BoxFuture<'e, Result<Option<EngineRow>, Error>>
     where
         'c: 'e,
-        E: 'q + Execute<'q, Either>,
+        E: 'q + Execute<'q, Engine>,
     {
         match self {
-            EitherConnection::Sqlite(connection) => {
+            EngineConnection::Sqlite(connection) => {
                 first!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
             }
-            EitherConnection::Postgres(connection) => {
+            EngineConnection::Postgres(connection) => {
                 first!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
             }
         }
@@ -274,21 +274,21 @@ impl<'c> Executor<'c> for &'c mut EitherConnection {
     fn prepare_with<'e>(
         self,
         sql: SqlStr,
-        _parameters: &'e [EitherTypeInfo],
-    ) -> BoxFuture<'e, Result<EitherStatement, Error>>
+        _parameters: &'e [EngineTypeInfo],
+    ) -> BoxFuture<'e, Result<EngineStatement, Error>>
     where
         'c: 'e,
     {
         async move {
             match self {
-                EitherConnection::Sqlite(connection) => connection.prepare(sql).await.map(Into::into),
-                EitherConnection::Postgres(connection) => connection.prepare(sql).await.map(Into::into),
+                EngineConnection::Sqlite(connection) => connection.prepare(sql).await.map(Into::into),
+                EngineConnection::Postgres(connection) => connection.prepare(sql).await.map(Into::into),
             }
         }
         .boxed()
     }
 
-    fn describe<'e>(self, _sql: SqlStr) -> BoxFuture<'e, Result<sqlx::Describe<Either>, Error>>
+    fn describe<'e>(self, _sql: SqlStr) -> BoxFuture<'e, Result<sqlx::Describe<Engine>, Error>>
     where
         'c: 'e,
     {

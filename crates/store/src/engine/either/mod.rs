@@ -14,23 +14,26 @@ mod value;
 use sqlx::Database;
 use sqlx::database::HasStatementCache;
 
-pub(crate) use self::name::Either;
+pub(crate) use self::arguments::EngineArguments;
+pub(crate) use self::connection::{EngineConnectOptions, EngineConnection};
+pub(crate) use self::name::Engine;
+pub(crate) use self::row::EngineRow;
 
-impl Database for Either {
-    type Connection = connection::EitherConnection;
-    type TransactionManager = connection::EitherTransactionManager;
-    type Row = row::EitherRow;
-    type QueryResult = row::EitherQueryResult;
-    type Column = row::EitherColumn;
-    type TypeInfo = type_info::EitherTypeInfo;
-    type Value = value::EitherValue;
-    type ValueRef<'r> = value::EitherValueRef<'r>;
-    type Arguments = arguments::EitherArguments;
+impl Database for Engine {
+    type Connection = EngineConnection;
+    type TransactionManager = connection::EngineTransactionManager;
+    type Row = EngineRow;
+    type QueryResult = row::EngineQueryResult;
+    type Column = row::EngineColumn;
+    type TypeInfo = type_info::EngineTypeInfo;
+    type Value = value::EngineValue;
+    type ValueRef<'r> = value::EngineValueRef<'r>;
+    type Arguments = EngineArguments;
     type ArgumentBuffer = Vec<arguments::Argument>;
-    type Statement = row::EitherStatement;
+    type Statement = row::EngineStatement;
 
     const NAME: &'static str = "SQLite or PostgreSQL";
     const URL_SCHEMES: &'static [&'static str] = &["sqlite", "postgres", "postgresql"];
 }
 
-impl HasStatementCache for Either {}
+impl HasStatementCache for Engine {}

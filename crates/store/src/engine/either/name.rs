@@ -2,4 +2,4 @@
 
 /// Either engine, for statements that both understand.
 #[derive(Debug)]
-pub(crate) struct Either;
+pub(crate) struct Engine;

@@ -7,21 +7,21 @@ use sqlx::postgres::{PgColumn, PgQueryResult, PgRow, PgStatement};
 use sqlx::sqlite::{SqliteColumn, SqliteQueryResult, SqliteRow, SqliteStatement};
 use sqlx::{Column, ColumnIndex, Row, SqlStr, Statement};
 
-use super::arguments::EitherArguments;
-use super::name::Either;
-use super::type_info::EitherTypeInfo;
-use super::value::EitherValueRef;
+use super::arguments::EngineArguments;
+use super::name::Engine;
+use super::type_info::EngineTypeInfo;
+use super::value::EngineValueRef;
 
 /// A column of an answer.
 #[derive(Debug, Clone)]
-pub(crate) struct EitherColumn {
+pub(crate) struct EngineColumn {
     place: usize,
     name: String,
-    type_info: EitherTypeInfo,
+    type_info: EngineTypeInfo,
 }
 
-impl Column for EitherColumn {
-    type Database = Either;
+impl Column for EngineColumn {
+    type Database = Engine;
 
     fn ordinal(&self) -> usize {
         self.place
@@ -31,27 +31,27 @@ impl Column for EitherColumn {
         &self.name
     }
 
-    fn type_info(&self) -> &EitherTypeInfo {
+    fn type_info(&self) -> &EngineTypeInfo {
         &self.type_info
     }
 }
 
-impl From<&SqliteColumn> for EitherColumn {
+impl From<&SqliteColumn> for EngineColumn {
     fn from(column: &SqliteColumn) -> Self {
         Self {
             place: column.ordinal(),
             name: column.name().to_owned(),
-            type_info: EitherTypeInfo::Sqlite(column.type_info().clone()),
+            type_info: EngineTypeInfo::Sqlite(column.type_info().clone()),
         }
     }
 }
 
-impl From<&PgColumn> for EitherColumn {
+impl From<&PgColumn> for EngineColumn {
     fn from(column: &PgColumn) -> Self {
         Self {
             place: column.ordinal(),
             name: column.name().to_owned(),
-            type_info: EitherTypeInfo::Postgres(column.type_info().clone()),
+            type_info: EngineTypeInfo::Postgres(column.type_info().clone()),
         }
     }
 }
@@ -62,25 +62,25 @@ enum Of {
 }
 
 /// A row. Its columns are described when they are asked for, which few do.
-pub(crate) struct EitherRow {
+pub(crate) struct EngineRow {
     of: Of,
-    columns: OnceLock<Vec<EitherColumn>>,
+    columns: OnceLock<Vec<EngineColumn>>,
 }
 
-impl From<SqliteRow> for EitherRow {
+impl From<SqliteRow> for EngineRow {
     fn from(row: SqliteRow) -> Self {
         Self { of: Of::Sqlite(row), columns: OnceLock::new() }
     }
 }
 
-impl From<PgRow> for EitherRow {
+impl From<PgRow> for EngineRow {
     fn from(row: PgRow) -> Self {
         Self { of: Of::Postgres(row), columns: OnceLock::new() }
     }
 }
 
-impl Row for EitherRow {
-    type Database = Either;
+impl Row for EngineRow {
+    type Database = Engine;
 
     fn len(&self) -> usize {
         match &self.of {
@@ -89,27 +89,27 @@ impl Row for EitherRow {
         }
     }
 
-    fn columns(&self) -> &[EitherColumn] {
+    fn columns(&self) -> &[EngineColumn] {
         self.columns.get_or_init(|| match &self.of {
-            Of::Sqlite(row) => row.columns().iter().map(EitherColumn::from).collect(),
-            Of::Postgres(row) => row.columns().iter().map(EitherColumn::from).collect(),
+            Of::Sqlite(row) => row.columns().iter().map(EngineColumn::from).collect(),
+            Of::Postgres(row) => row.columns().iter().map(EngineColumn::from).collect(),
         })
     }
 
-    fn try_get_raw<I>(&self, index: I) -> Result<EitherValueRef<'_>, Error>
+    fn try_get_raw<I>(&self, index: I) -> Result<EngineValueRef<'_>, Error>
     where
         I: ColumnIndex<Self>,
     {
         let index = index.index(self)?;
         match &self.of {
-            Of::Sqlite(row) => row.try_get_raw(index).map(EitherValueRef::Sqlite),
-            Of::Postgres(row) => row.try_get_raw(index).map(EitherValueRef::Postgres),
+            Of::Sqlite(row) => row.try_get_raw(index).map(EngineValueRef::Sqlite),
+            Of::Postgres(row) => row.try_get_raw(index).map(EngineValueRef::Postgres),
         }
     }
 }
 
-impl ColumnIndex<EitherRow> for &'_ str {
-    fn index(&self, row: &EitherRow) -> Result<usize, Error> {
+impl ColumnIndex<EngineRow> for &'_ str {
+    fn index(&self, row: &EngineRow) -> Result<usize, Error> {
         match &row.of {
             Of::Sqlite(row) => <&str as ColumnIndex<SqliteRow>>::index(self, row),
             Of::Postgres(row) => <&str as ColumnIndex<PgRow>>::index(self, row),
@@ -117,33 +117,33 @@ impl ColumnIndex<EitherRow> for &'_ str {
     }
 }
 
-sqlx_core::impl_column_index_for_row!(EitherRow);
+sqlx_core::impl_column_index_for_row!(EngineRow);
 
 /// How many rows a statement has changed.
 #[derive(Debug, Default)]
-pub(crate) struct EitherQueryResult {
+pub(crate) struct EngineQueryResult {
     rows_affected: u64,
 }
 
-impl EitherQueryResult {
+impl EngineQueryResult {
     pub(crate) fn rows_affected(&self) -> u64 {
         self.rows_affected
     }
 }
 
-impl From<SqliteQueryResult> for EitherQueryResult {
+impl From<SqliteQueryResult> for EngineQueryResult {
     fn from(result: SqliteQueryResult) -> Self {
         Self { rows_affected: result.rows_affected() }
     }
 }
 
-impl From<PgQueryResult> for EitherQueryResult {
+impl From<PgQueryResult> for EngineQueryResult {
     fn from(result: PgQueryResult) -> Self {
         Self { rows_affected: result.rows_affected() }
     }
 }
 
-impl Extend<Self> for EitherQueryResult {
+impl Extend<Self> for EngineQueryResult {
     fn extend<T: IntoIterator<Item = Self>>(&mut self, results: T) {
         self.rows_affected += results.into_iter().map(|result| result.rows_affected).sum::<u64>();
     }
@@ -151,9 +151,9 @@ impl Extend<Self> for EitherQueryResult {
 
 /// A statement whose columns are known.
 #[derive(Debug, Clone)]
-pub(crate) struct EitherStatement {
+pub(crate) struct EngineStatement {
     sql: SqlStr,
-    columns: Vec<EitherColumn>,
+    columns: Vec<EngineColumn>,
     places: usize,
 }
 
@@ -165,22 +165,22 @@ fn places<S: Statement>(statement: &S) -> usize {
     }
 }
 
-impl From<SqliteStatement> for EitherStatement {
+impl From<SqliteStatement> for EngineStatement {
     fn from(statement: SqliteStatement) -> Self {
-        let columns = statement.columns().iter().map(EitherColumn::from).collect();
+        let columns = statement.columns().iter().map(EngineColumn::from).collect();
         Self { columns, places: places(&statement), sql: statement.into_sql() }
     }
 }
 
-impl From<PgStatement> for EitherStatement {
+impl From<PgStatement> for EngineStatement {
     fn from(statement: PgStatement) -> Self {
-        let columns = statement.columns().iter().map(EitherColumn::from).collect();
+        let columns = statement.columns().iter().map(EngineColumn::from).collect();
         Self { columns, places: places(&statement), sql: statement.into_sql() }
     }
 }
 
-impl Statement for EitherStatement {
-    type Database = Either;
+impl Statement for EngineStatement {
+    type Database = Engine;
 
     fn into_sql(self) -> SqlStr {
         self.sql
@@ -190,13 +190,13 @@ impl Statement for EitherStatement {
         &self.sql
     }
 
-    fn parameters(&self) -> Option<sqlx::Either<&[EitherTypeInfo], usize>> {
+    fn parameters(&self) -> Option<sqlx::Either<&[EngineTypeInfo], usize>> {
         Some(sqlx::Either::Right(self.places))
     }
 
-    fn columns(&self) -> &[EitherColumn] {
+    fn columns(&self) -> &[EngineColumn] {
         &self.columns
     }
 
-    sqlx_core::impl_statement_query!(EitherArguments);
+    sqlx_core::impl_statement_query!(EngineArguments);
 }

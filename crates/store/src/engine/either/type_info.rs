@@ -30,13 +30,13 @@ impl Kind {
 
 /// The type of a value: that of an engine, or what a value of the program is.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum EitherTypeInfo {
+pub(crate) enum EngineTypeInfo {
     Own(Kind),
     Sqlite(SqliteTypeInfo),
     Postgres(PgTypeInfo),
 }
 
-impl EitherTypeInfo {
+impl EngineTypeInfo {
     /// What a value of this type of PostgreSQL is; `None` for one that the store does not use.
     pub(super) fn kind_of_postgres(of: &PgTypeInfo) -> Option<Kind> {
         match of.name() {
@@ -50,13 +50,13 @@ impl EitherTypeInfo {
     }
 }
 
-impl fmt::Display for EitherTypeInfo {
+impl fmt::Display for EngineTypeInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl TypeInfo for EitherTypeInfo {
+impl TypeInfo for EngineTypeInfo {
     fn is_null(&self) -> bool {
         match self {
             Self::Own(_) => false,

@@ -7,24 +7,24 @@ use sqlx::sqlite::Sqlite;
 use sqlx::{Decode, Type, TypeInfo, ValueRef};
 
 use super::arguments::Argument;
-use super::name::Either;
-use super::type_info::{EitherTypeInfo, Kind};
-use super::value::EitherValueRef;
+use super::name::Engine;
+use super::type_info::{EngineTypeInfo, Kind};
+use super::value::EngineValueRef;
 
 /// Whether a value of a type can be read as `T`; `kinds` are those of PostgreSQL.
-fn compatible<T: Type<Sqlite>>(of: &EitherTypeInfo, kinds: &[Kind]) -> bool {
+fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[Kind]) -> bool {
     match of {
-        EitherTypeInfo::Own(kind) => kinds.contains(kind),
-        EitherTypeInfo::Sqlite(of) => T::compatible(of),
-        EitherTypeInfo::Postgres(of) => {
-            EitherTypeInfo::kind_of_postgres(of).is_some_and(|kind| kinds.contains(&kind))
+        EngineTypeInfo::Own(kind) => kinds.contains(kind),
+        EngineTypeInfo::Sqlite(of) => T::compatible(of),
+        EngineTypeInfo::Postgres(of) => {
+            EngineTypeInfo::kind_of_postgres(of).is_some_and(|kind| kinds.contains(&kind))
         }
     }
 }
 
 /// A whole number of PostgreSQL, of any width; a truth value is 0 or 1, as in SQLite.
 fn integer(value: PgValueRef<'_>) -> Result<i64, BoxDynError> {
-    match EitherTypeInfo::kind_of_postgres(&value.type_info()) {
+    match EngineTypeInfo::kind_of_postgres(&value.type_info()) {
         Some(Kind::Flag) => <bool as Decode<Postgres>>::decode(value).map(i64::from),
         _ => <i64 as Decode<Postgres>>::decode(value),
     }
@@ -32,28 +32,28 @@ fn integer(value: PgValueRef<'_>) -> Result<i64, BoxDynError> {
 
 macro_rules! integers {
     ($($type:ty),*) => {$(
-        impl Type<Either> for $type {
-            fn type_info() -> EitherTypeInfo {
-                EitherTypeInfo::Own(Kind::Integer)
+        impl Type<Engine> for $type {
+            fn type_info() -> EngineTypeInfo {
+                EngineTypeInfo::Own(Kind::Integer)
             }
 
-            fn compatible(of: &EitherTypeInfo) -> bool {
+            fn compatible(of: &EngineTypeInfo) -> bool {
                 compatible::<Self>(of, &[Kind::Integer])
             }
         }
 
-        impl Encode<'_, Either> for $type {
+        impl Encode<'_, Engine> for $type {
             fn encode_by_ref(&self, buffer: &mut Vec<Argument>) -> Result<IsNull, BoxDynError> {
                 buffer.push(Argument::Integer(Some(i64::from(*self))));
                 Ok(IsNull::No)
             }
         }
 
-        impl<'r> Decode<'r, Either> for $type {
-            fn decode(value: EitherValueRef<'r>) -> Result<Self, BoxDynError> {
+        impl<'r> Decode<'r, Engine> for $type {
+            fn decode(value: EngineValueRef<'r>) -> Result<Self, BoxDynError> {
                 match value {
-                    EitherValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
-                    EitherValueRef::Postgres(value) => Ok(Self::try_from(integer(value)?)?),
+                    EngineValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
+                    EngineValueRef::Postgres(value) => Ok(Self::try_from(integer(value)?)?),
                 }
             }
         }
@@ -63,76 +63,76 @@ macro_rules! integers {
 integers!(i8, i16, i32, i64, u8, u16, u32);
 
 // read only: no column is wide enough for all of them
-impl Type<Either> for u64 {
-    fn type_info() -> EitherTypeInfo {
-        EitherTypeInfo::Own(Kind::Integer)
+impl Type<Engine> for u64 {
+    fn type_info() -> EngineTypeInfo {
+        EngineTypeInfo::Own(Kind::Integer)
     }
 
-    fn compatible(of: &EitherTypeInfo) -> bool {
+    fn compatible(of: &EngineTypeInfo) -> bool {
         compatible::<Self>(of, &[Kind::Integer])
     }
 }
 
-impl<'r> Decode<'r, Either> for u64 {
-    fn decode(value: EitherValueRef<'r>) -> Result<Self, BoxDynError> {
+impl<'r> Decode<'r, Engine> for u64 {
+    fn decode(value: EngineValueRef<'r>) -> Result<Self, BoxDynError> {
         match value {
-            EitherValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
-            EitherValueRef::Postgres(value) => Ok(Self::try_from(integer(value)?)?),
+            EngineValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
+            EngineValueRef::Postgres(value) => Ok(Self::try_from(integer(value)?)?),
         }
     }
 }
 
-impl Type<Either> for bool {
-    fn type_info() -> EitherTypeInfo {
-        EitherTypeInfo::Own(Kind::Flag)
+impl Type<Engine> for bool {
+    fn type_info() -> EngineTypeInfo {
+        EngineTypeInfo::Own(Kind::Flag)
     }
 
-    fn compatible(of: &EitherTypeInfo) -> bool {
+    fn compatible(of: &EngineTypeInfo) -> bool {
         compatible::<Self>(of, &[Kind::Flag, Kind::Integer])
     }
 }
 
-impl Encode<'_, Either> for bool {
+impl Encode<'_, Engine> for bool {
     fn encode_by_ref(&self, buffer: &mut Vec<Argument>) -> Result<IsNull, BoxDynError> {
         buffer.push(Argument::Flag(Some(*self)));
         Ok(IsNull::No)
     }
 }
 
-impl<'r> Decode<'r, Either> for bool {
-    fn decode(value: EitherValueRef<'r>) -> Result<Self, BoxDynError> {
+impl<'r> Decode<'r, Engine> for bool {
+    fn decode(value: EngineValueRef<'r>) -> Result<Self, BoxDynError> {
         match value {
-            EitherValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
-            EitherValueRef::Postgres(value) => Ok(integer(value)? != 0),
+            EngineValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
+            EngineValueRef::Postgres(value) => Ok(integer(value)? != 0),
         }
     }
 }
 
-impl Type<Either> for f64 {
-    fn type_info() -> EitherTypeInfo {
-        EitherTypeInfo::Own(Kind::Real)
+impl Type<Engine> for f64 {
+    fn type_info() -> EngineTypeInfo {
+        EngineTypeInfo::Own(Kind::Real)
     }
 
-    fn compatible(of: &EitherTypeInfo) -> bool {
+    fn compatible(of: &EngineTypeInfo) -> bool {
         compatible::<Self>(of, &[Kind::Real])
     }
 }
 
-impl Encode<'_, Either> for f64 {
+impl Encode<'_, Engine> for f64 {
     fn encode_by_ref(&self, buffer: &mut Vec<Argument>) -> Result<IsNull, BoxDynError> {
         buffer.push(Argument::Real(Some(*self)));
         Ok(IsNull::No)
     }
 }
 
-impl<'r> Decode<'r, Either> for f64 {
-    fn decode(value: EitherValueRef<'r>) -> Result<Self, BoxDynError> {
+impl<'r> Decode<'r, Engine> for f64 {
+    fn decode(value: EngineValueRef<'r>) -> Result<Self, BoxDynError> {
         match value {
-            EitherValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
-            EitherValueRef::Postgres(value) if value.type_info().name() == "FLOAT4" => {
+            EngineValueRef::Sqlite(value) => <Self as Decode<Sqlite>>::decode(value),
+            EngineValueRef::Postgres(value) if value.type_info().name() == "FLOAT4" => {
                 <f32 as Decode<Postgres>>::decode(value).map(Self::from)
             }
-            EitherValueRef::Postgres(value) => <Self as Decode<Postgres>>::decode(value),
+            EngineValueRef::Postgres(value) => <Self as Decode<Postgres>>::decode(value),
         }
     }
 }
@@ -140,7 +140,7 @@ impl<'r> Decode<'r, Either> for f64 {
 /// Texts and bytes: the type, what it is as an argument, and its kind.
 macro_rules! sequences {
     ($($type:ty, $kind:ident, $owned:expr;)*) => {$(
-        impl Encode<'_, Either> for $type {
+        impl Encode<'_, Engine> for $type {
             fn encode_by_ref(&self, buffer: &mut Vec<Argument>) -> Result<IsNull, BoxDynError> {
                 let owned: fn(&$type) -> _ = $owned;
                 buffer.push(Argument::$kind(Some(owned(self))));
@@ -157,7 +157,7 @@ sequences! {
 
 macro_rules! owned {
     ($($type:ty, $kind:ident;)*) => {$(
-        impl Encode<'_, Either> for $type {
+        impl Encode<'_, Engine> for $type {
             fn encode(self, buffer: &mut Vec<Argument>) -> Result<IsNull, BoxDynError> {
                 buffer.push(Argument::$kind(Some(self)));
                 Ok(IsNull::No)
@@ -178,17 +178,17 @@ owned! {
 
 macro_rules! types {
     ($($type:ty, $kind:ident;)*) => {$(
-        impl Type<Either> for $type {
-            fn type_info() -> EitherTypeInfo {
-                EitherTypeInfo::Own(Kind::$kind)
+        impl Type<Engine> for $type {
+            fn type_info() -> EngineTypeInfo {
+                EngineTypeInfo::Own(Kind::$kind)
             }
 
-            fn compatible(of: &EitherTypeInfo) -> bool {
+            fn compatible(of: &EngineTypeInfo) -> bool {
                 match of {
-                    EitherTypeInfo::Sqlite(of) => <$type as Type<Sqlite>>::compatible(of),
-                    EitherTypeInfo::Own(kind) => *kind == Kind::$kind,
-                    EitherTypeInfo::Postgres(of) => {
-                        EitherTypeInfo::kind_of_postgres(of) == Some(Kind::$kind)
+                    EngineTypeInfo::Sqlite(of) => <$type as Type<Sqlite>>::compatible(of),
+                    EngineTypeInfo::Own(kind) => *kind == Kind::$kind,
+                    EngineTypeInfo::Postgres(of) => {
+                        EngineTypeInfo::kind_of_postgres(of) == Some(Kind::$kind)
                     }
                 }
             }
@@ -205,11 +205,11 @@ types! {
 
 macro_rules! decoded {
     ($($type:ty),*) => {$(
-        impl<'r> Decode<'r, Either> for $type {
-            fn decode(value: EitherValueRef<'r>) -> Result<Self, BoxDynError> {
+        impl<'r> Decode<'r, Engine> for $type {
+            fn decode(value: EngineValueRef<'r>) -> Result<Self, BoxDynError> {
                 match value {
-                    EitherValueRef::Sqlite(value) => <$type as Decode<'r, Sqlite>>::decode(value),
-                    EitherValueRef::Postgres(value) => {
+                    EngineValueRef::Sqlite(value) => <$type as Decode<'r, Sqlite>>::decode(value),
+                    EngineValueRef::Postgres(value) => {
                         refuse_unknown(&value.type_info())?;
                         <$type as Decode<'r, Postgres>>::decode(value)
                     }
@@ -223,7 +223,7 @@ decoded!(&'r str, String, &'r [u8], Vec<u8>);
 
 /// A value of another type stands in the bytes of the server, which are no text.
 fn refuse_unknown(of: &PgTypeInfo) -> Result<(), BoxDynError> {
-    match EitherTypeInfo::kind_of_postgres(of) {
+    match EngineTypeInfo::kind_of_postgres(of) {
         Some(_) => Ok(()),
         None => {
             Err(format!("a column of type {}, which is not read here; cast it to text", of.name()).into())
@@ -231,4 +231,4 @@ fn refuse_unknown(of: &PgTypeInfo) -> Result<(), BoxDynError> {
     }
 }
 
-sqlx_core::impl_encode_for_option!(Either);
+sqlx_core::impl_encode_for_option!(Engine);

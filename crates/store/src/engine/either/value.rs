@@ -6,29 +6,29 @@ use sqlx::postgres::{PgValue, PgValueRef};
 use sqlx::sqlite::{SqliteValue, SqliteValueRef};
 use sqlx::{Value, ValueRef};
 
-use super::name::Either;
-use super::type_info::EitherTypeInfo;
+use super::name::Engine;
+use super::type_info::EngineTypeInfo;
 
 /// A value that belongs to nobody else.
-pub(crate) enum EitherValue {
+pub(crate) enum EngineValue {
     Sqlite(SqliteValue),
     Postgres(PgValue),
 }
 
-impl Value for EitherValue {
-    type Database = Either;
+impl Value for EngineValue {
+    type Database = Engine;
 
-    fn as_ref(&self) -> EitherValueRef<'_> {
+    fn as_ref(&self) -> EngineValueRef<'_> {
         match self {
-            Self::Sqlite(value) => EitherValueRef::Sqlite(value.as_ref()),
-            Self::Postgres(value) => EitherValueRef::Postgres(value.as_ref()),
+            Self::Sqlite(value) => EngineValueRef::Sqlite(value.as_ref()),
+            Self::Postgres(value) => EngineValueRef::Postgres(value.as_ref()),
         }
     }
 
-    fn type_info(&self) -> Cow<'_, EitherTypeInfo> {
+    fn type_info(&self) -> Cow<'_, EngineTypeInfo> {
         Cow::Owned(match self {
-            Self::Sqlite(value) => EitherTypeInfo::Sqlite(value.type_info().into_owned()),
-            Self::Postgres(value) => EitherTypeInfo::Postgres(value.type_info().into_owned()),
+            Self::Sqlite(value) => EngineTypeInfo::Sqlite(value.type_info().into_owned()),
+            Self::Postgres(value) => EngineTypeInfo::Postgres(value.type_info().into_owned()),
         })
     }
 
@@ -41,25 +41,25 @@ impl Value for EitherValue {
 }
 
 /// A value of a row.
-pub(crate) enum EitherValueRef<'r> {
+pub(crate) enum EngineValueRef<'r> {
     Sqlite(SqliteValueRef<'r>),
     Postgres(PgValueRef<'r>),
 }
 
-impl<'r> ValueRef<'r> for EitherValueRef<'r> {
-    type Database = Either;
+impl<'r> ValueRef<'r> for EngineValueRef<'r> {
+    type Database = Engine;
 
-    fn to_owned(&self) -> EitherValue {
+    fn to_owned(&self) -> EngineValue {
         match self {
-            Self::Sqlite(value) => EitherValue::Sqlite(ValueRef::to_owned(value)),
-            Self::Postgres(value) => EitherValue::Postgres(ValueRef::to_owned(value)),
+            Self::Sqlite(value) => EngineValue::Sqlite(ValueRef::to_owned(value)),
+            Self::Postgres(value) => EngineValue::Postgres(ValueRef::to_owned(value)),
         }
     }
 
-    fn type_info(&self) -> Cow<'_, EitherTypeInfo> {
+    fn type_info(&self) -> Cow<'_, EngineTypeInfo> {
         Cow::Owned(match self {
-            Self::Sqlite(value) => EitherTypeInfo::Sqlite(value.type_info().into_owned()),
-            Self::Postgres(value) => EitherTypeInfo::Postgres(value.type_info().into_owned()),
+            Self::Sqlite(value) => EngineTypeInfo::Sqlite(value.type_info().into_owned()),
+            Self::Postgres(value) => EngineTypeInfo::Postgres(value.type_info().into_owned()),
         })
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use rand::seq::SliceRandom;
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::work_logs;

@@ -1,6 +1,6 @@
 //! Realised rates and delays of single series.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{StandardNormal, StudentT};
 

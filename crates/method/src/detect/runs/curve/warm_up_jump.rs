@@ -206,7 +206,7 @@ fn correlation(tests: &[Estimate], begin: usize, fit: &Fit, deviation: f64) -> f
 
 #[cfg(test)]
 mod tests {
-    use rand::{Rng, SeedableRng};
+    use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 

@@ -1,7 +1,7 @@
 //! Cycles of simulated tests: noise of the torque, friction that changes while a cold arm warms, and a push, as squares of
 //! torque that add up.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

@@ -1,6 +1,6 @@
 //! Forecasts of simulated wear. The fates are drawn by formulas of wear over use, not by the model of the forecast.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 

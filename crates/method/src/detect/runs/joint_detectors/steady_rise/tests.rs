@@ -1,6 +1,6 @@
 //! Rises of simulated indices: an autoregression with a line, drawn without the detector's formulas.
 
-use rand::{Rng, SeedableRng};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
