@@ -5,6 +5,13 @@
 //! Counts of the last run are kept in the folder that this program lies in, and the change against them is printed. Without
 //! valgrind nothing is counted. The input is a small simulated export.
 
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a benchmark ends at the first surprise"
+)]
+
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::io::ErrorKind;

@@ -12,6 +12,8 @@
 //!
 //! The input is one cycle of the full test of the ER3A (250 Hz, 180 s of warming), simulated.
 
+#![expect(clippy::expect_used, clippy::panic, reason = "a benchmark ends at the first surprise")]
+
 use std::hint::black_box;
 use std::io::Cursor;
 use std::path::Path;

@@ -12,7 +12,6 @@ pub mod pipeline;
 pub mod alert;
 pub mod urdf_writer;
 pub mod report;
-pub mod evaluate;
 pub mod robot_code;
 pub mod serve;
 pub mod daemon;

@@ -14,7 +14,8 @@ use armwatch_store::Store;
 Prints, for each robot and joint, from which change on its level of friction is an alarm: as many standard deviations of
 the smoothed change as the rate `false_alarms_per_robot_year` of the configuration gives, and the same in per cent of
 friction, at least `drift_warning_fraction`. The delay is the expected number of tests until an alarm of a step by 5, 10
-and 15 %, the test with the step included. Nothing is changed; docs/detection.md says what is guaranteed in which phase.
+and 15 %, the test with the step included. Nothing is changed; docs/evidence/detection.md says what is guaranteed in which
+phase.
 
 Examples:
   armwatch calibrate

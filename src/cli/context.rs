@@ -31,34 +31,40 @@ pub const EXIT_STOPPED: u8 = 130;
 /// Heading of the options of every command.
 pub(super) const GLOBAL_HEADING: &str = "Global options";
 
+/// Environment variable of benchmarks: if it is set, numerics run as on a processor without wide registers.
+pub const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";
+
 /// Options of every command.
 #[derive(Debug, Args)]
 #[command(next_help_heading = GLOBAL_HEADING)]
-pub(super) struct Global {
+pub struct Global {
     /// Database file, or postgres://USER@HOST/NAME, instead of the configuration's
     #[arg(long, global = true, value_name = "DATABASE")]
-    pub(super) db: Option<PathBuf>,
+    pub db: Option<PathBuf>,
     /// Configuration file [default: $ARMWATCH_CONFIG, else config/armwatch.toml, else
     /// armwatch.toml, else the shipped settings]
     #[arg(long, global = true, value_name = "FILE")]
-    pub(super) config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// Print results as JSON, one object a line
     #[arg(long, global = true)]
-    pub(super) json: bool,
+    pub json: bool,
     /// More log lines; twice for all
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
-    pub(super) verbose: u8,
+    pub verbose: u8,
     /// Fewer log lines; twice for errors only
     #[arg(short, long, global = true, action = clap::ArgAction::Count, conflicts_with = "verbose")]
-    pub(super) quiet: u8,
+    pub quiet: u8,
     /// How log lines look: for people, or one JSON object a line
     #[arg(long, global = true, value_name = "FORMAT", value_enum, default_value_t = LogFormat::Text)]
-    pub(super) log_format: LogFormat,
+    pub log_format: LogFormat,
 }
 
 impl Global {
     /// The configuration, with the command line's database.
-    pub(super) fn read_config(&self) -> Result<Config, CliError> {
+    ///
+    /// # Errors
+    /// [`CliError::Config`] of a configuration that cannot be read.
+    pub fn read_config(&self) -> Result<Config, CliError> {
         let (mut config, _) = Config::find(self.config.as_deref())?;
         if let Some(db) = &self.db {
             config.database.clone_from(db);
@@ -67,16 +73,17 @@ impl Global {
     }
 }
 
+/// Format of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum LogFormat {
-    // without texts of their own: these would stand in the help of each command
+#[expect(missing_docs, reason = "a text of a value would stand in the help of each command")]
+pub enum LogFormat {
     Text,
     Json,
 }
 
 /// Why a command ended early.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum CliError {
+pub enum CliError {
     /// The configuration is wrong.
     #[error("{0}")]
     Config(#[from] ConfigErrors),
@@ -98,7 +105,9 @@ pub(super) enum CliError {
 }
 
 impl CliError {
-    pub(super) fn exit_code(&self) -> u8 {
+    /// Exit status of the process.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
         match self {
             Self::Config(_) | Self::Usage(_) => EXIT_USAGE,
             Self::Io(_) | Self::Store(_) | Self::Pipeline(PipelineError::Store(_)) => EXIT_IO,
@@ -108,7 +117,10 @@ impl CliError {
 }
 
 /// The asynchronous runtime of a command.
-pub(super) fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
+///
+/// # Errors
+/// [`CliError::Internal`] if the system gives no threads.
+pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
@@ -147,7 +159,10 @@ fn no_database(config: &Config) -> CliError {
 }
 
 /// Opens the database of a command that writes; makes it if there is none.
-pub(super) async fn open_store(config: &Config) -> Result<Store, CliError> {
+///
+/// # Errors
+/// [`CliError::Store`] of a database that cannot be opened.
+pub async fn open_store(config: &Config) -> Result<Store, CliError> {
     Ok(Store::open_as(&config.database, &config.cluster).await?)
 }
 

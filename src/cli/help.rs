@@ -20,7 +20,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
         "Set up",
         &["config", "robot", "layout", "trajectory", "doctor", "backup", "prune", "completions", "man"],
     ),
-    ("Try and measure", &["demo", "simulate", "evaluate", "benchmark"]),
+    ("Try and measure", &["demo", "simulate"]),
 ];
 
 /// Heading of commands that are in no group.

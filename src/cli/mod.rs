@@ -1,6 +1,6 @@
 //! The command line: what was typed becomes what it means, once; then one function a command.
 
-mod shared;
+pub mod shared;
 mod quarantine;
 mod alerts;
 mod identify;
@@ -10,11 +10,9 @@ mod layout;
 mod config;
 mod simulate;
 mod trajectory;
-mod benchmark;
-mod evaluate;
 mod calibrate;
 mod completions;
-mod context;
+pub mod context;
 mod help;
 mod man;
 mod demo;
@@ -39,7 +37,7 @@ mod verify;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::context::{CliError, EXIT_IO, Global, LogFormat};
 use crate::telemetry;
@@ -75,14 +73,10 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// The command line of this process; ends it where that is wrong, or asks for help.
+    /// The command line of this process; ends it if that is wrong or asks for help.
     #[must_use]
     pub fn of_process() -> Self {
-        let mut command = Self::dressed_command();
-        let matches = command
-            .try_get_matches_from_mut(std::env::args_os())
-            .unwrap_or_else(|error| help::with_what_is_meant(error, &command).exit());
-        Self::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
+        parsed()
     }
 
     /// All commands with their help as people see it.
@@ -90,6 +84,17 @@ impl Cli {
     pub fn dressed_command() -> clap::Command {
         help::dressed(Self::command())
     }
+}
+
+/// The command line of this process as `C`, with help and errors as people see them; ends the process if it is wrong or asks
+/// for help.
+#[must_use]
+pub fn parsed<C: Parser>() -> C {
+    let mut command = help::dressed(C::command());
+    let matches = command
+        .try_get_matches_from_mut(std::env::args_os())
+        .unwrap_or_else(|error| help::with_what_is_meant(error, &command).exit());
+    C::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit())
 }
 
 #[derive(Debug, Subcommand)]
@@ -159,13 +164,6 @@ enum Command {
         #[command(subcommand)]
         command: LayoutCommand,
     },
-    /// Measure coverage of intervals, speed and memory
-    Benchmark {
-        #[command(subcommand)]
-        command: BenchmarkCommand,
-    },
-    /// Measure the detectors on simulated fleets
-    Evaluate(evaluate::EvaluateArgs),
     /// From which change of friction on there is an alarm, and how soon
     Calibrate(calibrate::CalibrateArgs),
     /// Completions of commands and options for a shell
@@ -212,27 +210,6 @@ enum LayoutCommand {
 }
 
 #[derive(Debug, Subcommand)]
-enum BenchmarkCommand {
-    /// How often 95 % intervals of the parameters hold the truth
-    Coverage(benchmark::coverage::CoverageArgs),
-    /// Exports a minute of one daemon and of several on one database of a server
-    Daemons(benchmark::daemons::DaemonsArgs),
-    /// Time of questions about a long history
-    History(benchmark::history::HistoryArgs),
-    /// Time and memory of `ingest` beside a plain read of the same export
-    Ingest(benchmark::throughput::IngestBenchmarkArgs),
-    /// Memory, open files and latency of a daemon before robots that write without pause
-    Soak(benchmark::soak::SoakArgs),
-    /// Processor time of each stage of taking a cycle
-    Stages(benchmark::stages::StagesArgs),
-    /// Time of a start with many known files
-    Start(benchmark::start::StartArgs),
-    /// Read a file with polars alone and print its rows
-    #[command(hide = true)]
-    PlainRead(benchmark::throughput::PlainReadArgs),
-}
-
-#[derive(Debug, Subcommand)]
 enum ConfigCommand {
     /// Every problem of the configuration and the files it names, with file and line
     #[command(after_help = "\
@@ -253,22 +230,31 @@ Examples:
 /// Runs a command and returns the exit status of the process.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
-    let format = match cli.global.log_format {
-        LogFormat::Text => telemetry::LogFormat::Text,
-        LogFormat::Json => telemetry::LogFormat::Json,
-    };
-    let verbosity =
-        i8::try_from(cli.global.verbose).unwrap_or(2) - i8::try_from(cli.global.quiet).unwrap_or(2);
     // one-shot commands print their results; their logs are asked for with -v
-    let usual = match cli.command {
+    let usual_verbosity = match cli.command {
         Command::Run(_) => 0,
         Command::Demo(_) => -2,
         _ => -1,
     };
-    telemetry::start(format, verbosity.saturating_add(usual));
-    lanes::run_as_on_any_processor(std::env::var_os(benchmark::throughput::ANY_PROCESSOR).is_some());
-    let done = or_internal(|| carry_out(cli));
-    let status = done.unwrap_or_else(|error| {
+    execute(&cli.global, usual_verbosity, || carry_out(&cli.global, cli.command))
+}
+
+/// Runs `command` with logs as `global` asks for them, `usual_verbosity` without -v and -q, and returns the exit status of the
+/// process.
+#[must_use]
+pub fn execute(
+    global: &Global,
+    usual_verbosity: i8,
+    command: impl FnOnce() -> Result<u8, CliError>,
+) -> ExitCode {
+    let format = match global.log_format {
+        LogFormat::Text => telemetry::LogFormat::Text,
+        LogFormat::Json => telemetry::LogFormat::Json,
+    };
+    let verbosity = i8::try_from(global.verbose).unwrap_or(2) - i8::try_from(global.quiet).unwrap_or(2);
+    telemetry::start(format, verbosity.saturating_add(usual_verbosity));
+    lanes::run_as_on_any_processor(std::env::var_os(context::ANY_PROCESSOR).is_some());
+    let status = or_internal(command).unwrap_or_else(|error| {
         shared::output::print_error(&error);
         error.exit_code()
     });
@@ -291,86 +277,61 @@ fn or_internal(command: impl FnOnce() -> Result<u8, CliError>) -> Result<u8, Cli
     })
 }
 
-fn carry_out(cli: Cli) -> Result<u8, CliError> {
-    match cli.command {
-        Command::Demo(args) => demo::command::demo(&cli.global, &args),
-        Command::Run(args) => run::run(&cli.global, &args),
-        Command::Ingest(args) => ingest::ingest(&cli.global, &args),
-        Command::Status(args) => status::status(&cli.global, &args),
-        Command::Robots(args) => lists::robots(&cli.global, &args),
-        Command::Runs(args) => lists::runs(&cli.global, &args),
-        Command::Cycles(args) => lists::cycles(&cli.global, &args),
-        Command::Sql(args) => sql::sql(&cli.global, &args),
-        Command::Snapshot(args) => snapshot::snapshot(&cli.global, &args),
-        Command::Backup(args) => backup::backup(&cli.global, &args),
-        Command::Doctor(args) => doctor::doctor(&cli.global, &args),
-        Command::Prune(args) => prune::prune(&cli.global, &args),
-        Command::Export(args) => export::export(&cli.global, &args),
-        Command::Quarantine(args) => quarantine::command::quarantine(&cli.global, &args),
-        Command::Maintenance(args) => maintenance::maintenance(&cli.global, &args),
-        Command::Alerts(args) => alerts::command::alerts(&cli.global, &args),
-        Command::Explain(args) => explain::explain(&cli.global, &args),
-        Command::Identify(args) => identify::command::identify(&cli.global, &args),
-        Command::Parameters(args) => parameters::parameters(&cli.global, &args),
-        Command::Verify(args) => verify::verify(&cli.global, &args),
-        Command::Torque(args) => torque::torque(&cli.global, &args),
-        Command::Rmsd(args) => rmsd::rmsd(&cli.global, &args),
-        Command::Friction(args) => friction::command::friction(&cli.global, &args),
-        Command::Report(args) => report::command::report(&cli.global, &args),
-        Command::Simulate(args) => simulate::command::simulate(&cli.global, &args),
-        Command::Robot { command: RobotCommand::Check(args) } => robot::check::check(&cli.global, &args),
+fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
+    match command {
+        Command::Demo(args) => demo::command::demo(global, &args),
+        Command::Run(args) => run::run(global, &args),
+        Command::Ingest(args) => ingest::ingest(global, &args),
+        Command::Status(args) => status::status(global, &args),
+        Command::Robots(args) => lists::robots(global, &args),
+        Command::Runs(args) => lists::runs(global, &args),
+        Command::Cycles(args) => lists::cycles(global, &args),
+        Command::Sql(args) => sql::sql(global, &args),
+        Command::Snapshot(args) => snapshot::snapshot(global, &args),
+        Command::Backup(args) => backup::backup(global, &args),
+        Command::Doctor(args) => doctor::doctor(global, &args),
+        Command::Prune(args) => prune::prune(global, &args),
+        Command::Export(args) => export::export(global, &args),
+        Command::Quarantine(args) => quarantine::command::quarantine(global, &args),
+        Command::Maintenance(args) => maintenance::maintenance(global, &args),
+        Command::Alerts(args) => alerts::command::alerts(global, &args),
+        Command::Explain(args) => explain::explain(global, &args),
+        Command::Identify(args) => identify::command::identify(global, &args),
+        Command::Parameters(args) => parameters::parameters(global, &args),
+        Command::Verify(args) => verify::verify(global, &args),
+        Command::Torque(args) => torque::torque(global, &args),
+        Command::Rmsd(args) => rmsd::rmsd(global, &args),
+        Command::Friction(args) => friction::command::friction(global, &args),
+        Command::Report(args) => report::command::report(global, &args),
+        Command::Simulate(args) => simulate::command::simulate(global, &args),
+        Command::Robot { command: RobotCommand::Check(args) } => robot::check::check(global, &args),
         Command::Robot { command: RobotCommand::DriveGains(args) } => {
-            robot::drive_gains::drive_gains(&cli.global, &args)
+            robot::drive_gains::drive_gains(global, &args)
         }
-        Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(&cli.global, &args),
-        Command::Robot { command: RobotCommand::Code(args) } => robot::code::code(&cli.global, &args),
+        Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(global, &args),
+        Command::Robot { command: RobotCommand::Code(args) } => robot::code::code(global, &args),
         Command::Trajectory { command: TrajectoryCommand::Design(args) } => {
-            trajectory::design::design(&cli.global, &args)
+            trajectory::design::design(global, &args)
         }
         Command::Trajectory { command: TrajectoryCommand::Check(args) } => {
-            trajectory::check::check(&cli.global, &args)
+            trajectory::check::check(global, &args)
         }
         Command::Trajectory { command: TrajectoryCommand::Export(args) } => {
-            trajectory::export::export(&cli.global, &args)
+            trajectory::export::export(global, &args)
         }
         Command::Trajectory { command: TrajectoryCommand::Plot(args) } => {
-            trajectory::plot::plot(&cli.global, &args)
+            trajectory::plot::plot(global, &args)
         }
         Command::Trajectory { command: TrajectoryCommand::Test(args) } => {
-            trajectory::whole_test::whole_test(&cli.global, &args)
+            trajectory::whole_test::whole_test(global, &args)
         }
-        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(&cli.global, &args),
-        Command::Benchmark { command: BenchmarkCommand::Coverage(args) } => {
-            benchmark::coverage::coverage(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::Daemons(args) } => {
-            benchmark::daemons::daemons(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::History(args) } => {
-            benchmark::history::history(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::Ingest(args) } => {
-            benchmark::throughput::throughput(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::Soak(args) } => {
-            benchmark::soak::soak(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::Stages(args) } => {
-            benchmark::stages::stages(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::Start(args) } => {
-            benchmark::start::start(&cli.global, &args)
-        }
-        Command::Benchmark { command: BenchmarkCommand::PlainRead(args) } => {
-            benchmark::throughput::plain_read(&args)
-        }
-        Command::Evaluate(args) => evaluate::evaluate(&cli.global, &args),
-        Command::Calibrate(args) => calibrate::calibrate(&cli.global, &args),
-        Command::Config { command: ConfigCommand::Check } => config::check::check(&cli.global),
-        Command::Config { command: ConfigCommand::Show } => config::show::show(&cli.global),
-        Command::Config { command: ConfigCommand::Init(args) } => config::init::init(&cli.global, &args),
+        Command::Layout { command: LayoutCommand::Infer(args) } => layout::infer::infer(global, &args),
+        Command::Calibrate(args) => calibrate::calibrate(global, &args),
+        Command::Config { command: ConfigCommand::Check } => config::check::check(global),
+        Command::Config { command: ConfigCommand::Show } => config::show::show(global),
+        Command::Config { command: ConfigCommand::Init(args) } => config::init::init(global, &args),
         Command::Completions(args) => completions::completions(&args, &mut Cli::dressed_command()),
-        Command::Man(args) => man::man(&cli.global, &args, Cli::dressed_command()),
+        Command::Man(args) => man::man(global, &args, Cli::dressed_command()),
     }
 }
 

@@ -36,6 +36,7 @@ pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Recei
 ///
 /// # Errors
 /// If the handlers cannot be installed.
+#[expect(clippy::exit, reason = "the second signal ends the process at once")]
 pub fn stop_on_signal() -> std::io::Result<CancellationToken> {
     let stop = CancellationToken::new();
     let mut terminate = signal(SignalKind::terminate())?;

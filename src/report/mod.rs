@@ -4,7 +4,6 @@
 //! question.
 
 pub mod anomaly;
-pub mod detection;
 pub mod figure;
 pub mod friction;
 pub mod friction_index;

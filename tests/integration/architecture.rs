@@ -1,172 +1,270 @@
-//! ARCHITECTURE.md, held against the sources: which room names which, and inside a room which place names which;
-//! which outside crates stand behind which door; and the invariants that can be seen in a name. All code is read but
-//! what is compiled for tests only.
+//! Rules of ARCHITECTURE.md that neither Cargo nor Clippy can express, held against manifests and the text of sources.
 
-mod arrows;
-mod places;
-mod planted;
-mod rules;
-mod source;
-mod table;
-
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
-use std::sync::OnceLock;
+use std::path::{Path, PathBuf};
 
-use self::source::{Code, Sources};
-use self::table::Rules;
+use regex::Regex;
+
+/// Outside crates that nouns and method may depend on: numerics, formats and dates.
+const PURE: [&str; 8] = ["faer", "jiff", "nalgebra", "pulp", "serde", "statrs", "thiserror", "varpro"];
+
+/// Drivers of databases.
+const DRIVERS: [&str; 3] = ["rusqlite", "sqlx", "sqlx-core"];
+
+/// Begins a statement in a string literal.
+const STATEMENT: &str = concat!(
+    r#"[^\\]"(\\\n)?\s*(ALTER|ATTACH|BEGIN IMMEDIATE|CREATE|DELETE FROM|DROP|INSERT INTO|"#,
+    "PRAGMA|SELECT|UPDATE|VACUUM|WITH RECURSIVE) ",
+);
+
+/// Files of the root package that hold a standard stream: one prints, one gives the log its stream.
+const OF_STREAMS: [&str; 2] = ["cli/shared/output.rs", "telemetry.rs"];
+
+/// Source files by their path below a folder, with `/` between folders.
+type Sources = BTreeMap<String, String>;
+
+fn pattern(text: &str) -> Regex {
+    Regex::new(text).expect("a pattern")
+}
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn text() -> String {
-    fs::read_to_string(root().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md")
+fn manifest(folder: &Path) -> toml::Table {
+    fs::read_to_string(folder.join("Cargo.toml")).expect("a manifest").parse().expect("TOML")
 }
 
-fn document() -> Rules {
-    Rules::read(&text()).unwrap_or_else(|problem| panic!("{problem}"))
+/// Folders of all packages of the workspace by name.
+fn packages() -> BTreeMap<String, PathBuf> {
+    let mut folders = vec![root().to_owned()];
+    for member in manifest(root())["workspace"]["members"].as_array().expect("members") {
+        match member.as_str().expect("a path").strip_suffix("/*") {
+            Some(parent) => folders.extend(entries(&root().join(parent))),
+            None => folders.push(root().join(member.as_str().expect("a path"))),
+        }
+    }
+    folders.retain(|folder| folder.join("Cargo.toml").exists());
+    let name = |folder: &Path| manifest(folder)["package"]["name"].as_str().expect("a name").to_owned();
+    folders.into_iter().map(|folder| (name(&folder), folder)).collect()
 }
 
-/// Crates that the program is built with, with `_` for `-`.
-fn dependencies() -> BTreeSet<String> {
-    let text = fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
-    let manifest: toml::Table = text.parse().expect("TOML");
-    let tables = manifest.iter().filter(|(key, _)| *key == "dependencies");
-    let names = tables.filter_map(|(_, table)| table.as_table()).flat_map(|table| table.keys());
-    names.map(|name| name.replace('-', "_")).collect()
+fn entries(folder: &Path) -> Vec<PathBuf> {
+    fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect()
 }
 
-fn sources() -> Sources {
+/// Dependencies of a package, except those that only its tests need.
+fn dependencies(folder: &Path) -> BTreeSet<String> {
+    manifest(folder)["dependencies"].as_table().expect("a table").keys().cloned().collect()
+}
+
+fn sources(folder: &Path) -> Sources {
     let mut found = Sources::new();
-    let src = root().join("src");
-    let mut folders = vec![src.clone()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).expect("a folder of sources") {
-            let path = entry.expect("an entry").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                let name = path.strip_prefix(&src).expect("under src").to_string_lossy().replace('\\', "/");
-                found.insert(name, fs::read_to_string(&path).expect("a readable source"));
-            }
+    let mut left = vec![folder.to_owned()];
+    while let Some(path) = left.pop() {
+        if path.is_dir() {
+            left.extend(entries(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let name = path.strip_prefix(folder).expect("below it").to_string_lossy().replace('\\', "/");
+            found.insert(name, fs::read_to_string(&path).expect("a readable source"));
         }
     }
     found
 }
 
-/// The sources, parsed once for all tests.
-fn program() -> &'static [Code] {
-    static PROGRAM: OnceLock<Vec<Code>> = OnceLock::new();
-    let parsed = || source::program(&sources());
-    PROGRAM.get_or_init(|| parsed().unwrap_or_else(|problems| panic!("{}", problems.join("\n"))))
+/// The module of a file: `a/b` for `a/b.rs` and `a/b/mod.rs`, empty for `lib.rs` and `main.rs`.
+fn module(path: &str) -> &str {
+    let path = path.trim_end_matches(".rs");
+    if ["lib", "main"].contains(&path) { "" } else { path.trim_end_matches("/mod") }
+}
+
+/// Sources without comments and tests. Modules of tests are the last items of their files, as Clippy demands.
+fn code(sources: &Sources) -> Sources {
+    let of_tests = pattern(r"#\[cfg\(test\)\]\s+(?:pub(?:\([^)]*\))? )?mod (\w+)( \{|;)");
+    let mut outside = Vec::new();
+    let mut stripped = Sources::new();
+    for (path, text) in sources {
+        let mut end = text.len();
+        for found in of_tests.captures_iter(text) {
+            if &found[2] == ";" {
+                outside.push(format!("{}/{}", module(path), &found[1]).trim_start_matches('/').to_owned());
+            } else {
+                end = end.min(found.get(0).map_or(end, |whole| whole.start()));
+            }
+        }
+        let lines = text[..end].lines().filter(|line| !line.trim_start().starts_with("//"));
+        stripped.insert(path.clone(), lines.collect::<Vec<_>>().join("\n"));
+    }
+    stripped.retain(|path, _| !outside.iter().any(|tests| Path::new(module(path)).starts_with(tests)));
+    stripped
+}
+
+/// Everything that can be reached from each name over one or more arrows.
+fn reached(arrows: &BTreeMap<String, BTreeSet<String>>) -> BTreeMap<&String, BTreeSet<&String>> {
+    let from = |name| {
+        let (mut found, mut left) = (BTreeSet::new(), vec![name]);
+        while let Some(name) = left.pop() {
+            left.extend(arrows.get(name).into_iter().flatten().filter(|to| found.insert(*to)));
+        }
+        (name, found)
+    };
+    arrows.keys().map(from).collect()
+}
+
+/// Modules directly below the root of a crate that depend on themselves through others. `pub use` in `lib.rs` hands names
+/// on; elsewhere it needs nothing.
+fn circles(sources: &Sources) -> Vec<String> {
+    let handed_on = pattern(r"pub use (?:self::|crate::)?(\w+)::([^;]+);");
+    let named = pattern(r"(?:pub )?(?:use )?\bcrate::(?:(\w+)|\{([^;]*?)\})");
+    let word = pattern(r"\w+");
+    let mut owners = BTreeMap::new();
+    for found in handed_on.captures_iter(sources.get("lib.rs").map_or("", String::as_str)) {
+        let (_, [owner, items]) = found.extract();
+        owners.extend(word.find_iter(items).map(|item| (item.as_str(), owner)));
+    }
+    let tops: BTreeSet<&str> = sources.keys().filter_map(|path| module(path).split('/').next()).collect();
+    let mut arrows: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (path, text) in sources.iter().filter(|(path, _)| !module(path).is_empty()) {
+        let (top, depth) =
+            (module(path).split('/').next().unwrap_or_default(), module(path).split('/').count());
+        let text = text.replace(&"super::".repeat(depth), "crate::");
+        for found in named.captures_iter(&text).filter(|found| !found[0].starts_with("pub use")) {
+            let names = found.get(1).or(found.get(2)).map_or("", |names| names.as_str());
+            for name in word.find_iter(names).map(|name| name.as_str()) {
+                let to = owners.get(name).copied().unwrap_or(name);
+                if tops.contains(to) && to != top {
+                    arrows.entry(top.to_owned()).or_default().insert(to.to_owned());
+                }
+            }
+        }
+    }
+    let reached = reached(&arrows);
+    let in_circle = arrows.iter().filter(|(from, _)| reached[from].contains(from));
+    in_circle.map(|(from, to)| format!("{from}: {to:?}")).collect()
+}
+
+/// Made-up sources, of pairs of path and text.
+fn planted<const N: usize>(files: [(&str, &str); N]) -> Sources {
+    files.map(|(path, text)| (path.to_owned(), text.to_owned())).into()
 }
 
 #[test]
-fn the_sources_keep_the_rules_of_the_map() {
-    let broken = rules::violations(program(), &document(), &dependencies());
-    assert!(broken.is_empty(), "{}", broken.join("\n"));
-}
-
-#[test]
-fn the_files_of_a_room_name_each_other_in_no_circle() {
-    let circles = arrows::circles(program());
-    assert!(circles.is_empty(), "{}", circles.join("\n"));
-}
-
-/// To give a room a table, write its heading into ARCHITECTURE.md: this test then prints the rows.
-#[test]
-fn the_places_of_a_room_keep_the_rules_of_its_table() {
-    let tables = places::read(&text()).unwrap_or_else(|problem| panic!("{problem}"));
-    let broken = places::violations(program(), &tables);
-    assert!(broken.is_empty(), "{}", broken.join("\n"));
-}
-
-#[test]
-fn every_row_of_the_map_is_a_room() {
-    let rooms: BTreeSet<String> = program().iter().map(|code| code.room().to_owned()).collect();
-    let gone: Vec<String> = document().rooms.into_iter().map(|room| room.name).collect();
-    let gone: Vec<&String> = gone.iter().filter(|name| !rooms.contains(*name)).collect();
-    assert!(gone.is_empty(), "rooms of ARCHITECTURE.md without a source: {gone:?}");
-}
-
-#[test]
-fn every_dependency_stands_behind_a_door_of_the_map() {
-    let (dependencies, named) = (dependencies(), document().crates());
-    let without: Vec<&String> = dependencies.difference(&named).collect();
-    assert!(without.is_empty(), "crates in Cargo.toml and in no table of ARCHITECTURE.md: {without:?}");
-    let gone: Vec<&String> = named.difference(&dependencies).collect();
-    assert!(gone.is_empty(), "crates in ARCHITECTURE.md and not in Cargo.toml: {gone:?}");
+fn every_package_has_the_settings_of_the_workspace() {
+    for (name, folder) in packages() {
+        let manifest = manifest(&folder);
+        let package = manifest["package"].as_table().expect("a table");
+        let of_package = ["version", "edition", "rust-version", "license"].map(|key| (key, package.get(key)));
+        for (key, value) in of_package.into_iter().chain([("lints", manifest.get("lints"))]) {
+            let inherits = value.and_then(|value| value.get("workspace"));
+            assert_eq!(inherits, Some(&true.into()), "{name}: {key}");
+        }
+    }
 }
 
 #[test]
 fn every_dependency_is_named_by_a_source() {
-    let sources = sources();
-    let named = |name: &String| sources.values().any(|text| text.contains(&format!("{name}::")));
-    let unused: Vec<String> = dependencies().into_iter().filter(|name| !named(name)).collect();
-    assert!(unused.is_empty(), "crates in Cargo.toml that no source names: {unused:?}");
+    for (name, folder) in packages() {
+        let sources = sources(&folder.join("src"));
+        let is_named = |text: &str| sources.values().any(|source| source.contains(&format!("{text}::")));
+        let mut unused = dependencies(&folder);
+        unused.retain(|dependency| !is_named(&dependency.replace('-', "_")));
+        assert!(unused.is_empty(), "{name} names none of {unused:?}");
+    }
 }
 
-/// What a test finds is waited for with a deadline, not slept for: one function sleeps.
+/// The simulator is independent of the method that it tests. Settings and the store know its results only.
 #[test]
-fn tests_wait_for_events() {
-    let mut folders = vec![root().join("tests/integration")];
-    let mut sleeping = Vec::new();
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).expect("a folder of tests") {
-            let path = entry.expect("an entry").path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                let text = fs::read_to_string(&path).expect("a readable source");
-                let count = text.matches(concat!("sle", "ep(")).count();
-                sleeping.extend(
-                    (count > 0).then(|| (path.strip_prefix(root()).expect("under it").to_owned(), count)),
-                );
-            }
+fn simulator_settings_and_store_do_not_reach_the_method() {
+    let arrows = packages().into_iter().map(|(name, folder)| (name, dependencies(&folder))).collect();
+    let reached = reached(&arrows);
+    let reaches_method = |name: &str| reached[&name.to_owned()].iter().any(|to| *to == "armwatch-method");
+    assert!(reaches_method("armwatch"), "the program reaches the method");
+    for name in ["simulate", "config", "ingest", "store"] {
+        assert!(!reaches_method(&format!("armwatch-{name}")), "{name} reaches the method");
+    }
+}
+
+#[test]
+fn nouns_and_method_depend_on_pure_crates() {
+    for name in ["armwatch-model", "armwatch-method"] {
+        let mut impure = dependencies(&packages()[name]);
+        impure.retain(|name| !PURE.contains(&name.as_str()) && name != "armwatch-model");
+        assert!(impure.is_empty(), "{name} depends on {impure:?}");
+    }
+}
+
+#[test]
+fn only_the_store_holds_sql() {
+    let statement = pattern(STATEMENT);
+    for text in ["query(\"SELECT 1\")", "(\"\\\n    DELETE FROM run\")"] {
+        assert!(statement.is_match(text), "{text}");
+    }
+    for (name, folder) in packages().into_iter().filter(|(name, _)| name != "armwatch-store") {
+        assert!(dependencies(&folder).iter().all(|name| !DRIVERS.contains(&name.as_str())), "{name}");
+        for (path, text) in code(&sources(&folder.join("src"))) {
+            let found = statement.find(&text).map(|found| found.as_str());
+            assert_eq!(found, None, "{name}, {path}");
         }
     }
-    assert_eq!(sleeping, [(Path::new("tests/integration/support.rs").to_owned(), 1)]);
 }
 
-/// Files of tests that lie beside their subject, or in a folder that belongs to no file.
-fn misplaced_tests(paths: &[&str]) -> Vec<String> {
-    let there = |path: String| paths.contains(&path.as_str());
-    let misplaced = |path: &&&str| {
-        let (folder, name) = path.rsplit_once('/').unwrap_or(("", path));
-        let Some(topic) = name.strip_suffix("tests.rs") else {
-            return name.starts_with("tests_");
-        };
-        let has_owner = there(format!("{folder}.rs")) || there(format!("{folder}/mod.rs"));
-        let beside = there(format!("{folder}/{}.rs", topic.trim_end_matches('_')));
-        !has_owner || beside
+#[test]
+fn modules_depend_on_each_other_in_no_circle() {
+    let circle = planted([
+        ("lib.rs", "pub use c::{Other, Row};"),
+        ("a/mod.rs", "use super::b::B;\n#[cfg(test)]\nmod tests {\nuse crate::d; }"),
+        ("b.rs", "use crate::Row;"),
+        ("c/deep.rs", "use super::super::{a, d};"),
+        ("d.rs", "pub use crate::a::A;\n    // crate::b"),
+    ]);
+    let found = circles(&code(&circle));
+    assert_eq!(found.iter().map(|told| &told[..1]).collect::<String>(), "abc", "{found:?}");
+    for (name, folder) in packages() {
+        let found = circles(&code(&sources(&folder.join("src"))));
+        assert!(found.is_empty(), "{name}: modules that depend on themselves through others: {found:?}");
+    }
+}
+
+#[test]
+fn one_file_prints() {
+    let is_stream = |line: &str| {
+        (line.contains("io::stdout") || line.contains("io::stderr")) && !line.contains("is_terminal")
     };
-    paths.iter().filter(misplaced).map(ToString::to_string).collect()
+    let mut code = code(&sources(&root().join("src")));
+    code.retain(|_, text| text.lines().any(is_stream));
+    assert_eq!(code.into_keys().collect::<Vec<_>>(), OF_STREAMS);
 }
 
+/// Long tests of `a.rs` are in `a/tests.rs` or `a/TOPIC_tests.rs`.
 #[test]
-fn long_tests_lie_in_the_folder_of_what_they_test() {
-    let sources = sources();
-    let paths: Vec<&str> = sources.keys().map(String::as_str).collect();
-    let misplaced = misplaced_tests(&paths);
-    assert!(misplaced.is_empty(), "see \"Inside the rooms\" in ARCHITECTURE.md: {misplaced:?}");
-    let planted = [
-        "a/b.rs",
-        "a/b/tests.rs",
-        "a/b/odd_tests.rs",
-        "a/mod.rs",
-        "a/b_tests.rs",
-        "a/c/tests.rs",
-        "a/tests_b.rs",
-    ];
-    assert_eq!(misplaced_tests(&planted), ["a/b_tests.rs", "a/c/tests.rs", "a/tests_b.rs"]);
+fn files_of_tests_are_in_the_folder_of_their_subject() {
+    for (name, folder) in packages() {
+        let sources = sources(&folder.join("src"));
+        let modules: BTreeSet<&str> = sources.keys().map(|path| module(path)).collect();
+        for path in modules.iter().filter(|path| path.ends_with("tests") && path.contains('/')) {
+            let owner = path.rsplit_once('/').map_or("", |(owner, _)| owner);
+            assert!(modules.contains(owner), "{name}: {path} belongs to no file");
+            let next_to_it = path.strip_suffix("_tests").filter(|subject| modules.contains(subject));
+            assert_eq!(next_to_it, None, "{name}: {path} is next to its subject");
+        }
+    }
 }
 
+/// Tests wait for an event with a deadline: one file sleeps.
 #[test]
-fn the_simulator_is_a_second_road_to_the_truth() {
-    let reached = document().reach("simulate");
-    assert!(!reached.contains("numerics"), "by the map, simulate comes to numerics: {reached:?}");
-    let settings = document().reach("robot");
-    assert!(settings.is_empty(), "the first noun names {settings:?}");
+fn tests_wait_for_events() {
+    let sources = sources(&root().join("tests/integration"));
+    let sleeping = sources.iter().filter(|(_, text)| text.contains(concat!("sle", "ep(")));
+    assert_eq!(sleeping.map(|(path, _)| path.as_str()).collect::<Vec<_>>(), ["support.rs"]);
+}
+
+/// Clippy sees `#[allow]` before items only.
+#[test]
+fn no_file_silences_lints_without_a_reason() {
+    for (name, folder) in packages() {
+        for (path, text) in ["src", "tests", "benches"].iter().flat_map(|part| sources(&folder.join(part))) {
+            assert!(!text.contains(concat!("#![al", "low(")), "{name}, {path}");
+        }
+    }
 }

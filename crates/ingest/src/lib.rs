@@ -17,7 +17,6 @@ pub mod find;
 pub mod table;
 pub mod excerpt;
 pub mod infer;
-pub mod plain;
 pub mod rejection;
 
 #[cfg(test)]

@@ -388,8 +388,8 @@ mod tests {
     #[test]
     fn series_of_any_length_have_their_sum_and_ends() {
         for length in [0, 1, 15, 16, 17, 100] {
-            let a: Vec<f64> = (0..length).map(|k| (k * 7919 % 101) as f64 - 50.0).collect();
-            let b: Vec<f64> = (0..length).map(|k| (k * 31 % 17) as f64).collect();
+            let a: Vec<f64> = (0..length).map(|k| f64::from(k * 7919 % 101) - 50.0).collect();
+            let b: Vec<f64> = (0..length).map(|k| f64::from(k * 31 % 17)).collect();
             // whole numbers: sums in any order are the same
             assert_eq!(dot(&a, &b), a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>());
             let expected =

@@ -1,5 +1,7 @@
 //! Triangular factors of joints against the rows that they were made from.
 
+#![expect(clippy::expect_used, reason = "functions that tests call")]
+
 use armwatch_method::analyse::Method;
 use armwatch_method::identify::cycle::identify_factors;
 use armwatch_method::identify::filtered_columns::filtered_coulomb_columns;

@@ -1,5 +1,7 @@
 //! What several unit tests share.
 
+#![expect(clippy::expect_used, clippy::panic, reason = "only tests depend on this package")]
+
 pub mod arms;
 pub mod cycle;
 pub mod direct;

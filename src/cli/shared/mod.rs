@@ -2,12 +2,12 @@
 
 pub(super) mod moment;
 pub(super) mod said;
-pub(super) mod output;
+pub mod output;
 pub(super) mod paths;
 pub(super) mod rows;
 pub(super) mod result_file;
-pub(super) mod plot;
-pub(super) mod programme;
+pub mod plot;
+pub mod programme;
 pub(super) mod selection;
 pub(super) mod position_columns;
 pub(super) mod cycle;
@@ -16,6 +16,7 @@ pub(super) mod joints;
 pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;
+pub mod shipped_robot;
 pub(super) mod user;
 pub(super) mod unknown_robot;
 pub(super) mod views;

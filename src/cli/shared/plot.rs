@@ -11,14 +11,14 @@ use armwatch_config::Config;
 
 /// A picture's file, whose ending says what it is written as.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::cli) struct PlotFile {
+pub struct PlotFile {
     path: PathBuf,
     as_page: bool,
 }
 
 impl PlotFile {
     /// Of a file name that ends in `.svg` or `.html`; what lies there must be none, or an earlier result.
-    pub(in crate::cli) fn parse(text: &str) -> Result<Self, String> {
+    pub fn parse(text: &str) -> Result<Self, String> {
         let path = PathBuf::from(text);
         let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let file = match ending.as_deref() {
@@ -30,24 +30,24 @@ impl PlotFile {
     }
 
     /// Where the picture goes.
-    pub(in crate::cli) fn path(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Writes the picture and says so.
-    pub(in crate::cli) fn write(&self, figure: &Figure) -> Result<(), CliError> {
+    pub fn write(&self, figure: &Figure) -> Result<(), CliError> {
         let text = if self.as_page { figure.html() } else { figure.svg() };
         write_lines(&self.path, text.lines().map(str::to_owned))
     }
 }
 
 /// Limits of the relative RMSD as the configuration has them.
-pub(in crate::cli) fn rmsd_limits(config: &Config) -> RmsdLimits {
+pub fn rmsd_limits(config: &Config) -> RmsdLimits {
     RmsdLimits { warning: config.detect.accuracy_warning, critical: config.detect.accuracy_critical }
 }
 
 /// Limits of the friction index as the configuration has them.
-pub(in crate::cli) fn index_limits(config: &Config) -> IndexLimits {
+pub fn index_limits(config: &Config) -> IndexLimits {
     IndexLimits { warning: config.detect.drift_warning, critical: config.detect.drift_critical }
 }
 

@@ -8,7 +8,7 @@ use armwatch_model::robot::Robot;
 use armwatch_trajectory::programme::Programme;
 
 /// Reads a programme that fits the arm.
-pub(in crate::cli) fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {
+pub fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {
     let text = read(path)?;
     let problem = |problem: String| CliError::Usage(format!("{}: {problem}", path.display()));
     let programme = Programme::parse(&text).map_err(problem)?;
@@ -20,7 +20,7 @@ pub(in crate::cli) fn programme(path: &Path, robot: &Robot) -> Result<Programme,
 ///
 /// # Errors
 /// [`CliError::Usage`] where there is no such file, or it is no text; [`CliError::Io`] where it cannot be read.
-pub(in crate::cli) fn read(path: &Path) -> Result<String, CliError> {
+pub fn read(path: &Path) -> Result<String, CliError> {
     if metadata(path)?.is_dir() {
         return Err(CliError::Usage(format!("{}: is a folder; name a file", path.display())));
     }

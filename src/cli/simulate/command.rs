@@ -19,7 +19,8 @@ use crate::cli::shared::load::LoadArgs;
 use crate::cli::shared::output;
 use crate::cli::shared::paths::not_written;
 use crate::cli::shared::programme::programme;
-use armwatch_config::{Config, read_layout, read_robot};
+use crate::cli::shared::shipped_robot::shipped_robot;
+use armwatch_config::{read_layout, read_robot};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_simulate::arm::fault::{Fault, FaultKind};
 use armwatch_simulate::arm::friction::FrictionShape;
@@ -310,15 +311,6 @@ fn are(count: u32, noun: &str) -> String {
 fn with_trajectory(mut robot: Robot, path: &Path) -> Result<Robot, CliError> {
     robot.excitation = Some(programme(path, &robot)?.series);
     Ok(robot)
-}
-
-/// The arm of the shipped configuration.
-pub(in crate::cli) fn shipped_robot() -> Result<Robot, CliError> {
-    let shipped = Config::shipped()?;
-    let entry = shipped.fleet.first();
-    entry
-        .map(|entry| Robot::clone(&entry.description))
-        .ok_or_else(|| CliError::Internal("the shipped configuration describes no robot".into()))
 }
 
 impl SimulateArgs {

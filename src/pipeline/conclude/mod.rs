@@ -8,8 +8,8 @@ pub mod windows;
 pub mod work;
 
 #[cfg(test)]
-mod briefs_tests;
+mod judged_in_brief_tests;
 #[cfg(test)]
 mod test_database;
 #[cfg(test)]
-mod windows_tests;
+mod settled_windows_tests;

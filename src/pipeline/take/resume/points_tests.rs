@@ -49,7 +49,7 @@ fn rows() -> Vec<Row> {
             for i in 0..seconds * RATE {
                 let swing = 0.9 * (i as f64 * 0.31 + f64::from(cycle)).sin();
                 let qd: Vec<f64> = (0..6)
-                    .map(|j| if joints >> j & 1 == 1 { swing * (1.0 + 0.1 * j as f64) } else { 0.0 })
+                    .map(|j| if joints >> j & 1 == 1 { swing * (1.0 + 0.1 * f64::from(j)) } else { 0.0 })
                     .collect();
                 q.iter_mut().zip(&qd).for_each(|(q, qd)| *q += qd / RATE as f64);
                 let cells = |values: &[f64]| {
@@ -57,7 +57,7 @@ fn rows() -> Vec<Row> {
                 };
                 let number = rows.len();
                 let torque: Vec<f64> =
-                    (0..6).map(|j| (number * 7919 % 101) as f64 * 0.3 - j as f64).collect();
+                    (0..6).map(|j| (number * 7919 % 101) as f64 * 0.3 - f64::from(j)).collect();
                 let (position, velocity, torque) = (cells(&q), cells(&qd), cells(&torque));
                 rows.push(Row { number, stage, cycle, position, velocity, torque });
             }

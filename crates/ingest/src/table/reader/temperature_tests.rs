@@ -49,7 +49,7 @@ fn temperatures_are_read_where_there_are_any_and_leave_the_rest_alone() {
         let mut found = read(&text, &native(), block_bytes);
         let temperatures = found.temperatures.take().expect("recorded");
         assert_eq!(found, expected);
-        let second = track((0..90).map(|row| Some(40.0 + 0.5 * (row / 30) as f64)));
+        let second = track((0..90).map(|row| Some(40.0 + 0.5 * f64::from(row / 30))));
         let fourth = track((0..90).map(|row| (row % 10 == 0).then_some(33.0)));
         let hall = track((0..90).map(|row| [Some(21.5), None, None, None, Some(22.0)][row % 5]));
         assert_eq!(

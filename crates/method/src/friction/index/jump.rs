@@ -132,7 +132,7 @@ mod tests {
         for (at, factor) in [(2, 1.25), (4, 1.25), (6, 1.25), (4, 0.75), (3, 1.15)] {
             let factors: Vec<f64> = (0..8).map(|cycle| if cycle < at { 1.0 } else { factor }).collect();
             let jump = found(&factors).unwrap_or_else(|| panic!("{factor} at {at}"));
-            let first_after = 200.0 * (at + 1) as f64;
+            let first_after = 200.0 * f64::from(at + 1);
             assert_eq!(jump.at, first_after, "{factor} at {at}");
             assert!((jump.factor / factor - 1.0).abs() < 0.03, "{factor} at {at}: {jump:?}");
             assert_eq!((jump.factor(first_after - 1.0), jump.factor(first_after)), (jump.factor, 1.0));

@@ -110,7 +110,7 @@ fn the_true_form_is_chosen_in_most_seeds_and_the_chosen_curve_holds_the_truth() 
         }
         assert!(2 * right > SEEDS, "{}: {others:?}", model.name());
         // the choice of a form costs some of the coverage
-        assert!(held as f64 / asked as f64 > 0.85, "{}: {held} of {asked}", model.name());
+        assert!(held as f64 / f64::from(asked) > 0.85, "{}: {held} of {asked}", model.name());
     }
 }
 

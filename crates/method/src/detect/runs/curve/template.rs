@@ -215,7 +215,7 @@ mod tests {
         let runs = [odd(1), odd(2), odd(3), odd(4), odd(5)];
         let found = Template::of(&runs.each_ref()).unwrap();
         for (cycle, extra) in [(0, 0.05), (3, -0.02), (5, 0.0)] {
-            let minute = 3.0 * cycle as f64 + 1.5;
+            let minute = 3.0 * f64::from(cycle) + 1.5;
             let truth = 1.0 + 0.2 * (-minute / 4.0_f64).exp() + 0.3 * (-minute / 45.0_f64).exp() + extra;
             assert!((found.value(minute) - truth).abs() < 0.003, "{minute} {found:?}");
         }

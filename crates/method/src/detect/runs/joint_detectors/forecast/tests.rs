@@ -170,7 +170,7 @@ fn outcomes(fate: Fate, count: usize, seed: u64) -> (f64, [Outcome; 2]) {
             }
         }
     }
-    (without as f64 / judged as f64, outcomes)
+    (without as f64 / f64::from(judged), outcomes)
 }
 
 /// The forecasts of 300 fates have a standard error of 2.5 to 3 % in their coverage, so the bounds are wider than those that

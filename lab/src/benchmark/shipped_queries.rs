@@ -1,0 +1,186 @@
+//! The queries that people are shown, as statements about the first robot of a synthetic history: those of the cookbook, of
+//! `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
+
+use armwatch::cli::context::CliError;
+
+/// A collection, and its files with their text.
+type Files = (&'static str, &'static [(&'static str, &'static str)]);
+
+const COOKBOOK: &str = include_str!("../../../docs/cookbook.md");
+
+macro_rules! dashboards {
+    ($($name:literal),*) => {
+        &[$(($name, include_str!(concat!("../../../dashboards/", $name)))),*]
+    };
+}
+
+/// Queries with parameters, all of which may be left out.
+const DASHBOARDS: Files = (
+    "dashboards",
+    dashboards!(
+        "fleet_overview.sql",
+        "friction_index_by_run.sql",
+        "friction_over_speed.sql",
+        "friction_over_time.sql",
+        "open_anomalies.sql",
+        "parameters_by_cycle.sql",
+        "quarantine.sql",
+        "rmsd_by_cycle.sql",
+        "warm_friction_by_run.sql"
+    ),
+);
+
+const GRAFANA: Files = (
+    "Grafana",
+    dashboards!(
+        "grafana/dashboards/sqlite/fleet.json",
+        "grafana/dashboards/sqlite/ingest.json",
+        "grafana/dashboards/sqlite/robot.json"
+    ),
+);
+
+/// Days that a panel for Grafana looks back.
+const PANEL_DAYS: i64 = 90;
+
+/// A query.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct ShippedQuery {
+    /// Where it is from.
+    pub(super) collection: &'static str,
+    /// What it is called there.
+    pub(super) name: String,
+    /// The statement.
+    pub(super) statement: String,
+}
+
+/// All of them, about the robot of this name; `until` is the end of its history, RFC 3339.
+pub(super) fn shipped_queries(robot: &str, until: jiff::Timestamp) -> Result<Vec<ShippedQuery>, CliError> {
+    let mut found: Vec<ShippedQuery> = questions(COOKBOOK)
+        .into_iter()
+        .map(|(name, statement)| ShippedQuery {
+            collection: "cookbook",
+            name: name.to_owned(),
+            statement: statement.replace("'Middle'", &format!("'{robot}'")),
+        })
+        .collect();
+    let (collection, files) = DASHBOARDS;
+    found.extend(files.iter().map(|(name, text)| ShippedQuery {
+        collection,
+        name: (*name).to_owned(),
+        statement: without_parameters(text),
+    }));
+    let since = until - jiff::SignedDuration::from_hours(24 * PANEL_DAYS);
+    let (collection, files) = GRAFANA;
+    for (name, text) in files {
+        let dashboard: serde_json::Value =
+            serde_json::from_str(text).map_err(|error| CliError::Internal(format!("{name}: {error}")))?;
+        for (title, statement) in panels(&dashboard) {
+            let statement = statement
+                .replace("${robot:sqlstring}", &format!("'{robot}'"))
+                .replace("${joint:sqlstring}", "'1','2','3','4','5','6'")
+                .replace("${parameter:sqlstring}", "'Izz'");
+            let statement = with_time(&statement, since, until);
+            found.push(ShippedQuery { collection, name: title, statement });
+        }
+    }
+    Ok(found)
+}
+
+/// Headings with the statement below each.
+fn questions(text: &str) -> Vec<(&str, &str)> {
+    let mut heading = "";
+    let mut found = Vec::new();
+    let mut rest = text;
+    while let Some((line, after)) = rest.split_once('\n') {
+        rest = after;
+        if let Some(words) = line.strip_prefix("### ") {
+            heading = words;
+        } else if line == "```sql"
+            && let Some((statement, after)) = after.split_once("\n```")
+        {
+            found.push((heading, statement));
+            rest = after;
+        }
+    }
+    found
+}
+
+/// The statement with NULL in place of each parameter `:name`.
+fn without_parameters(text: &str) -> String {
+    let mut parts = text.split(':');
+    let mut statement = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let name = part.find(|c: char| !(c.is_ascii_lowercase() || c == '_')).unwrap_or(part.len());
+        match name {
+            0 => statement.push(':'),
+            _ => statement.push_str("NULL"),
+        }
+        statement.push_str(&part[name..]);
+    }
+    statement
+}
+
+/// Titles and statements of the panels of a dashboard.
+fn panels(dashboard: &serde_json::Value) -> Vec<(String, &str)> {
+    let mut found = Vec::new();
+    for panel in dashboard["panels"].as_array().into_iter().flatten() {
+        let title = panel["title"].as_str().unwrap_or("panel").to_owned();
+        for target in panel["targets"].as_array().into_iter().flatten() {
+            if let Some(statement) = target["queryText"].as_str() {
+                found.push((title.clone(), statement));
+            }
+        }
+    }
+    found
+}
+
+/// The statement with bounds in place of Grafana's `$__timeFilter(column)`.
+fn with_time(statement: &str, since: jiff::Timestamp, until: jiff::Timestamp) -> String {
+    let mut parts = statement.split("$__timeFilter(");
+    let mut found = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (column, rest) = part.split_once(')').unwrap_or((part, ""));
+        found.push_str(&format!("{column} >= '{since}' AND {column} < '{until}'{rest}"));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_statement_of_the_cookbook_is_found_with_its_question() {
+        let found = questions(COOKBOOK);
+        assert_eq!(found.len(), COOKBOOK.matches("\n```sql\n").count());
+        assert!(found.iter().all(|(question, statement)| !question.is_empty() && statement.contains("FROM")));
+    }
+
+    #[test]
+    fn no_parameter_and_no_macro_is_left() {
+        let found = shipped_queries("S001", jiff::Timestamp::UNIX_EPOCH).expect("queries");
+        for collection in ["cookbook", "dashboards", "Grafana"] {
+            assert!(found.iter().filter(|query| query.collection == collection).count() >= 9, "{collection}");
+        }
+        for ShippedQuery { name, statement, .. } in &found {
+            assert!(!statement.contains('$') && !statement.contains("'Middle'"), "{name}: {statement}");
+        }
+        let titles = found.iter().filter(|query| query.name.ends_with(".sql")).count();
+        let shipped =
+            std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../dashboards")).expect("dashboards");
+        let shipped = shipped.filter(|entry| {
+            entry.as_ref().is_ok_and(|entry| entry.path().extension().is_some_and(|end| end == "sql"))
+        });
+        assert_eq!(titles, shipped.count(), "a query is not measured");
+    }
+
+    #[test]
+    fn parameters_are_null_and_times_of_day_stay() {
+        assert_eq!(
+            without_parameters(
+                "SELECT :run_id, strftime('%H:%M:%S', at) WHERE :joint = 1 OR at > 'T08:47:00'"
+            ),
+            "SELECT NULL, strftime('%H:%M:%S', at) WHERE NULL = 1 OR at > 'T08:47:00'"
+        );
+    }
+}

@@ -1,0 +1,8 @@
+//! `armwatch-lab evaluate`: how good the detectors are, on simulated fleets.
+
+mod command;
+mod exports;
+mod rates;
+mod tables;
+
+pub(crate) use command::{EvaluateArgs, evaluate};
