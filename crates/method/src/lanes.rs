@@ -102,7 +102,7 @@ impl SubAssign for Lanes {
 
 /// A vector of space at each of several instants.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LaneVector {
+pub(crate) struct LaneVector {
     /// Along x.
     pub x: Lanes,
     /// Along y.
@@ -173,7 +173,7 @@ const ABREAST: usize = 16;
 
 /// Sum of products of two series of one length.
 #[must_use]
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     struct Dot<'a>(&'a [f64], &'a [f64], &'a mut f64);
 
     impl Kernel for Dot<'_> {
@@ -202,7 +202,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// Smallest and largest of a series; infinite, the wrong way round, of none. What is not a number does not count.
 #[must_use]
-pub fn extent(series: &[f64]) -> [f64; 2] {
+pub(crate) fn extent(series: &[f64]) -> [f64; 2] {
     let mut found = [f64::INFINITY, f64::NEG_INFINITY];
     wide(Extent { series, found: &mut found });
     found
@@ -250,7 +250,7 @@ fn higher(high: f64, x: f64) -> f64 {
 /// Largest difference of two neighbours of a series, without sign; zero of fewer than two. What is not a number does not
 /// count.
 #[must_use]
-pub fn largest_step(series: &[f64]) -> f64 {
+pub(crate) fn largest_step(series: &[f64]) -> f64 {
     struct LargestStep<'a>(&'a [f64], &'a mut f64);
 
     impl Kernel for LargestStep<'_> {
@@ -281,7 +281,7 @@ pub fn largest_step(series: &[f64]) -> f64 {
 
 /// How many numbers of a series lie in each of two closed ranges; what is not a number lies in none.
 #[must_use]
-pub fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
+pub(crate) fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
     struct Counts<'a>(&'a [f64], [[f64; 2]; 2], &'a mut [usize; 2]);
 
     impl Kernel for Counts<'_> {
@@ -340,7 +340,7 @@ pub fn wide(kernel: impl Kernel) {
 
 /// Work on vectors of [`LANES`] numbers, `S::f64s`. Where a kernel ends in sums over lanes, the compiler takes arrays
 /// apart and puts them together again in each step; vectors it leaves alone.
-pub trait VectorKernel {
+pub(crate) trait VectorKernel {
     /// Does the work; it and all that it calls must be `#[inline(always)]`.
     fn run<S: Simd>(self, simd: S);
 }
@@ -348,7 +348,7 @@ pub trait VectorKernel {
 /// Runs a kernel with vector registers where the processor has such of [`LANES`] numbers, else on arrays of as many:
 /// the same bits.
 #[inline]
-pub fn in_vectors(kernel: impl VectorKernel) {
+pub(crate) fn in_vectors(kernel: impl VectorKernel) {
     struct Dispatched<K>(K);
 
     impl<K: VectorKernel> WithSimd for Dispatched<K> {

@@ -1,4 +1,43 @@
-//! The method: samples in, numbers out. No async, files, clock, randomness or logging in here.
+//! Identification of the dynamics and friction of robot arms from recorded motion.
+//!
+//! Samples go in, numbers come out: no async, files, clock, randomness or logging.
+//!
+//! # Equations
+//!
+//! The joint torques of rigid links with friction are linear in the parameters `phi`. A recording shows only some of their
+//! sums, the base parameters `theta`. The rows of all joints and samples, stacked, are the problem to solve:
+//!
+//! ```text
+//! tau = Y(q, qd, qdd) phi = W theta
+//! ```
+//!
+//! A zero-phase Butterworth low-pass `F` of fourth order acts on every channel. `qdd` is the central difference of the filtered
+//! `qd`. The columns of Coulomb friction jump, so they pass the same low-pass as the torque: `F tau = F(W) theta`.
+//!
+//! Weighted least squares weights each joint `j` by its noise and finds these weights by iteration:
+//!
+//! ```text
+//! theta = argmin  sum_j |tau_j - W_j theta|² / s_j²,     s_j² = mean of the squared residuals of joint j
+//! ```
+//!
+//! Friction of a joint at the speed `v` follows one of four laws. The description of the robot names the law:
+//!
+//! ```text
+//! polynomial         f1 sign(v) + f2 v + f3 v² sign(v) + f4 v³
+//! viscous, Coulomb   fs sign(v) + fv v + off
+//! smooth             fs tanh(v / v0) + fv v + off
+//! none               0
+//! ```
+//!
+//! Neighbouring residuals are correlated. Blocks of time `b`, which overlap by half, are independent enough to give the
+//! standard errors `sigma`. `H_b` is the taper of a block, `e` the residual and `A_b` the information without the block. For
+//! independent rows the sum is too large by the factor `c`. Weights are part of `W` and `e`:
+//!
+//! ```text
+//! sigma_k² = [ sum_b A_b⁻¹ Wᵀ H_b e eᵀ H_b W A_b⁻¹ ]_kk / c_k,     A_b = Wᵀ W - Wᵀ H_b² W
+//! ```
+//!
+//! # Symbols
 //!
 //! | symbol | is | shape, unit |
 //! |---|---|---|
@@ -10,6 +49,52 @@
 //! | `theta` | base parameters | `[b]` |
 //! | `sigma` | their standard errors | `[b]` |
 //! | `r` | triangular factor of `[w \| tau]` | `[(b+1) x (b+1)]` |
+//!
+//! # Example
+//!
+//! A simulated excitation of the arm in `config/robots/er3a.toml` becomes 64 base parameters:
+//!
+//! ```
+//! use armwatch_method::analyse::{Method, analyse_cycle};
+//! use armwatch_model::analysis::interval::{LEVEL, half_width};
+//! use armwatch_model::analysis::settings::AnalysisSettings;
+//! use armwatch_model::run::Cycle;
+//! use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let description = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/er3a.toml");
+//! let robot = armwatch_config::read_robot(description.as_ref())?;
+//! let samples = record_excitation(&robot, &ExactSettings::default())?;
+//!
+//! let method = Method::new(robot, AnalysisSettings::default())?;
+//! let found = analyse_cycle(&method, &Cycle { number: 1, samples }).identification?;
+//! assert_eq!(found.parameters.len(), 64);
+//! for parameter in &found.parameters {
+//!     println!("{} {} ± {}", parameter.id, parameter.value, half_width(parameter, LEVEL));
+//! }
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! `examples/identify.rs` does the same with the recording of a real arm.
+//!
+//! # Reading order
+//!
+//! [`analyse`] is the method on one screen and calls the other modules in this order:
+//!
+//! 1. [`segment`] finds stages and cycles in the rows of a recording.
+//! 2. [`signal`] has the low-pass and the derivatives.
+//! 3. [`diagnose`] refuses recordings, and later models, that cannot be true.
+//! 4. [`model`] has kinematics, the regressor and the base parameters.
+//! 5. [`least_squares`] solves from triangular factors and gives the standard errors.
+//! 6. [`identify`] applies it to one cycle, and [`pooled`] to many.
+//! 7. [`physical`] finds the nearest parameters that bodies can have.
+//! 8. [`friction`] measures friction over speed, over a run and over the life of a robot.
+//! 9. [`analyse_run`] sums up a run, and [`partial_run`] its first cycles.
+//! 10. [`production`] verifies the parameters of a test on logs of production.
+//! 11. [`detect`] finds changes over the runs of a robot.
+//!
+//! [`statistics`], [`lanes`], [`buffers`] and [`spare_threads`] serve all of them.
 
 pub mod buffers;
 pub mod spare_threads;
@@ -33,10 +118,10 @@ pub mod partial_run;
 /// Why numbers could not be had. Carries the figures that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericsError {
-    /// Too few rows for what was asked.
+    /// There are too few rows.
     #[error("{what} has {rows} rows, at least {needed} are needed")]
     TooShort {
-        /// What was looked at.
+        /// The data that are too short.
         what: &'static str,
         /// Rows there are.
         rows: usize,

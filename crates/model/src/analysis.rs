@@ -210,7 +210,7 @@ pub struct Identification {
 }
 
 /// A base parameter with its uncertainty. Stands for a grouping: see
-/// [`armwatch_method::model::base_parameters::BaseParameters`].
+/// `armwatch_method::model::base_parameters::BaseParameters`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifiedParameter {
     /// Which parameter.
@@ -267,7 +267,7 @@ impl Motion {
 }
 
 /// Triangular factor of `[regressor | torque]` over the rows of one joint in one stage, moving or
-/// slow; see [`armwatch_method::identify::joint_factors`].
+/// slow; see `armwatch_method::identify::joint_factors`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TorqueFactor {
     /// The joint.

@@ -94,7 +94,7 @@ pub struct Rows<S> {
 /// Rows whose stages are known.
 pub type Samples = Rows<Vec<Stage>>;
 
-/// Rows as an export holds them: [`armwatch_method::segment::stages`] gives them their stages.
+/// Rows as an export holds them: `armwatch_method::segment::stages` gives them their stages.
 pub type RawSamples = Rows<StageReading>;
 
 /// What an export says of the stages of rows.

@@ -1,10 +1,11 @@
 //! Brings the schema of a database up to date, and says how far it is where that takes long.
 
 use std::path::Path;
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
-use sqlx::SqliteConnection;
-use sqlx::migrate::Migrator;
+use sqlx::migrate::{Migration, MigrationType, Migrator};
+use sqlx::{SqlSafeStr, SqliteConnection};
 
 use super::engine::{EnginePool, as_sqlite, begin_writing};
 use super::error::StoreError;
@@ -16,7 +17,15 @@ const LARGE_BYTES: u64 = 1 << 30;
 /// How often a step that takes long is said to go on.
 const STILL_AT_IT: Duration = Duration::from_secs(10);
 
-pub(super) static MIGRATOR: Migrator = sqlx::migrate!("../../migrations");
+/// The files of `migrations/`: version, description and statements.
+const MIGRATIONS: &[(i64, &str, &str)] = &include!(concat!(env!("OUT_DIR"), "/migrations.rs"));
+
+pub(super) static MIGRATOR: LazyLock<Migrator> = LazyLock::new(|| {
+    let migration = |&(version, description, sql): &(i64, &'static str, &'static str)| {
+        Migration::new(version, description.into(), MigrationType::Simple, sql.into_sql_str(), false)
+    };
+    Migrator { migrations: MIGRATIONS.iter().map(migration).collect(), ..Migrator::DEFAULT }
+});
 
 /// Schema of a database that is up to date.
 pub(super) fn latest_schema() -> i64 {

@@ -3,10 +3,10 @@
 
 use std::sync::LazyLock;
 
-use sqlx::QueryBuilder;
+use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::values::ROWS_PER_STATEMENT;
-use crate::engine::{Engine, EnginePool, begin_writing};
+use crate::engine::{Engine, EnginePool, EngineRow, begin_writing};
 
 /// The one place in which views and columns are described.
 const SCHEMA: &str = include_str!("../../../docs/schema.md");
@@ -25,13 +25,11 @@ pub struct PublicView {
 }
 
 /// A column of a public view.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ViewColumn {
     /// Its name in SQL.
-    #[sqlx(rename = "column_name")]
     pub name: String,
     /// `integer`, `real` or `text`.
-    #[sqlx(rename = "type")]
     pub kind: String,
     /// Unit of its values: `1` for a dimensionless figure, `UTC` for a time, `UTC day` for a day, words where it differs
     /// by row; `None` for counts, numbers of things and texts.
@@ -40,6 +38,18 @@ pub struct ViewColumn {
     pub null_when: Option<String>,
     /// What it says.
     pub meaning: String,
+}
+
+impl FromRow<'_, EngineRow> for ViewColumn {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            name: row.try_get("column_name")?,
+            kind: row.try_get("type")?,
+            unit: row.try_get("unit")?,
+            null_when: row.try_get("null_when")?,
+            meaning: row.try_get("meaning")?,
+        })
+    }
 }
 
 /// The public views, in the order in which `docs/schema.md` describes their columns.
@@ -88,12 +98,20 @@ pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
     transaction.commit().await
 }
 
-#[derive(sqlx::FromRow)]
 struct Stored {
     view_name: String,
     position: i64,
-    #[sqlx(flatten)]
     column: ViewColumn,
+}
+
+impl FromRow<'_, EngineRow> for Stored {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            view_name: row.try_get("view_name")?,
+            position: row.try_get("position")?,
+            column: ViewColumn::from_row(row)?,
+        })
+    }
 }
 
 /// Sections whose heading is a view in backticks, with a table of its columns: name, type, unit, meaning, when NULL. What

@@ -1,6 +1,6 @@
 //! Detectors: what changes over the runs of a robot.
 
-pub mod verdict;
+mod verdict;
 pub mod rate;
 pub mod control_chart;
 mod detector;

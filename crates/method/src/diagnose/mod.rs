@@ -2,4 +2,4 @@
 
 pub mod recording;
 pub mod model;
-pub mod refusal;
+pub(crate) mod refusal;

@@ -1,16 +1,16 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
-pub mod alternatives;
-pub mod causes;
-pub mod combination;
-pub mod delay;
-pub mod description;
+mod alternatives;
+pub(crate) mod causes;
+pub(crate) mod combination;
+mod delay;
+mod description;
 pub mod doubt;
-pub mod friction_shapes;
-pub mod nominal;
-pub mod numbers;
-pub mod own_fit;
-pub mod weigh;
+mod friction_shapes;
+pub(crate) mod nominal;
+mod numbers;
+pub(crate) mod own_fit;
+pub(crate) mod weigh;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
@@ -30,7 +30,7 @@ use armwatch_model::run::Stage;
 /// `verification` is the self-verification of the same cycle. `top_speeds` `[n]`: the largest speed of
 /// each joint in the rows identified on, rad/s (m/s); friction is only judged up to there.
 #[must_use]
-pub fn diagnose_model(
+pub(crate) fn diagnose_model(
     robot: &Robot,
     identified: &Identification,
     verification: &[TorqueRmsd],
@@ -51,7 +51,7 @@ pub fn diagnose_model(
 
 /// Largest speed of each joint in the given rows, `[n]`, from their velocities `[n][rows]`.
 #[must_use]
-pub fn top_speeds(velocities: &[Vec<f64>], rows: &[usize]) -> Vec<f64> {
+pub(crate) fn top_speeds(velocities: &[Vec<f64>], rows: &[usize]) -> Vec<f64> {
     velocities.iter().map(|qd| rows.iter().map(|&row| qd[row].abs()).fold(0.0, f64::max)).collect()
 }
 

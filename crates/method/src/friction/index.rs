@@ -9,7 +9,7 @@
 //! least-squares problem with weak priors, see `run_effects.rs`; its covariance gives the intervals.
 //!
 //! Maps and priors are held ([`self::baseline`]). The index of a run therefore follows from the map, the run and the
-//! motion of the [`REMEMBERED_S`] before it, and from no later run.
+//! motion of the `REMEMBERED_S` before it, and from no later run.
 
 mod jump;
 pub mod run_record;
@@ -36,7 +36,7 @@ pub struct Reference<'a> {
 }
 
 /// Index of each joint that has points in the run `run` and a map among `references`, which has one of each joint at
-/// most. `before` are the runs that began within [`REMEMBERED_S`] before it, oldest first; of these only the motion is
+/// most. `before` are the runs that began within `REMEMBERED_S` before it, oldest first; of these only the motion is
 /// used. A run that overlaps the one before it counts as beginning when that ends.
 #[must_use]
 pub fn run_indices(references: &[Reference<'_>], before: &[MapRun], run: &MapRun) -> Vec<FrictionIndex> {

@@ -52,7 +52,7 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 
 /// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WarmUpPoint {
+pub(crate) struct WarmUpPoint {
     /// Which run it is of, from 0: points of a run share what the run has of its own.
     pub run: usize,
     /// Minutes since the run's start.
@@ -78,7 +78,7 @@ pub struct WarmUpPoint {
 /// # Errors
 /// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are
 /// not finite.
-pub fn fit_warm_up(
+pub(crate) fn fit_warm_up(
     joint: JointIndex,
     speed_fraction: f64,
     points: &[WarmUpPoint],
@@ -152,7 +152,7 @@ fn grouped(points: &[WarmUpPoint]) -> Vec<Mean> {
 
 /// Root-mean-square deviation of points from a curve, Nm.
 #[must_use]
-pub fn warm_up_rmsd(fit: &WarmUpFit, points: &[WarmUpPoint]) -> f64 {
+pub(crate) fn warm_up_rmsd(fit: &WarmUpFit, points: &[WarmUpPoint]) -> f64 {
     let squares: f64 = points.iter().map(|p| (p.torque - warm_up_torque(fit, p.minute)).powi(2)).sum();
     (squares / points.len() as f64).sqrt()
 }

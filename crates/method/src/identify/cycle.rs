@@ -3,7 +3,7 @@
 use faer::{Mat, Scale};
 
 use crate::NumericsError;
-use crate::least_squares::clustered::{ClusterSettings, clustered};
+use crate::least_squares::clustered::clustered;
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::huber::{RobustSettings, huber};
 use crate::least_squares::rows::RowSource;
@@ -16,7 +16,7 @@ use armwatch_model::robot::{JointIndex, ParameterId};
 const MIN_ROWS_PER_COLUMN: usize = 4;
 
 /// Identifies the parameters `kept` `[b]` from rows at hand, with clustered errors
-/// ([`clustered`]). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
+/// (`clustered`). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
@@ -37,7 +37,7 @@ pub fn identify_rows(
         }
         _ => estimate(kept, factors, &motion, estimator)?,
     };
-    let covariance = clustered(source, &theta, &rule, &ClusterSettings::default())?;
+    let covariance = clustered(source, &theta, &rule)?;
     identified_parameters(
         kept,
         factors,
@@ -75,7 +75,7 @@ pub fn identify_factors(
 ///
 /// # Errors
 /// Those of [`identify_rows`].
-pub fn identify_weighted(
+pub(crate) fn identify_weighted(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
     independent_shares: &[f64],
@@ -96,7 +96,7 @@ pub fn identify_weighted(
 ///
 /// # Errors
 /// Those of [`identify_factors`].
-pub fn noise_errors(
+pub(crate) fn noise_errors(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
     residual_std: f64,

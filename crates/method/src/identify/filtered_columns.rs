@@ -82,7 +82,11 @@ pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Re
 }
 
 /// Puts the low-passed values of several rows, a lane each, into their regressor.
-pub fn write_filtered_lanes(columns: &[FilteredColumn], rows: &[usize; LANES], y: &mut RegressorLanes) {
+pub(crate) fn write_filtered_lanes(
+    columns: &[FilteredColumn],
+    rows: &[usize; LANES],
+    y: &mut RegressorLanes,
+) {
     for of in columns {
         y.set(of.joint.index(), of.column, Lanes(rows.map(|row| of.values[row])));
     }

@@ -162,7 +162,7 @@ pub fn factor_cycle(
 
 /// Rows of a cycle that are to be factored: what [`factor_cycle`] is told.
 #[derive(Debug, Clone, Copy)]
-pub struct FactoredRows<'a> {
+pub(crate) struct FactoredRows<'a> {
     /// The arm.
     pub robot: &'a Robot,
     /// The columns of each joint's factor.

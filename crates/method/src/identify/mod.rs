@@ -6,6 +6,6 @@ pub mod cycle_rows;
 pub mod joint_factors;
 pub mod filtered_columns;
 pub mod verify;
-pub mod torque_noise;
+pub(crate) mod torque_noise;
 pub mod torque_series;
 pub mod channel_response;

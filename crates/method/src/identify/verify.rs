@@ -8,7 +8,7 @@ use armwatch_model::run::Stage;
 
 /// Sums over rows of one joint: what an RMSD is made of, and what adds up over stages and cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct TorqueSums {
+pub(crate) struct TorqueSums {
     /// Sum of squares of estimated minus measured torque, Nm².
     pub deviation: f64,
     /// Sum of squares of the measured torque, Nm².
@@ -56,7 +56,7 @@ impl TorqueSums {
 
 /// Sums of one joint over moving and over slow rows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MotionSums([TorqueSums; 2]);
+pub(crate) struct MotionSums([TorqueSums; 2]);
 
 impl MotionSums {
     /// Adds rows of one motion.

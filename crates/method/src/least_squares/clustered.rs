@@ -17,7 +17,6 @@ use super::rows::RowSource;
 use super::weighted::WeightRule;
 use crate::NumericsError;
 use crate::lanes::dot;
-use crate::statistics::distributions::student_quantile;
 
 /// Leverage of a block is kept below this, so that a block that alone decides a parameter gives a
 /// large and not an endless error.
@@ -27,59 +26,21 @@ const MAX_LEVERAGE: f64 = 0.99;
 /// of the scatter among the squares of all blocks this part is each block's own: `1 / (1 + 2 / pi²)`.
 const OWN_SHARE: f64 = 0.831_4;
 
-/// How a block's residuals are corrected for having been fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LeverageCorrection {
-    /// Not at all.
-    None,
-    /// `(1 - h)^(-1/2)`: free of bias for independent rows (CR2; Bell & McCaffrey 2002).
-    SquareRoot,
-    /// `(1 - h)^(-1)`: leaving out one block after the other (CR3, the jackknife).
-    Jackknife,
-}
-
-/// What the covariance may be told.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ClusterSettings {
-    /// Lengths of a block in the record. Longer blocks are nearer to independent, more blocks give a
-    /// surer error: twenty, which overlap, give it to an eighth.
-    pub lengths: usize,
-    /// Correction for fitting.
-    pub correction: LeverageCorrection,
-}
-
-impl Default for ClusterSettings {
-    fn default() -> Self {
-        Self { lengths: 20, correction: LeverageCorrection::Jackknife }
-    }
-}
+/// Lengths of a block in the record. Longer blocks are nearer to independent, more blocks give a surer error: twenty, which
+/// overlap, give it to an eighth.
+const LENGTHS: usize = 20;
 
 /// Covariance of an estimate.
 #[derive(Debug, Clone)]
 pub struct ClusteredCovariance {
     /// Covariance of the parameters, `[b x b]`.
     pub matrix: Mat<f64>,
-    /// Standard errors, `[b]`.
-    pub sigma: Vec<f64>,
     /// Degrees of freedom of each standard error, `[b]`: from how many blocks of which share it comes
     /// (Satterthwaite 1946).
     pub freedom: Vec<f64>,
     /// For each joint, `[n]`, the variance of its share in the estimate if all its rows were
     /// independent, over that variance from blocks; 1 without rows.
     pub independent_share: Vec<f64>,
-    /// Observations in half a block.
-    pub half_rows: usize,
-    /// Blocks with rows.
-    pub blocks: usize,
-}
-
-impl ClusteredCovariance {
-    /// Half the width of the two-sided interval that holds parameter `k` with the probability
-    /// `level`, such as 0.95.
-    #[must_use]
-    pub fn half_width(&self, k: usize, level: f64) -> f64 {
-        student_quantile(0.5 + 0.5 * level, self.freedom[k]) * self.sigma[k]
-    }
 }
 
 /// Sandwich covariance of a least-squares or M-estimate `theta` with blocks of time as clusters:
@@ -99,9 +60,8 @@ pub fn clustered(
     source: &dyn RowSource,
     theta: &[f64],
     rule: &WeightRule,
-    settings: &ClusterSettings,
 ) -> Result<ClusteredCovariance, NumericsError> {
-    let half_rows = source.record_length().div_ceil(2 * settings.lengths.max(1)).max(1);
+    let half_rows = source.record_length().div_ceil(2 * LENGTHS).max(1);
     let sums = BlockSums::over(source, theta, rule, half_rows);
     let (b, blocks) = (source.columns(), sums.blocks.len());
     if sums.rows <= b {
@@ -117,12 +77,11 @@ pub fn clustered(
     let information = Information::of(&sums)?;
     let mut scatter = Scatter::new(source.joint_count(), b);
     for block in sums.blocks.values() {
-        scatter.add(block, &information, settings.correction)?;
+        scatter.add(block, &information)?;
     }
     let bias = scatter.bias(&information);
     let matrix = Mat::from_fn(b, b, |i, k| scatter.matrix[(i, k)] / (bias[i] * bias[k]).sqrt());
-    let sigma: Vec<f64> = (0..b).map(|k| matrix[(k, k)].sqrt()).collect();
-    if !sigma.iter().all(|sigma| sigma.is_finite()) {
+    if !(0..b).all(|k| matrix[(k, k)].sqrt().is_finite()) {
         return Err(NumericsError::NotFinite("the standard errors"));
     }
     let mean_bias = bias.iter().sum::<f64>() / b as f64;
@@ -131,12 +90,9 @@ pub fn clustered(
         if share > 0.0 && share.is_finite() { share } else { 1.0 }
     };
     Ok(ClusteredCovariance {
-        sigma,
         freedom: scatter.freedom(),
         independent_share: sums.joints.iter().zip(&scatter.of_joints).map(share).collect(),
         matrix,
-        half_rows,
-        blocks,
     })
 }
 
@@ -172,14 +128,9 @@ impl Scatter {
         }
     }
 
-    fn add(
-        &mut self,
-        block: &RowBlock,
-        information: &Information,
-        correction: LeverageCorrection,
-    ) -> Result<(), NumericsError> {
+    fn add(&mut self, block: &RowBlock, information: &Information) -> Result<(), NumericsError> {
         let spread = &block.information * &information.inverse;
-        let to_shift = information.to_shift(block, &spread, correction)?;
+        let to_shift = information.to_shift(block, &spread)?;
         let shifts = &to_shift * &block.scores;
         let b = shifts.nrows();
         let shift = Mat::from_fn(b, 1, |k, _| shifts.row(k).iter().sum::<f64>());
@@ -469,21 +420,12 @@ impl Information {
         }
     }
 
-    /// What turns scores of a block into shifts of the estimate without it, to first order, corrected for
-    /// the block's having been fitted, `[b x b]`, symmetric. `spread` is the block's information times the inverse.
-    fn to_shift(
-        &self,
-        block: &RowBlock,
-        spread: &Mat<f64>,
-        correction: LeverageCorrection,
-    ) -> Result<Mat<f64>, NumericsError> {
-        match correction {
-            LeverageCorrection::None => Ok(self.inverse.clone()),
-            LeverageCorrection::SquareRoot => self.by_leverage(block, -0.5),
-            LeverageCorrection::Jackknife => match self.left_out(block, spread) {
-                Some(without) => Ok(without.inverse()),
-                None => self.by_leverage(block, -1.0),
-            },
+    /// Turns scores of a block into shifts of the estimate without it, `[b x b]`, symmetric: the jackknife, which leaves
+    /// out one block after the other (CR3). `spread` is the block's information times the inverse.
+    fn to_shift(&self, block: &RowBlock, spread: &Mat<f64>) -> Result<Mat<f64>, NumericsError> {
+        match self.left_out(block, spread) {
+            Some(without) => Ok(without.inverse()),
+            None => self.by_leverage(block),
         }
     }
 
@@ -499,9 +441,9 @@ impl Information {
         (&self.whole - &block.information).llt(Side::Lower).ok()
     }
 
-    /// `(1 - h)` to the `power`, by the eigenvalues `h` of the block's information, the leverages, in
+    /// `(1 - h)⁻¹`, by the eigenvalues `h` of the block's information, the leverages, in
     /// coordinates in which all information is the identity.
-    fn by_leverage(&self, block: &RowBlock, power: f64) -> Result<Mat<f64>, NumericsError> {
+    fn by_leverage(&self, block: &RowBlock) -> Result<Mat<f64>, NumericsError> {
         let b = self.whole.nrows();
         let unclear = |_| NumericsError::NotFinite("the leverage of a block");
         let eigen = self.inverse.self_adjoint_eigen(Side::Lower).map_err(unclear)?;
@@ -512,9 +454,8 @@ impl Information {
         let eigen = leverage.self_adjoint_eigen(Side::Lower).map_err(unclear)?;
         let values = eigen.S().column_vector();
         let turned = root * eigen.U();
-        let scaled = Mat::from_fn(b, b, |i, k| {
-            turned[(i, k)] * (1.0 - values[k].clamp(0.0, MAX_LEVERAGE)).powf(power)
-        });
+        let scaled =
+            Mat::from_fn(b, b, |i, k| turned[(i, k)] * (1.0 - values[k].clamp(0.0, MAX_LEVERAGE)).recip());
         Ok(scaled * turned.transpose())
     }
 }

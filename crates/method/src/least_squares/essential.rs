@@ -25,7 +25,7 @@ impl Default for EssentialSettings {
 
 /// What is left.
 #[derive(Debug, Clone, PartialEq)]
-pub struct EssentialParameters {
+pub(crate) struct EssentialParameters {
     /// Columns kept, rising.
     pub kept: Vec<usize>,
     /// Columns taken away, the least certain first.
@@ -48,7 +48,7 @@ pub struct EssentialParameters {
 ///
 /// # Errors
 /// Those of [`TriangularFactor::solve`].
-pub fn essential(
+pub(crate) fn essential(
     factor: &TriangularFactor,
     rows: usize,
     independent_fraction: f64,

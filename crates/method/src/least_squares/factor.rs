@@ -13,7 +13,7 @@ use crate::NumericsError;
 use crate::lanes::{LANES, Lanes};
 
 /// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
-pub const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
+pub(crate) const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
 /// Rows that a [`FactorBuilder`] collects before it folds them: forty columns of them lie in a core's first cache.
 pub const BLOCK_ROWS: usize = 128;

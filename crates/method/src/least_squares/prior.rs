@@ -29,7 +29,7 @@ pub enum PriorStrength {
 
 /// An estimate from data and prior.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PriorEstimate {
+pub(crate) struct PriorEstimate {
     /// Parameters, `[b]`.
     pub theta: Vec<f64>,
     /// Standard errors, `[b]`, of data and prior together.
@@ -50,7 +50,7 @@ pub struct PriorEstimate {
 /// # Errors
 /// [`NumericsError::NotFinite`] for a prior without a positive standard deviation, or if neither data
 /// nor prior say anything of a parameter.
-pub fn with_prior(
+pub(crate) fn with_prior(
     factor: &TriangularFactor,
     independent_fraction: f64,
     rows: usize,

@@ -51,7 +51,7 @@ pub trait RowSource {
 
 /// Triangular factor of each joint's rows, `[n]`.
 #[must_use]
-pub fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
+pub(crate) fn joint_factors(source: &dyn RowSource) -> Vec<TriangularFactor> {
     let n = source.joint_count();
     let mut folders: Vec<FactorBuilder> = (0..n).map(|_| FactorBuilder::new(source.columns())).collect();
     source.each(&mut |sample| {

@@ -14,7 +14,7 @@ pub const MAX_SCALED_CONDITION: f64 = 1e3;
 /// Largest scaled condition number of weighted rows. Whether the motion shows every parameter is judged on the rows as
 /// they are ([`MAX_SCALED_CONDITION`]); this bounds what rounding does, and leaves joints whose noise differs ten
 /// thousandfold their weights.
-pub const MAX_WEIGHTED_CONDITION: f64 = 1e8;
+pub(crate) const MAX_WEIGHTED_CONDITION: f64 = 1e8;
 
 /// Solution of a least-squares problem.
 #[derive(Debug, Clone, PartialEq)]

@@ -67,7 +67,7 @@ pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64
 
 /// Mechanical energy of the rigid links, J.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MechanicalEnergy {
+pub(crate) struct MechanicalEnergy {
     /// Of the motion.
     pub kinetic: f64,
     /// In the field of gravity, zero for masses at the base's origin.
@@ -79,7 +79,7 @@ pub struct MechanicalEnergy {
 /// Its rate is the power of the joint torques, which is how [`inverse_dynamics`] is checked; so it
 /// has its own recursion, without accelerations.
 #[must_use]
-pub fn mechanical_energy(
+pub(crate) fn mechanical_energy(
     robot: &Robot,
     parameters: &[StandardParameters],
     q: &[f64],

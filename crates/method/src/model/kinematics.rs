@@ -53,7 +53,7 @@ pub fn forward_kinematics(robot: &Robot, q: &[f64]) -> Transform {
 /// Direction of a joint's axis in the base frame at the posture `q` `[n]` (rad; m for sliding joints):
 /// a unit vector. Gravity does no work on a turning joint whose axis is parallel to gravity.
 #[must_use]
-pub fn joint_axis_in_base(robot: &Robot, q: &[f64], joint: JointIndex) -> Vector3<f64> {
+pub(crate) fn joint_axis_in_base(robot: &Robot, q: &[f64], joint: JointIndex) -> Vector3<f64> {
     chain(robot, q, joint.index() + 1).rotation.column(2).into_owned()
 }
 

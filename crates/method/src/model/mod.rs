@@ -1,9 +1,9 @@
 //! The arm: kinematics, drives, inverse dynamics, its regressor and base parameters.
 
 pub mod kinematics;
-pub mod actuator;
+pub(crate) mod actuator;
 pub mod dynamics;
-pub mod dynamics_lanes;
+pub(crate) mod dynamics_lanes;
 pub mod regressor;
 pub mod regressor_lanes;
 pub mod base_parameters;

@@ -132,12 +132,6 @@ pub fn compare_with_reference(
     })
 }
 
-/// The check as text for a person: geometry, limits, pose, base parameters with their groupings.
-#[must_use]
-pub fn render(check: &RobotCheck) -> String {
-    check.to_string()
-}
-
 fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     let n = robot.joint_count();
     let ids = ParameterId::natural_order(robot);
@@ -323,7 +317,7 @@ mod tests {
 
     #[test]
     fn the_text_shows_geometry_limits_pose_and_groupings() {
-        let text = render(&check(&er3a()).expect("a check"));
+        let text = check(&er3a()).expect("a check").to_string();
         for line in [
             "Robot er3a, 6 joints",
             "Gravity in the base frame: (0, 0, -9.81) m/s^2",
@@ -348,7 +342,7 @@ mod tests {
             ],
             [0.0, 0.0, -9.81],
         );
-        let text = render(&check(&robot).expect("a check"));
+        let text = check(&robot).expect("a check").to_string();
         for line in [
             "    1  prismatic          0           0       0.25                  0",
             "    1  m           -0.2        0.8          1.5                6",

@@ -34,7 +34,7 @@ const FREE_STD: f64 = 1e4;
 
 /// What the fit may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PhysicalSettings {
+pub(crate) struct PhysicalSettings {
     /// Relative standard deviation of a nominal pseudo-inertia in each direction, such as that of a mass,
     /// and of a nominal motor inertia. Data do not decide all of the full set; this does the rest.
     pub prior_std: f64,
@@ -100,7 +100,7 @@ pub struct PhysicalEstimate {
 /// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
 /// [`NumericsError::NotFinite`] if it has a motor inertia that is not positive or the data are not
 /// finite.
-pub fn physical(
+pub(crate) fn physical(
     robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,

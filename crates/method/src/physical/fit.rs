@@ -49,7 +49,7 @@ pub struct PhysicalFit {
 /// joint weighted by its own residual, from the description's nominal bodies or uniform ones.
 ///
 /// # Errors
-/// Those of [`physical`] and [`TriangularFactor::solve`]: rows that do not show all base parameters are
+/// Those of `physical` and [`TriangularFactor::solve`]: rows that do not show all base parameters are
 /// refused, though bodies could be had from the assumption alone.
 pub fn physical_fit(
     robot: &Robot,

@@ -1,6 +1,6 @@
 //! Parameters that bodies can have.
 
-pub mod pseudo_inertia;
+pub(crate) mod pseudo_inertia;
 pub mod uniform_bodies;
 pub mod fit;
 pub mod bodies;

@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 use armwatch_model::robot::StandardParameters;
 
 /// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
+#[cfg(test)]
 pub const POSITIVE: f64 = 1e-10;
 /// A start that is no body is lifted until the smallest eigenvalue is this part of the largest: a
 /// radius of a few mm against one of 100 mm.
@@ -28,7 +29,7 @@ pub fn pseudo_inertia(parameters: &StandardParameters) -> Matrix4<f64> {
     j
 }
 
-/// Smallest over largest eigenvalue of a link's pseudo-inertia; above [`POSITIVE`] it is a body.
+/// Smallest over largest eigenvalue of a link's pseudo-inertia; above 1e-10 it is a body.
 ///
 /// Lengths enter the ratio in m; its sign does not depend on them.
 #[must_use]

@@ -56,7 +56,7 @@ impl BodySource {
     }
 }
 
-/// A start for [`physical`](super::bodies::physical).
+/// A start for `physical`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
     /// Links and motors, all positive.
@@ -75,7 +75,7 @@ pub struct Start {
 ///
 /// # Errors
 /// [`NumericsError::NotFinite`] if the factor is not finite.
-pub fn start(
+pub(crate) fn start(
     robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,

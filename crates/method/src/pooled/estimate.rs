@@ -2,7 +2,7 @@
 //!
 //! An estimator is a choice of weights: a joint's residual variance is a number for its factors, a
 //! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with
-//! enough cycles it is their scatter ([`super::cycle_errors`]).
+//! enough cycles it is their scatter (`cycle_errors`).
 
 use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::pool::{PooledFactors, RowWeights};
@@ -37,7 +37,7 @@ pub enum StackedEstimator {
     /// Rows count by the residual variance of their joint [3.22].
     Weighted,
     /// As weighted; a joint's rows of a cycle in which its residual is beyond
-    /// [`HUBER_CONSTANT`] robust spreads above the median cycle's lose weight.
+    /// `HUBER_CONSTANT` robust spreads above the median cycle's lose weight.
     Huber,
     /// Towards what is known beforehand. Rows count by the residual variance of their joint.
     Prior {
@@ -133,7 +133,7 @@ pub struct EssentialReport {
 /// # Errors
 /// [`NumericsError::RankDeficient`] if the motion does not show every parameter (not with a prior on those
 /// it does not), [`NumericsError::TooShort`] with too few rows, or too few cycles for
-/// [`StackedEstimator::Huber`]; those of [`weighted`] and [`with_prior`].
+/// [`StackedEstimator::Huber`]; those of `weighted` and `with_prior`.
 pub fn estimate(
     union: &PooledFactors,
     estimator: &StackedEstimator,

@@ -3,6 +3,6 @@
 pub mod pool;
 pub mod estimate;
 pub mod per_joint;
-pub mod cycle_errors;
+mod cycle_errors;
 pub mod nominal_prior;
 pub mod drive_gain;

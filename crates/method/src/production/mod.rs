@@ -1,5 +1,5 @@
 //! Windows of ordinary work against the parameters of a test, without identification.
 
 pub mod reference;
-pub mod evidence;
+mod evidence;
 pub mod window;

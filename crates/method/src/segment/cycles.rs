@@ -261,7 +261,7 @@ impl CycleCutter {
 }
 
 /// Contiguous ranges of `0..rows` in which `holds` is true.
-pub fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
+pub(crate) fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
     let mut ranges = Vec::new();
     let mut start = None;
     for row in 0..rows {

@@ -55,7 +55,7 @@ pub enum Phase {
 
 /// Finds stages in the motion, row by row.
 #[derive(Debug, Default)]
-pub struct MotionFinder {
+pub(crate) struct MotionFinder {
     /// By joint, rad/s (m/s).
     low_speed: Vec<f64>,
     /// Rows without a stage: those of the present block as long as it is short, and of what may follow it.

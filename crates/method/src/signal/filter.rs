@@ -28,7 +28,7 @@ pub struct FilteredSignals {
     pub q: Vec<Vec<f64>>,
     /// Velocities `qd`.
     pub qd: Vec<Vec<f64>>,
-    /// Accelerations `qdd`, by [`differentiate`] from `qd`.
+    /// Accelerations `qdd`, by `differentiated` from `qd`.
     pub qdd: Vec<Vec<f64>>,
     /// Torques `tau`.
     pub tau: Vec<Vec<f64>>,
@@ -173,7 +173,7 @@ pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals,
 ///
 /// # Errors
 /// As [`filter_signals`].
-pub fn filter_signals_into(
+pub(crate) fn filter_signals_into(
     samples: &Samples,
     cutoff: f64,
     buffers: &Buffers,
@@ -228,12 +228,6 @@ pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
 ///
 /// Second order takes `(2 pi f step)² / 6` of what changes at the frequency `f`: at 100 Hz and 5 Hz 1.6 %,
 /// which the torque beside it has not lost. Sixth order takes 0.001 % there.
-#[must_use]
-pub fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
-    differentiated(values, step, &Buffers::default())
-}
-
-/// As [`differentiate`], in memory of `buffers`.
 fn differentiated(values: &[f64], step: f64, buffers: &Buffers) -> Vec<f64> {
     let n = values.len();
     let mut out = buffers.channel(n);
@@ -246,7 +240,7 @@ fn differentiated(values: &[f64], step: f64, buffers: &Buffers) -> Vec<f64> {
     out
 }
 
-/// The difference of [`differentiate`] at `i`, one of the values.
+/// The difference of `differentiated` at `i`, one of the values.
 fn difference_at(values: &[f64], i: usize, step: f64) -> f64 {
     let n = values.len();
     if n < 2 {
@@ -432,6 +426,10 @@ mod tests {
             let exact = -w * w * (w * samples.time[i]).sin();
             assert!((qdd - exact).abs() < 1e-3 * w * w, "{qdd} {exact}");
         }
+    }
+
+    fn differentiate(values: &[f64], step: f64) -> Vec<f64> {
+        differentiated(values, step, &Buffers::default())
     }
 
     #[test]

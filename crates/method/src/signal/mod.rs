@@ -2,7 +2,7 @@
 
 mod low_pass;
 pub mod filter;
-pub mod temperature;
+pub(crate) mod temperature;
 pub mod time_grid;
 pub mod channel_delay;
-pub mod noise;
+pub(crate) mod noise;

@@ -69,7 +69,7 @@ pub fn standard_deviation(values: &[f64]) -> Option<f64> {
 /// Median absolute deviation times 1.4826, the factor that makes it the standard deviation of a
 /// normal sample (Rousseeuw & Croux 1993); `None` of nothing.
 #[must_use]
-pub fn robust_deviation(values: &[f64]) -> Option<f64> {
+pub(crate) fn robust_deviation(values: &[f64]) -> Option<f64> {
     let centre = median(values)?;
     let deviations: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
     median(&deviations).map(|mad| 1.4826 * mad)

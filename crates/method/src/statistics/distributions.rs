@@ -12,7 +12,7 @@ const NEARLY_NORMAL_FROM: f64 = 1e4;
 /// Probability that Student's distribution with `freedom` degrees of freedom, above 0, is below `x`. Not a number for
 /// another `freedom`.
 #[must_use]
-pub fn student_probability(x: f64, freedom: f64) -> f64 {
+pub(crate) fn student_probability(x: f64, freedom: f64) -> f64 {
     if freedom >= NEARLY_NORMAL_FROM {
         return normal_probability(x);
     }
@@ -22,7 +22,7 @@ pub fn student_probability(x: f64, freedom: f64) -> f64 {
 /// Logarithm of the density of Student's distribution with `freedom` degrees of freedom, above 0, at `x`. Not a number for
 /// another `freedom`.
 #[must_use]
-pub fn student_log_density(x: f64, freedom: f64) -> f64 {
+pub(crate) fn student_log_density(x: f64, freedom: f64) -> f64 {
     if freedom >= NEARLY_NORMAL_FROM {
         return Normal::standard().ln_pdf(x);
     }
@@ -38,7 +38,7 @@ pub fn normal_probability(x: f64) -> f64 {
 /// Quantile of the F distribution with `above` and `below` degrees of freedom at `probability` in (0, 1). Not a
 /// number for another probability, or unless both are above 0.
 #[must_use]
-pub fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
+pub(crate) fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
     match FisherSnedecor::new(above, below) {
         Ok(fisher) if is_probability(probability) => fisher.inverse_cdf(probability),
         _ => f64::NAN,

@@ -4,4 +4,4 @@ pub mod descriptive;
 pub mod distributions;
 pub mod slope;
 pub mod whiteness;
-pub mod information;
+pub(crate) mod information;

@@ -4,7 +4,9 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::engine::{EngineConnection, EngineExecutor, EngineTransaction};
+use sqlx::{FromRow, Row};
+
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow, EngineTransaction};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
@@ -22,7 +24,7 @@ const NO_ROWS: &str =
     "kept: huber weighs single rows, which are not stored; read its export again into a new database";
 
 /// Cycles of a run that were identified with another estimator than the configured one and can be identified again.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OtherEstimate {
     /// The run.
     pub run_id: i64,
@@ -30,6 +32,16 @@ pub struct OtherEstimate {
     pub robot: String,
     /// How many cycles.
     pub cycles: u32,
+}
+
+impl FromRow<'_, EngineRow> for OtherEstimate {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            run_id: row.try_get("run_id")?,
+            robot: row.try_get("robot")?,
+            cycles: row.try_get("cycles")?,
+        })
+    }
 }
 
 /// What identifying a stored cycle again gave.

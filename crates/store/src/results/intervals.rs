@@ -1,9 +1,9 @@
 //! Intervals of parameters that were stored before their widths were: Student's quantile is no function of SQL, so that
 //! a migration cannot fill them.
 
-use sqlx::QueryBuilder;
+use sqlx::{FromRow, QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EnginePool, begin_writing};
+use crate::engine::{Engine, EngineConnection, EngineExecutor, EnginePool, EngineRow, begin_writing};
 use crate::values::{ROWS_PER_STATEMENT, finite};
 use armwatch_model::analysis::interval::LEVEL;
 use armwatch_model::analysis::interval::student_quantile;
@@ -12,12 +12,22 @@ use armwatch_model::analysis::interval::student_quantile;
 const CYCLES_AT_ONCE: i64 = 200;
 
 /// A parameter of a cycle with what its interval follows from.
-#[derive(sqlx::FromRow)]
 struct KnownFreedom {
     cycle_id: i64,
     model_parameter_id: i64,
     std_error: f64,
     degrees_of_freedom: f64,
+}
+
+impl FromRow<'_, EngineRow> for KnownFreedom {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            cycle_id: row.try_get("cycle_id")?,
+            model_parameter_id: row.try_get("model_parameter_id")?,
+            std_error: row.try_get("std_error")?,
+            degrees_of_freedom: row.try_get("degrees_of_freedom")?,
+        })
+    }
 }
 
 /// Fills what is not filled yet, some cycles a transaction; a stop in between loses nothing. Without anything to do it

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use jiff::Timestamp;
-use sqlx::{QueryBuilder, Row};
+use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::production_evidence;
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
@@ -157,7 +157,7 @@ pub(crate) async fn reference_runs(
 }
 
 /// A test that production may be held against.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReferenceTest {
     /// Database key of the run.
     pub run_id: i64,
@@ -167,8 +167,18 @@ pub struct ReferenceTest {
     pub robot_model_id: i64,
 }
 
+impl FromRow<'_, EngineRow> for ReferenceTest {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            run_id: row.try_get("run_id")?,
+            started_at: row.try_get("started_at")?,
+            robot_model_id: row.try_get("robot_model_id")?,
+        })
+    }
+}
+
 /// A window of production with factors.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProductionWindow {
     /// Database key of the run.
     pub run_id: i64,
@@ -180,6 +190,18 @@ pub struct ProductionWindow {
     pub robot_model_id: i64,
     /// The test that conclusions have held it against, by the estimator that was asked for.
     pub settled_against: Option<i64>,
+}
+
+impl FromRow<'_, EngineRow> for ProductionWindow {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            run_id: row.try_get("run_id")?,
+            cycle: row.try_get("cycle")?,
+            started_at: row.try_get("started_at")?,
+            robot_model_id: row.try_get("robot_model_id")?,
+            settled_against: row.try_get("settled_against")?,
+        })
+    }
 }
 
 /// Description that the parameters of a row of `run` belong to; no value for a test without parameters, or with cycles of two

@@ -12,7 +12,9 @@ use super::figures::friction_series::{self, FrictionHistory};
 use super::figures::run_brief;
 use super::history;
 use super::settled_rows;
-use crate::engine::{EngineExecutor, EngineTransaction};
+use sqlx::{FromRow, Row};
+
+use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::{production, run_analysis};
@@ -21,7 +23,7 @@ use armwatch_model::anomaly::{Anomaly, Findings, RunSummary};
 use armwatch_model::run::RunKind;
 
 /// A robot whose conclusions are older than its history.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StaleRobot {
     /// Its key.
     pub robot_id: i64,
@@ -29,6 +31,16 @@ pub struct StaleRobot {
     pub name: String,
     /// How often its history had changed when this was read.
     pub history: i64,
+}
+
+impl FromRow<'_, EngineRow> for StaleRobot {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            robot_id: row.try_get("robot_id")?,
+            name: row.try_get("name")?,
+            history: row.try_get("history")?,
+        })
+    }
 }
 
 /// An open transaction that stores what a robot's history says. Dropping it without

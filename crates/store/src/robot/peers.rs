@@ -1,6 +1,6 @@
 //! Robots of one model: their first tests, and which of them are to be compared anew.
 
-use sqlx::Row;
+use sqlx::{FromRow, Row};
 
 use super::conclude::ConclusionTransaction;
 use super::figures::joint_summary;
@@ -39,13 +39,24 @@ impl ConclusionTransaction {
 }
 
 /// A robot of a model.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Member {
     robot_id: i64,
     name: String,
     peers_compared: i64,
     /// Complete tests, counted up to those that are needed.
     tests: i64,
+}
+
+impl FromRow<'_, EngineRow> for Member {
+    fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
+        Ok(Self {
+            robot_id: row.try_get("robot_id")?,
+            name: row.try_get("name")?,
+            peers_compared: row.try_get("peers_compared")?,
+            tests: row.try_get("tests")?,
+        })
+    }
 }
 
 /// All robots of the model of a robot's latest test, by name.

@@ -38,11 +38,11 @@ const MOST_TESTS_PER_YEAR: f64 = 52_600.0;
 /// What a comparison of causes must know beyond chance, in units of log-likelihood: its model of the noise is not exact.
 /// A factor of twenty on the likelihood covers a standard deviation that is taken for a tenth too small where five
 /// standard deviations decide: `5² / 2 (1 - 0.9²) = 2.4`.
-pub const MODEL_MARGIN: f64 = 3.0;
+pub(crate) const MODEL_MARGIN: f64 = 3.0;
 
 /// Usual interval between tests, s: the median of the latest. `None` with too few of them.
 #[must_use]
-pub fn usual_interval(starts: &[Timestamp]) -> Option<f64> {
+pub(crate) fn usual_interval(starts: &[Timestamp]) -> Option<f64> {
     let intervals: Vec<f64> = starts
         .windows(2)
         .rev()
@@ -93,7 +93,7 @@ impl Budget {
 /// Standard deviations that a value exceeds with this probability by chance, where its standard deviation stands on
 /// `freedom` values.
 #[must_use]
-pub fn beyond_chance(probability: f64, freedom: f64) -> f64 {
+pub(crate) fn beyond_chance(probability: f64, freedom: f64) -> f64 {
     // far out the search for Student's quantile needs a probability that is not too small
     let probability = probability.clamp(1e-12, 0.5);
     if freedom < NEARLY_NORMAL {
@@ -107,7 +107,7 @@ pub fn beyond_chance(probability: f64, freedom: f64) -> f64 {
 /// alone exceeds it with the probability `alpha` at most (Ville 1939), and a margin of 3 for the model of the noise.
 /// `history` are the robot's tests until then, oldest first.
 #[must_use]
-pub fn advantage(settings: &DetectSettings, history: &[RunSummary]) -> f64 {
+pub(crate) fn advantage(settings: &DetectSettings, history: &[RunSummary]) -> f64 {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let starts: Vec<Timestamp> = history.iter().map(|run| run.started_at).collect();
     MODEL_MARGIN - Budget::new(settings.false_alarms_per_robot_year, joints, &starts).alpha().ln()

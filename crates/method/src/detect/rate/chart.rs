@@ -6,12 +6,12 @@
 //! `WEIGHTS`. `R_k - k` is a martingale without a shift. So the mean number of values until the mean of `R` reaches `A`
 //! is `A` at least: this holds for every sequence of numbers in place of `L` whose expectation is at most one, given the
 //! past (e-detectors: Shin, Ramdas, Rinaldo 2022). For normal values the statistic jumps over `A`, and the
-//! mean is `A / sum w v(m)` with [`overshoot_factor`] (Pollak 1987).
+//! mean is `A / sum w v(m)` with `overshoot_factor` (Pollak 1987).
 
 use super::overshoot::overshoot_factor;
 
 /// Shifts, in standard deviations of a value.
-pub const SHIFTS: [f64; 4] = [0.5, 1.0, 2.0, 3.2];
+pub(crate) const SHIFTS: [f64; 4] = [0.5, 1.0, 2.0, 3.2];
 
 /// Their weights. A weight `w` adds `-2 ln(w) / m²` values to the delay of a shift of `m` standard deviations. A value more is
 /// much against the two that a large shift takes, and little against the twenty of a small one, so nearly all weight is with the
@@ -23,7 +23,7 @@ const FURTHEST: f64 = 30.0;
 
 /// Statistics of a series, for shifts to both sides.
 #[derive(Debug, Clone, Default)]
-pub struct SequentialChart {
+pub(crate) struct SequentialChart {
     above: [f64; SHIFTS.len()],
     below: [f64; SHIFTS.len()],
 }
@@ -57,13 +57,13 @@ impl SequentialChart {
 /// Logarithm of the statistic at which an alarm comes, for a mean of `run_length` values (1 or more) between false
 /// alarms. The mean is at least this, whatever the evidence.
 #[must_use]
-pub fn sure_limit(run_length: f64) -> f64 {
+pub(crate) fn sure_limit(run_length: f64) -> f64 {
     run_length.max(1.0).ln()
 }
 
 /// As [`sure_limit`], where values are standard normal without a shift: the mean is this.
 #[must_use]
-pub fn normal_limit(run_length: f64) -> f64 {
+pub(crate) fn normal_limit(run_length: f64) -> f64 {
     let jumped: f64 =
         SHIFTS.iter().zip(WEIGHTS).map(|(shift, weight)| weight * overshoot_factor(*shift)).sum();
     run_length.max(1.0).ln() + jumped.ln()

@@ -57,7 +57,7 @@ impl Prior {
 
 /// What a series is like, as far as its values tell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Likeness {
+pub(crate) struct Likeness {
     /// Mean.
     pub level: f64,
     /// Standard deviation of a value about its prediction.
@@ -70,7 +70,7 @@ pub struct Likeness {
 
 /// Estimates from the values of a series until now.
 #[derive(Debug, Clone)]
-pub struct Whitener {
+pub(crate) struct Whitener {
     /// Unit of all that is inside.
     unit: f64,
     /// The first value, which the others are counted from.

@@ -1,7 +1,7 @@
 //! Friction over speed and thermal state, fitted to the runs of a robot, and how each run differs from it.
 
 pub mod thermal_state;
-pub mod record;
+pub(crate) mod record;
 pub(super) mod law;
 pub(super) mod map;
 pub mod published_map;

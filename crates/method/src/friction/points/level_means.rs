@@ -42,7 +42,7 @@ pub fn friction_means(points: &[FrictionPoint], joint: JointIndex, speed_fractio
 /// Mean difference of the directions, forward less backward magnitude, over neighbouring plateaus of one joint
 /// and level, Nm; zero without any.
 #[must_use]
-pub fn direction_difference(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> f64 {
+pub(crate) fn direction_difference(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> f64 {
     let along = |p: &FrictionPoint| p.torque.abs() * f64::from(p.direction);
     let of_level: Vec<&FrictionPoint> = at_level(points, joint, speed_fraction).collect();
     let differences: Vec<f64> = passes(&of_level).into_iter().map(|[p, q]| along(p) + along(q)).collect();

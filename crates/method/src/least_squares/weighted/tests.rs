@@ -5,7 +5,7 @@ use faer::linalg::solvers::Solve;
 
 use super::{WeightRule, joined, per_joint, weighted};
 use crate::identify::cycle::{identify_factors, identify_rows};
-use crate::least_squares::clustered::{ClusterSettings, LeverageCorrection, clustered};
+use crate::least_squares::clustered::clustered;
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::huber::{RobustSettings, huber};
 use crate::least_squares::rows::{RowSource, SampleRows, joint_factors};
@@ -131,28 +131,24 @@ fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_n
         slow[j]
     });
     let rule = WeightRule::equal(2);
-    for correction in
-        [LeverageCorrection::None, LeverageCorrection::SquareRoot, LeverageCorrection::Jackknife]
-    {
-        let settings = ClusterSettings { correction, ..ClusterSettings::default() };
-        let ratio = |problem: &Problem| {
-            let solution =
-                joined(&joint_factors(problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
-            let clustered = clustered(problem, &solution.theta, &rule, &settings).expect("a covariance");
-            let variance = solution.residual_sum_of_squares / 16_000.0;
-            let classical = solution.unscaled_variance.iter().map(|u| (u * variance).sqrt());
-            let ratios: Vec<f64> = clustered.sigma.iter().zip(classical).map(|(a, b)| a / b).collect();
-            (ratios, clustered)
-        };
-        let (ratios, covariance) = ratio(&white);
-        // 33 degrees of freedom leave a scatter of 12 % a standard error: three times that.
-        assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.37), "{ratios:?}");
-        assert!(covariance.freedom.iter().all(|freedom| (28.0..36.0).contains(freedom)), "{covariance:?}");
-        let (ratios, _) = ratio(&red);
-        // AR(1) with 0.98 has a correlation time of 99 rows: a constant's error grows by its root, which
-        // the other joint's column, a cosine, halves.
-        assert!(ratios[2] > 3.0, "{ratios:?}");
-    }
+    let ratio = |problem: &Problem| {
+        let solution =
+            joined(&joint_factors(problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
+        let clustered = clustered(problem, &solution.theta, &rule).expect("a covariance");
+        let variance = solution.residual_sum_of_squares / 16_000.0;
+        let classical = solution.unscaled_variance.iter().map(|u| (u * variance).sqrt());
+        let ratios: Vec<f64> =
+            classical.enumerate().map(|(k, b)| clustered.matrix[(k, k)].sqrt() / b).collect();
+        (ratios, clustered)
+    };
+    let (ratios, covariance) = ratio(&white);
+    // 33 degrees of freedom leave a scatter of 12 % a standard error: three times that.
+    assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.37), "{ratios:?}");
+    assert!(covariance.freedom.iter().all(|freedom| (28.0..36.0).contains(freedom)), "{covariance:?}");
+    let (ratios, _) = ratio(&red);
+    // AR(1) with 0.98 has a correlation time of 99 rows: a constant's error grows by its root, which
+    // the other joint's column, a cosine, halves.
+    assert!(ratios[2] > 3.0, "{ratios:?}");
 }
 
 /// The sandwich by another road: with the whole observation matrix at hand, and the covariance of all
@@ -170,8 +166,7 @@ fn clustered_errors_are_those_of_the_whole_matrix() {
     let e = &tau - &w * &theta;
     let of_residuals = Mat::<f64>::identity(400, 400) - &w * &inverse * w.transpose();
     let theta: Vec<f64> = theta.col(0).iter().copied().collect();
-    let found = clustered(&problem, &theta, &rule, &ClusterSettings::default()).expect("a covariance");
-    assert_eq!((found.blocks, found.half_rows), (41, 5));
+    let found = clustered(&problem, &theta, &rule).expect("a covariance");
     let (mut scatter, mut expected) = (Mat::<f64>::zeros(3, 3), Mat::<f64>::zeros(3, 3));
     for block in 0..41 {
         // a hump over ten samples, of which the first and the last block have half
@@ -213,9 +208,9 @@ fn leverage_does_not_swell_the_errors() {
         let rule = WeightRule::equal(2);
         let solution =
             joined(&joint_factors(&problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
-        let found = clustered(&problem, &solution.theta, &rule, &ClusterSettings::default()).expect("errors");
+        let found = clustered(&problem, &solution.theta, &rule).expect("errors");
         squares += (solution.theta[2] - TRUTH[2]).powi(2);
-        stated += found.sigma[2] * found.sigma[2];
+        stated += found.matrix[(2, 2)];
     }
     // a variance of 300 values scatters by 8 %: three times that, halved by the root
     let ratio = (stated / squares).sqrt();
@@ -236,10 +231,10 @@ fn noise_that_takes_back_what_it_gave_counts_little() {
         let rule = WeightRule::equal(2);
         let solution =
             joined(&joint_factors(&problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
-        let found = clustered(&problem, &solution.theta, &rule, &ClusterSettings::default()).expect("errors");
+        let found = clustered(&problem, &solution.theta, &rule).expect("errors");
         // the constant: the sum of differences is what the ends leave, and hard-edged blocks of 100 rows
         // would state twenty times as much
-        let error = found.sigma[2];
+        let error = found.matrix[(2, 2)].sqrt();
         let variance = solution.residual_sum_of_squares / 4000.0;
         ratios.push(error / (variance * solution.unscaled_variance[2]).sqrt());
         assert!(found.independent_share.iter().all(|share| *share > 1.0), "{:?}", found.independent_share);
@@ -259,13 +254,13 @@ fn stated_errors_of_a_robust_estimate_are_its_scatter() {
         let mut normal = || (0..6).map(|_| noise.next()).sum::<f64>() / 6_f64.sqrt();
         let problem = Problem::new(500, [0.5, 0.2], |_, _| normal());
         let found = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
-        let errors = clustered(&problem, &found.solution.theta, &found.rule, &ClusterSettings::default());
+        let errors = clustered(&problem, &found.solution.theta, &found.rule);
         let errors = errors.expect("a covariance");
         for k in 0..3 {
             let deviation = found.solution.theta[k] - TRUTH[k];
             sum[k] += deviation;
             squares[k] += deviation * deviation;
-            stated[k] += errors.sigma[k] * errors.sigma[k];
+            stated[k] += errors.matrix[(k, k)];
         }
     }
     let count = problems as f64;

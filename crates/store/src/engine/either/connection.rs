@@ -287,12 +287,4 @@ impl<'c> Executor<'c> for &'c mut EngineConnection {
         }
         .boxed()
     }
-
-    fn describe<'e>(self, _sql: SqlStr) -> BoxFuture<'e, Result<sqlx::Describe<Engine>, Error>>
-    where
-        'c: 'e,
-    {
-        // asked by macros that look at statements when the program is compiled, of which there are none
-        ready(Err(Error::Protocol("statements of either engine are not described".into()))).boxed()
-    }
 }
