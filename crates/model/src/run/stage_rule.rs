@@ -5,7 +5,7 @@ use super::Stage;
 /// Where the stage of a row comes from.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum StageRule {
-    /// From the export: it is [`StageReading::Known`] already.
+    /// From the export: it is [`StageReading::Known`](super::StageReading::Known) already.
     #[default]
     Recorded,
     /// From the level of an analogue signal.
