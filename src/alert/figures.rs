@@ -148,13 +148,7 @@ mod tests {
 
     #[test]
     fn every_quantity_that_a_detector_names_has_a_form() {
-        let (_, rest) = include_str!("../../crates/method/src/detect/window.rs")
-            .split_once("const QUANTITIES")
-            .expect("it");
-        let (list, _) = rest.split_once("];").expect("its end");
-        let names: Vec<&str> = list.split('"').skip(1).step_by(2).collect();
-        assert!(names.len() > 20, "{names:?}");
-        for name in names {
+        for name in armwatch_model::anomaly::settled::QUANTITIES {
             let figures = Figures::new(name, "drift", None, None);
             let is_plain = figures == Figures { value: Form::Plain, score: Form::Plain };
             assert_eq!(is_plain, WITHOUT_FIGURE.contains(&name), "{name}");

@@ -186,9 +186,7 @@ mod tests {
             let (_, rest) = text.split_once(begin).expect("the list");
             rest.split_once(end).expect("its end").0
         };
-        let detectors =
-            list(include_str!("../../crates/method/src/detect/window.rs"), "const QUANTITIES", "];");
-        let mut known: Vec<&str> = detectors.split('"').skip(1).step_by(2).collect();
+        let mut known = armwatch_model::anomaly::settled::QUANTITIES;
         let page = list(include_str!("page/quantities.js"), "const QUANTITIES = {", "};");
         let mut told: Vec<&str> = Vec::new();
         for (name, said) in page.lines().filter_map(|line| line.trim().split_once(": [")) {

@@ -379,64 +379,6 @@ fn the_er3a_has_the_64_parameters_of_the_thesis_and_agrees_with_the_reference() 
     workshop.stdout(&["robot", "check", &description, "--reference", "other.csv"], 1);
 }
 
-/// Which figures it prints, not which: those depend on the machine.
-#[test]
-fn the_ingest_benchmark_measures_two_programs_on_the_same_rows() {
-    let workshop = Workshop::new();
-    let export = &workshop.simulate("made", &["--cycles", "1", "--warming-s", "0"])[0];
-    let rows = std::fs::read_to_string(export).expect("an export").lines().count() - 1;
-    let file = export.to_str().expect("a plain path");
-    let out = workshop.stdout(&["benchmark", "ingest", "--file", file, "--rounds", "1", "--json"], 0);
-    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
-    assert_eq!(value["rows"], rows, "{out}");
-    let figure = |of: &str, what: &str| value[of][what].as_f64().expect("a figure");
-    assert!(figure("ingest", "wall_s") > 0.0 && figure("polars", "wall_s") > 0.0, "{out}");
-    let ratio = figure("ingest", "wall_s") / figure("polars", "wall_s");
-    assert!((value["ratio"].as_f64().expect("a ratio") / ratio - 1.0).abs() < 1e-9, "{out}");
-    #[cfg(target_os = "linux")]
-    assert!(figure("ingest", "peak_mb") > 1.0, "{out}");
-
-    let simulated = ["benchmark", "ingest", "--cycles", "1", "--rate-hz", "20", "--rounds", "1", "--json"];
-    assert!(workshop.stdout(&simulated, 0).contains("\"ratio\""));
-
-    let out = workshop.stdout(&["benchmark", "ingest", "--small-files", "8", "--json"], 0);
-    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
-    let counts: Vec<&serde_json::Value> =
-        value["series"].as_array().expect("a series").iter().map(|entry| &entry["files"]).collect();
-    assert_eq!(counts, [2, 8], "{out}");
-    workshop.stdout(&["benchmark", "ingest", "--file", "not-there.csv"], 74);
-}
-
-#[test]
-fn a_start_knows_the_files_that_it_left() {
-    let workshop = Workshop::new();
-    let size = ["--files", "40", "--robots", "4", "--rounds", "1", "--json"];
-    let out = workshop.stdout(&[&["benchmark", "start"][..], &size].concat(), 0);
-    let known: serde_json::Value = serde_json::from_str(&out).expect("one object");
-    assert_eq!(known["files"], 40);
-    assert!(known["rounds"][0]["known_s"].as_f64() > known["rounds"][0]["watches_s"].as_f64(), "{out}");
-}
-
-/// Which stages it prints, and that their figures are of one kind.
-#[test]
-fn the_stages_of_a_cycle_are_measured_one_by_one() {
-    let workshop = Workshop::new();
-    let out = workshop.stdout(&["benchmark", "stages", "--rate-hz", "20", "--rounds", "1", "--json"], 0);
-    let value: serde_json::Value = serde_json::from_str(&out).expect("one object");
-    // 20 Hz over the five minutes of a cycle
-    assert!((4000..8000).contains(&value["rows"].as_u64().expect("rows")), "{out}");
-    let stages = value["stages"].as_array().expect("stages");
-    assert!(stages.iter().all(|of| of["cpu_s"].as_f64().is_some_and(|cpu_s| cpu_s > 0.0)), "{out}");
-    for of in stages.iter().filter(|of| !of["mflop"].is_null()) {
-        let figure = |what: &str| of[what].as_f64().expect("a figure");
-        let rate = figure("mflop") / 1e3 / figure("cpu_s");
-        assert!((figure("gflop_per_s") / rate - 1.0).abs() < 1e-9, "{out}");
-    }
-    let names: Vec<&str> = stages.iter().filter_map(|of| of["stage"].as_str()).collect();
-    assert!(names.contains(&"triangular factors, with the regressor"), "{out}");
-    assert!(stages.iter().filter(|of| !of["reference_cpu_s"].is_null()).count() >= 3, "{out}");
-}
-
 #[test]
 fn the_shipped_configuration_becomes_files_to_edit_and_none_is_written_over() {
     let workshop = Workshop::new();

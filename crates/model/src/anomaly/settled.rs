@@ -4,8 +4,8 @@ use jiff::Timestamp;
 
 use super::Anomaly;
 
-/// Quantities of anomalies that windows settle.
-const QUANTITIES: [&str; 26] = [
+/// Quantities of anomalies.
+pub const QUANTITIES: [&str; 26] = [
     "friction_index",
     "common_friction_ratio",
     "warm_friction_nm",
