@@ -132,7 +132,8 @@ licences() { cargo deny check bans licenses sources; }
 # Builds the program that people get, at niceness `$1`. `-p` excludes features that only tests and lab ask of dependencies.
 release_build() { nice -n "$1" cargo build --release -p armwatch; }
 
-demo() { timeout 60 target/release/armwatch demo --once --dir "$work/demo"; }
+# The first command of the README, on the program that is built already.
+demo() { timeout 60 cargo run --release -- demo --once --dir "$work/demo"; }
 
 # Runs ignored integration tests. Without `-p`, dependencies have the features of `cargo test` and are not built again.
 ignored() { cargo test --test integration -- --ignored "$@"; }
