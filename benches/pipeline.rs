@@ -19,6 +19,13 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::Arc;
 
+use criterion::{Criterion, Throughput};
+use faer::Mat;
+use jiff::Timestamp;
+use polars_core::prelude::{DataFrame, DataType, Field, Schema, SchemaRef};
+use polars_io::SerReader;
+use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
+
 use armwatch_config::{Config, FleetEntry};
 use armwatch_ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next};
 use armwatch_ingest::table::column_map::map_columns;
@@ -42,12 +49,6 @@ use armwatch_simulate::run::record::record;
 use armwatch_simulate::run::recording::Row;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
 use armwatch_store::Store;
-use criterion::{Criterion, Throughput};
-use faer::Mat;
-use jiff::Timestamp;
-use polars_core::prelude::{DataFrame, DataType, Field, Schema, SchemaRef};
-use polars_io::SerReader;
-use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 
 /// Samples of the groups whose single measurement takes tens of milliseconds.
 const FEW_SAMPLES: usize = 20;

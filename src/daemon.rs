@@ -30,6 +30,9 @@ use std::time::{Duration, Instant};
 
 use export_tasks::{Closed, ExportTasks, Happened, closing};
 use file_schedule::{Begun, Closing, FileSchedule};
+use judging::OpenTests;
+use outcome_log::{end_of, log_outcome};
+use service::ServiceManager;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -43,9 +46,7 @@ use armwatch_config::{Config, WatchSettings};
 use armwatch_ingest::find::watch::{Complaints, FoundFile, Scan};
 use armwatch_ingest::find::{tail, watch};
 use armwatch_store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
-use judging::OpenTests;
-use outcome_log::{end_of, log_outcome};
-use service::ServiceManager;
+
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, patiently, reweight};

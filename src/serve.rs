@@ -31,7 +31,6 @@ mod spool;
 mod status;
 mod upload;
 
-use crate::serve::shared::Shared;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::future::Future;
@@ -61,6 +60,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::metrics::Metrics;
+use crate::serve::shared::Shared;
+
 pub use access::TOKEN_VARIABLE;
 use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};

@@ -3,8 +3,9 @@
 use std::ops::Deref;
 use std::path::PathBuf;
 
-use armwatch::cli::context::CliError;
 use clap::Args;
+
+use armwatch::cli::context::CliError;
 
 /// Options of every command.
 #[derive(Debug, Args)]

@@ -9,11 +9,11 @@ mod plain_read;
 
 use std::process::ExitCode;
 
-use armwatch::cli::context::CliError;
-use armwatch::cli::{execute, parsed};
 use clap::{Parser, Subcommand};
 
 use crate::context::Global;
+use armwatch::cli::context::CliError;
+use armwatch::cli::{execute, parsed};
 
 /// Measure armwatch: detection on simulated fleets, speed and memory
 #[derive(Debug, Parser)]

@@ -1,5 +1,7 @@
 //! Benchmarks measure the armwatch that `cargo test` has built next to the lab.
 
+#![expect(clippy::expect_used, reason = "helper functions of tests")]
+
 use std::path::PathBuf;
 use std::process::Command;
 

@@ -6,11 +6,10 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
-use super::shared::output;
-use super::shared::paths;
 use super::shared::plot::PlotFile;
 use super::shared::result_file::{refuse_source, result_file, write_lines};
 use super::shared::selection::NamedCandidate;
+use super::shared::{output, paths};
 use crate::pipeline::look::replay::{Replay, ReplayError};
 use crate::report::torque::{TorqueView, torque_figure};
 use armwatch_config::Config;

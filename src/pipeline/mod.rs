@@ -25,12 +25,18 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 
+use ahead::ReadAhead;
+use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
 use jiff::Timestamp;
+use open_rows::OpenRows;
+use streaming::{Streaming, analysis_threads};
+use take::admitted::AdmittedExport;
+use take::cutting::{CutCycle, ReadEnd};
+use take::intake::Admission;
 use tokio::sync::{Semaphore, mpsc};
 use tokio_util::sync::CancellationToken;
 
 use crate::metrics::Metrics;
-use ahead::ReadAhead;
 use armwatch_config::Config;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_ingest::rejection::Rejection;
@@ -39,12 +45,6 @@ use armwatch_method::buffers::Buffers;
 use armwatch_method::spare_threads::SpareThreads;
 use armwatch_model::robot::Robot;
 use armwatch_store::{SourceState, Store, StoreError};
-use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
-use open_rows::OpenRows;
-use streaming::{Streaming, analysis_threads};
-use take::admitted::AdmittedExport;
-use take::cutting::{CutCycle, ReadEnd};
-use take::intake::Admission;
 
 impl Pipeline {
     /// A pipeline into `store`.

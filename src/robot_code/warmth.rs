@@ -1,11 +1,10 @@
 //! How warm the joints were when their friction was identified.
 
+use super::torque::ModelParameter;
 use armwatch_method::analyse_run::warm_up_fits;
 use armwatch_method::friction::warm_up::warm_up_torque;
 use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
 use armwatch_model::robot::{JointIndex, ParameterKind, Robot};
-
-use super::torque::ModelParameter;
 
 /// Warm-up curves of a recording, and the cycles of it that parameters come from.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,6 +9,7 @@ use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
+
 pub use armwatch_config::Scope;
 use armwatch_config::{ClientSettings, ServeSettings};
 use armwatch_ingest::bytes::fingerprint::of_bytes;

@@ -1,10 +1,10 @@
 //! The command line: results on standard output, words on standard error, exit status a contract.
 
-use armwatch::cli::Cli;
 use clap::Command;
 
 use crate::small::{self, CYCLES, export};
 use crate::support::{self, Workshop, reference, text};
+use armwatch::cli::Cli;
 
 /// Words that lead to each command that does something and is not hidden, with the command.
 fn commands(of: &Command, words: &[String], found: &mut Vec<(Vec<String>, Command)>) {

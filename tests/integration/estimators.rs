@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::support::{Workshop, reference, text};
 use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch_config::{read_layout, read_robot};
 use armwatch_method::analyse::Method;
@@ -10,15 +11,12 @@ use armwatch_method::identify::filtered_columns::filtered_coulomb_columns;
 use armwatch_method::identify::joint_factors::{JointFactor, factor_cycle};
 use armwatch_method::identify::verify::StageSums;
 use armwatch_method::pooled::pool::PooledFactors;
-use armwatch_method::signal::filter::filter_signals;
-use armwatch_method::signal::filter::independent_fraction;
+use armwatch_method::signal::filter::{filter_signals, independent_fraction};
 use armwatch_model::analysis::Estimator;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{Cycle, Stage};
 use armwatch_simulate::{SimulationSettings, simulate_run};
-
-use crate::support::{Workshop, reference, text};
 
 fn json(text: &str) -> serde_json::Value {
     serde_json::from_str(text).expect("JSON")

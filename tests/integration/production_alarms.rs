@@ -3,6 +3,10 @@
 
 use std::path::Path;
 
+use nalgebra::{Matrix3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
 use armwatch::pipeline::take::cycles::read_cycle;
 use armwatch_config::{Layout, read_layout, read_robot};
 use armwatch_method::analyse::{Method, analyse_cycle};
@@ -19,9 +23,6 @@ use armwatch_model::run::Stage;
 use armwatch_simulate::arm::fault::{Fault, FaultKind};
 use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::{SimulationSettings, simulate_run};
-use nalgebra::{Matrix3, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 
 /// Logs behind each test.
 const LOGS: u32 = 9;

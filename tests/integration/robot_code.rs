@@ -4,14 +4,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::support::{Workshop, reference, text};
 use armwatch::robot_code::code::TorqueCode;
 use armwatch::robot_code::language::Language;
 use armwatch::robot_code::origin::Origin;
 use armwatch::robot_code::torque::ModelParameter;
 use armwatch_config::read_robot;
 use armwatch_model::robot::{ParameterId, Robot};
-
-use crate::support::{Workshop, reference, text};
 
 /// Rounding of some hundred operations, as a part of the joint's largest torque.
 const ROUNDING: f64 = 1e-12;

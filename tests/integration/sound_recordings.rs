@@ -4,6 +4,10 @@
 use std::collections::BTreeMap;
 use std::convert::Infallible;
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::wrong_recordings::arms::{in_standard_dh, shipped, with_bodies};
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::analysis::settings::AnalysisSettings;
@@ -13,10 +17,6 @@ use armwatch_simulate::arm::friction::FrictionShape;
 use armwatch_simulate::run::record::record;
 use armwatch_simulate::run::recording::Clock;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-
-use crate::wrong_recordings::arms::{in_standard_dh, shipped, with_bodies};
 
 const SHAPES: [FrictionShape; 6] = [
     FrictionShape::Gearbox,

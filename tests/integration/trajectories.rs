@@ -3,13 +3,12 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::support::{Workshop, text};
 use armwatch_config::read_robot;
 use armwatch_method::model::base_parameters::base_parameters;
 use armwatch_method::model::dynamics::inverse_dynamics;
 use armwatch_method::pooled::nominal_prior::nominal_base;
 use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
-
-use crate::support::{Workshop, text};
 
 fn page() -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/trajectories.md")).expect("the page")

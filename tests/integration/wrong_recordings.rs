@@ -4,6 +4,9 @@
 pub mod arms;
 mod faults;
 
+use self::arms::{Arm, arms, excitation, shipped};
+use self::faults::{DEGREES, RATED, WRONG_DESCRIPTIONS, WRONG_RECORDINGS, Wrong, delayed, scale, units};
+use crate::support::{Workshop, reference};
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
@@ -11,10 +14,6 @@ use armwatch_model::robot::{MAX_JOINTS, Robot};
 use armwatch_model::run::{Cycle, Samples, Stage};
 use armwatch_simulate::files::export::ExportWriter;
 use armwatch_simulate::run::recording::Row;
-
-use self::arms::{Arm, arms, excitation, shipped};
-use self::faults::{DEGREES, RATED, WRONG_DESCRIPTIONS, WRONG_RECORDINGS, Wrong, delayed, scale, units};
-use crate::support::{Workshop, reference};
 
 fn analysed(described: &Robot, samples: &Samples) -> CycleAnalysis {
     let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");

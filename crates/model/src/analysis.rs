@@ -23,6 +23,7 @@ use finding::{Finding, FindingSeverity};
 
 use self::refusal::RefusalCause;
 use self::response::ChannelResponse;
+
 pub use self::torque_noise::TorqueNoise;
 pub use self::torque_rmsd::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use self::work_evidence::JointEvidence;

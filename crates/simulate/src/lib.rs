@@ -13,9 +13,8 @@ mod test_arms;
 #[cfg(test)]
 mod tests;
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use jiff::Timestamp;
 use nalgebra::Matrix3;
@@ -35,6 +34,7 @@ use self::run::record::record;
 use self::run::recording::{Heating, Recording, Row};
 use self::run::servo::Servo;
 use self::run::truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTruth, RunTruth, write_truth};
+
 pub use self::settings::SimulationSettings;
 use crate::error::SimulateError;
 use armwatch_model::robot::{JointIndex, MAX_JOINTS, Robot, WarmUpShape};

@@ -13,8 +13,7 @@ use super::handle::Store;
 use super::own_host::OwnHost;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
-use super::server;
-use super::{view_columns, write_ahead_log};
+use super::{server, view_columns, write_ahead_log};
 use armwatch_config::{ClusterSettings, is_on_server};
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter

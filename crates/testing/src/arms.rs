@@ -2,12 +2,13 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
 use armwatch_model::robot::{
     ArmShape, Coupling, DhParameters, FrictionLaw, FrictionModel, Joint, JointGeometry, JointIndex,
     JointKind, JointLimits, MAX_JOINTS, Robot, TorqueSensors, Transform, UrdfOrigin,
 };
-use nalgebra::Vector3;
-use proptest::prelude::*;
 
 /// A joint without parameters; lengths in m, angles in rad, ordinary limits.
 pub fn joint(kind: JointKind, a: f64, alpha: f64, d: f64, theta_offset: f64) -> Joint {

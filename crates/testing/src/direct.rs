@@ -1,5 +1,8 @@
 //! Parameters and deviations of a cycle straight from its rows, without factors: the second method of tests.
 
+use faer::Mat;
+use faer::linalg::solvers::SolveLstsq;
+
 use armwatch_method::analyse::Method;
 use armwatch_method::identify::filtered_columns::{filtered_coulomb_columns, write_filtered_columns};
 use armwatch_method::model::dynamics::DynamicModel;
@@ -7,8 +10,6 @@ use armwatch_method::model::regressor::{Regressor, joint_torque_regressor};
 use armwatch_method::signal::filter::{FilteredSignals, filter_signals};
 use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd};
 use armwatch_model::run::{Cycle, Stage};
-use faer::Mat;
-use faer::linalg::solvers::SolveLstsq;
 
 /// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
 const EQUAL: f64 = 1e-9;

@@ -2,6 +2,9 @@
 
 use std::io::IsTerminal;
 
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+
 use super::exports::{ExportSettings, evaluate_exports};
 use super::rates::print_rates;
 use super::tables::{as_json, as_text, figure};
@@ -12,8 +15,6 @@ use crate::evaluate::scenario::Scenario;
 use armwatch::cli::context::{CliError, EXIT_DONE};
 use armwatch::cli::shared::output;
 use armwatch::cli::shared::plot::PlotFile;
-use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

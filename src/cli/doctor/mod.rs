@@ -12,14 +12,14 @@ mod permissions;
 mod unit;
 
 use clap::Args;
+use finding::{Finding, Level};
+use machine::Machine;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_USAGE, Global, runtime};
 use super::shared::output;
 use crate::daemon::preflight::preflight;
 use armwatch_config::{Config, ConfigProblem};
-use finding::{Finding, Level};
-use machine::Machine;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\

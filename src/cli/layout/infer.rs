@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
-use crate::cli::shared::output;
-use crate::cli::shared::paths;
 use crate::cli::shared::result_file::{refuse_database, refuse_source};
+use crate::cli::shared::{output, paths};
 use armwatch_config::{ConfigSource, read_robot};
 use armwatch_ingest::bytes::source;
 use armwatch_ingest::infer;

@@ -2,9 +2,10 @@
 
 use std::ops::Deref;
 
-use armwatch_store::Store;
 use sqlx::{AssertSqlSafe, Row, SqlitePool};
 use tempfile::TempDir;
+
+use armwatch_store::Store;
 
 /// A store, and rows behind it.
 pub(super) struct Database {

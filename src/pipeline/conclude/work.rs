@@ -1,13 +1,10 @@
 //! Findings from the logs of ordinary work of a robot, of which a window is read.
 
-use armwatch_method::detect::window::is_over;
-use armwatch_method::detect::window::next;
-use armwatch_method::detect::window::put_together;
 use std::time::{Duration, Instant};
 
 use armwatch_method::detect::production::detect_production;
 use armwatch_method::detect::production::window::{basis, work_logs};
-use armwatch_method::detect::window::Lengths;
+use armwatch_method::detect::window::{Lengths, is_over, next, put_together};
 use armwatch_model::analysis::Estimator;
 use armwatch_model::anomaly::Anomaly;
 use armwatch_model::anomaly::settings::DetectSettings;

@@ -1,6 +1,5 @@
 //! The one way from an export to cycles as the analysis gets them.
 
-use armwatch_method::signal::channel_delay::take_delays;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +12,7 @@ use armwatch_method::buffers::Buffers;
 use armwatch_method::segment::cycles::{CutterState, CycleCutter, SegmentError};
 use armwatch_method::segment::joint_side::JointSide;
 use armwatch_method::segment::stages::{FinderState, StageFinder};
+use armwatch_method::signal::channel_delay::take_delays;
 use armwatch_method::signal::time_grid::sample_rate;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::channel_delays::ChannelDelays;

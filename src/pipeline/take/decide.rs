@@ -1,12 +1,11 @@
 //! What becomes of an export, from what is known of it. Pure, so that a command that only looks decides as those
 //! that store.
 
+use crate::pipeline::context::Retry;
 use armwatch_config::RewritePolicy;
 use armwatch_ingest::bytes::fingerprint;
 use armwatch_model::run::{ContentPrefix, RunStatus};
 use armwatch_store::KnownRun;
-
-use crate::pipeline::context::Retry;
 
 /// An earlier run, compared with the file at hand.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use armwatch_store::public_views;
 use serde_json::{Map, Value};
 use sqlx::postgres::PgConnectOptions;
 use sqlx::{AssertSqlSafe, Connection, Row};
 
 use crate::support::{Workshop, pass};
+use armwatch_store::public_views;
 
 /// Where the programs of the server are: `ARMWATCH_POSTGRES`, or where Debian's package has them.
 fn programs() -> PathBuf {

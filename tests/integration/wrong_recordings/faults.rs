@@ -1,9 +1,8 @@
 //! What people and loggers get wrong, one thing at a time.
 
+use super::arms::shipped;
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, Robot, Transform, UrdfOrigin};
 use armwatch_model::run::{Samples, Stage};
-
-use super::arms::shipped;
 
 pub const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 

@@ -1,7 +1,6 @@
 //! How the columns of an export become channels in SI: the layout, and what it needs of the robot.
 
 use super::column::{Column, JointColumns, ScaledColumn};
-
 use super::stage_source::StageSource;
 use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;

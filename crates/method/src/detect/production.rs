@@ -15,7 +15,6 @@ mod torque_signal;
 mod work_load;
 pub mod window;
 
-use armwatch_model::anomaly::settings::DetectSettings;
 use jiff::Timestamp;
 
 use self::causes::causes;
@@ -26,6 +25,7 @@ use self::test_deviation::TestDeviation;
 use self::torque_signal::TorqueSignal;
 use self::work_load::work_loads;
 use super::episodes::anomalies;
+use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, ProductionSummary};
 use armwatch_model::robot::JointIndex;
 

@@ -4,11 +4,10 @@
 //! Rows come in chunks of any size and leave in the same order once their stage is settled; the result
 //! does not depend on the chunks. At most the rows of one debounce time, or of a block of motion, are held back.
 
-use armwatch_model::run::stage_rule::LevelSettings;
-use armwatch_model::run::stage_rule::StageRule;
 use serde::{Deserialize, Serialize};
 
 use super::stages_from_motion::{MotionFinder, MotionFinderState};
+use armwatch_model::run::stage_rule::{LevelSettings, StageRule};
 use armwatch_model::run::{RawSamples, Samples, Stage, StageReading};
 
 /// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,

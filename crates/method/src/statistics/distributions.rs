@@ -3,6 +3,7 @@
 use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
 use armwatch_model::analysis::interval::is_probability;
+
 pub use armwatch_model::analysis::interval::{normal_quantile, student_quantile};
 
 /// Degrees of freedom from which on probabilities and densities of Student's distribution are those of the normal one: at

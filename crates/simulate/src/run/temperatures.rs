@@ -1,6 +1,7 @@
 //! Which temperatures are recorded, and how their sensors measure.
 
 use armwatch_model::run::temperature::ZERO_CELSIUS;
+
 /// The usual hall, K.
 pub const USUAL_AMBIENT: f64 = ZERO_CELSIUS + 22.0;
 

@@ -11,8 +11,7 @@ use crate::models;
 use crate::models::StoredModel;
 use crate::results::record;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, identified, named, size};
-use armwatch_model::analysis::estimator_kind::ErrorSource;
-use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::estimator_kind::{ErrorSource, EstimatorKind};
 use armwatch_model::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
 use armwatch_model::robot::ParameterId;
 

@@ -5,8 +5,7 @@ use sqlx::{FromRow, QueryBuilder, Row};
 
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EnginePool, EngineRow, begin_writing};
 use crate::values::{ROWS_PER_STATEMENT, finite};
-use armwatch_model::analysis::interval::LEVEL;
-use armwatch_model::analysis::interval::student_quantile;
+use armwatch_model::analysis::interval::{LEVEL, student_quantile};
 
 /// Cycles that are filled in one transaction: some ten thousand parameters, a tenth of a second.
 const CYCLES_AT_ONCE: i64 = 200;

@@ -12,8 +12,7 @@ use crate::ledger::resume::ReadSoFar;
 use crate::ledger::{resume, runs};
 use crate::models;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers, of_some_rows};
-use armwatch_model::analysis::interval::LEVEL;
-use armwatch_model::analysis::interval::half_width;
+use armwatch_model::analysis::interval::{LEVEL, half_width};
 use armwatch_model::analysis::refusal::RefusalCause;
 use armwatch_model::analysis::{
     CycleAnalysis, Estimator, FrictionPoint, Identification, IdentifiedParameter, JointResidual, TorqueRmsd,

@@ -5,15 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-
-use super::alarms::anomalies::{self, Reconciled};
-use super::conclusion_faults;
-use super::figures::friction_series::{self, FrictionHistory};
-use super::figures::run_brief;
-use super::history;
-use super::settled_rows;
 use sqlx::{FromRow, Row};
 
+use super::alarms::anomalies::{self, Reconciled};
+use super::figures::friction_series::{self, FrictionHistory};
+use super::figures::run_brief;
+use super::{conclusion_faults, history, settled_rows};
 use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
 use crate::error::StoreError;
 use crate::handle::Store;

@@ -5,11 +5,9 @@ use std::sync::Arc;
 
 use sqlx::Row;
 
-use super::figures::cycle_friction;
-use super::figures::cycle_rmsd;
 use super::figures::joint_summary::SummaryRow;
-use super::figures::run_brief;
 use super::figures::run_series::{self, RunSeries};
+use super::figures::{cycle_friction, cycle_rmsd, run_brief};
 use super::maintenance;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;

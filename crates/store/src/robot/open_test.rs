@@ -13,8 +13,7 @@ use super::alarms::anomalies::{
 };
 use super::alarms::episodes::{Episode, goes_on, is_another_fault, same};
 use super::conclude::ConclusionTransaction;
-use super::maintenance;
-use super::settled_rows;
+use super::{maintenance, settled_rows};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;

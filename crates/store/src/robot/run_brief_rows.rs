@@ -1,9 +1,7 @@
 //! Writes what is known of complete tests in brief, from their series.
 
 use super::cycle_friction_rows;
-use super::figures::cycle_friction;
-use super::figures::run_brief;
-use super::figures::run_series;
+use super::figures::{cycle_friction, run_brief, run_series};
 use crate::engine::{EngineConnection, EngineExecutor};
 use crate::values::json_list;
 

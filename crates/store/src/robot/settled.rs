@@ -4,9 +4,7 @@
 use jiff::Timestamp;
 
 use super::conclude::ConclusionTransaction;
-use super::history;
-use super::run_brief_rows;
-use super::settled_rows;
+use super::{history, run_brief_rows, settled_rows};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::log_summaries;

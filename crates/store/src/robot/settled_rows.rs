@@ -6,9 +6,7 @@ use sqlx::Row;
 
 use super::figures::packed::{Reader, add_count, add_numbers};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
-use armwatch_model::anomaly::settled::Moment;
-use armwatch_model::anomaly::settled::Settled;
-use armwatch_model::anomaly::settled::quantity;
+use armwatch_model::anomaly::settled::{Moment, Settled, quantity};
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Onset, Severity};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::RunKind;

@@ -3,6 +3,8 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
+use AlarmAction::{Acknowledge, FalseAlarm, Resolve, Shelve};
+use EventKind::{Corrected, Ended, Opened, Reopened, Unshelved, Withdrawn, Worse};
 use jiff::{SignedDuration, Timestamp};
 use sqlx::AssertSqlSafe;
 
@@ -13,9 +15,6 @@ use crate::robot::alarms::alarm_state::{AlarmState, EventKind};
 use crate::robot::alarms::anomalies::Reconciled;
 use crate::robot::maintenance::NewMaintenance;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
-
-use AlarmAction::{Acknowledge, FalseAlarm, Resolve, Shelve};
-use EventKind::{Corrected, Ended, Opened, Reopened, Unshelved, Withdrawn, Worse};
 
 /// The latest test of a robot, and the store that it is in.
 struct Robot<'a> {

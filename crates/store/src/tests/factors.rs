@@ -5,8 +5,7 @@ use std::sync::Arc;
 use super::support::*;
 use crate::kept::parameter_sets::{ParameterSet, SourceCycle};
 use crate::results::factors::FactorsWanted;
-use armwatch_model::analysis::estimator_kind::ErrorSource;
-use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::estimator_kind::{ErrorSource, EstimatorKind};
 use armwatch_model::analysis::{
     CycleAnalysis, CycleFactors, Motion, Rmsd, RmsdPair, RmsdScope, TorqueFactor, TorqueRmsd, WarmingContrast,
 };

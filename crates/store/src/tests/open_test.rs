@@ -1,5 +1,6 @@
 //! Anomalies of a test that is still being written, from the cycle that shows them to the judgement of the whole test.
 
+use EventKind::{Corrected, Ended, Opened, Withdrawn, Worse};
 use sqlx::AssertSqlSafe;
 
 use super::support::{
@@ -10,8 +11,6 @@ use crate::handle::Store;
 use crate::robot::alarms::alarm_life::AlarmAction;
 use crate::robot::alarms::alarm_state::EventKind;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
-
-use EventKind::{Corrected, Ended, Opened, Withdrawn, Worse};
 
 /// A step of joint 3 with cycle 3, seen in this run alone.
 fn step(run_id: i64, days: i64, severity: Severity) -> Anomaly {

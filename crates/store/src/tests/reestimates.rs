@@ -6,8 +6,7 @@ use crate::kept::parameter_sets::{ParameterSet, SourceCycle};
 use crate::kept::reestimates::{CycleView, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics};
 use crate::models::StoredModel;
 use crate::results::factors::FactorsWanted;
-use armwatch_model::analysis::estimator_kind::ErrorSource;
-use armwatch_model::analysis::estimator_kind::EstimatorKind;
+use armwatch_model::analysis::estimator_kind::{ErrorSource, EstimatorKind};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_testing::er3a;
 

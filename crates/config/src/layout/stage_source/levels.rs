@@ -5,8 +5,7 @@ use crate::layout::column::Column;
 use crate::layout::column_names::ColumnNames;
 use crate::toml::range::Limits;
 use crate::toml::table::Table;
-use armwatch_model::run::stage_rule::LevelSettings;
-use armwatch_model::run::stage_rule::StageRule;
+use armwatch_model::run::stage_rule::{LevelSettings, StageRule};
 use armwatch_model::run::{Stage, StageReading};
 
 /// Levels of an analogue signal, in whatever unit it is recorded.

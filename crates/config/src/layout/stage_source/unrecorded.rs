@@ -3,8 +3,7 @@
 use super::kind::{STAGES, StageKind};
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
-use armwatch_model::run::stage_rule::Schedule;
-use armwatch_model::run::stage_rule::StageRule;
+use armwatch_model::run::stage_rule::{Schedule, StageRule};
 use armwatch_model::run::{RunKind, Stage, StageReading};
 
 /// Most parts of a declared cycle.

@@ -18,8 +18,7 @@ use crate::friction::maps::run_effects::{JointScales, PriorScales, RunEffect, ru
 use crate::friction::maps::run_points::start_decay;
 use crate::friction::maps::thermal_source::{first_fit, thermal_sensor};
 use crate::statistics::descriptive::{mean, median};
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 

@@ -8,8 +8,7 @@ use crate::friction::maps::thermal_source::held_sensor;
 use crate::statistics::descriptive::mean;
 use armwatch_model::analysis::Estimate;
 use armwatch_model::analysis::friction::FrictionMap;
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 
 /// A joint's friction map, fitted once, with all that indices of runs are computed from.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,8 +6,7 @@ use crate::friction::maps::record::{JointRecord, RecordPoint};
 use crate::friction::maps::thermal_state::MotionSpan;
 use crate::friction::points::level_means::friction_means;
 use crate::statistics::descriptive::mean;
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 

@@ -1,10 +1,6 @@
 //! Arms for tests of the index, whose thermal law is another than that of the program: two heat capacities heated by their own
 //! friction, oil whose viscosity falls exponentially, a housing that loses heat more than in proportion.
 
-use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
-use armwatch_model::anomaly::baseline_runs::REMEMBERED_S;
-use armwatch_model::anomaly::baseline_runs::learnt_runs;
-use armwatch_model::anomaly::baseline_runs::stages;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -13,9 +9,9 @@ use super::baseline::{FormedMaps, fit_maps};
 use super::run_record::coverage;
 use super::{Reference, run_indices};
 use armwatch_model::analysis::friction::{FrictionIndex, FrictionMap};
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
+use armwatch_model::anomaly::baseline_runs::{FULL_RUN_POINTS, REMEMBERED_S, learnt_runs, stages};
 use armwatch_model::robot::JointIndex;
 
 /// Friction of a robot over a history without maintenance.

@@ -9,8 +9,7 @@ use crate::friction::maps::published_map::{map_friction, with_temperatures};
 use crate::friction::maps::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::analysis::friction::{FrictionMap, ThermalSource};
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 
 /// Steps of a drive's temperature, K.
 const FINE: f64 = 0.1;

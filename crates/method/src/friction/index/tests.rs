@@ -8,6 +8,7 @@ use super::simulated_arm::{
 use crate::friction::maps::published_map::map_friction;
 use crate::friction::maps::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use armwatch_model::robot::JointIndex;
+
 /// Variance of measured and of indexed friction over runs is known in this history: the hall alone makes the first,
 /// scatter of points and wear the second.
 #[test]

@@ -1,7 +1,6 @@
 //! Parameters of the law by which a gear warms and cools: names, priors and bounds.
 
-use super::thermal_state::Rates;
-use super::thermal_state::ThermalDeficit;
+use super::thermal_state::{Rates, ThermalDeficit};
 
 /// Prior of the parameters with no sensor and with an ambient temperature.
 ///

@@ -12,8 +12,7 @@ use super::record::{
     AmbientTemperatures, JointRecord, MotorTemperatures, RecordPoint, ThermalSensor, reading_at, runs_of,
 };
 use crate::statistics::descriptive::{mean, median, standard_deviation};
-use armwatch_model::analysis::map_run::CycleMotion;
-use armwatch_model::analysis::map_run::MapRun;
+use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 

@@ -10,8 +10,7 @@ use super::packed::{Reader, add_count, add_numbers};
 use super::run_series::RunSeries;
 use crate::engine::EngineExecutor;
 use armwatch_model::anomaly::RunSummary;
-use armwatch_model::anomaly::brief::brief;
-use armwatch_model::anomaly::brief::{Brief, JointBrief};
+use armwatch_model::anomaly::brief::{Brief, JointBrief, brief};
 
 /// First byte of each column; other values are of another format, whose rows a migration takes away.
 const FORMAT: u8 = 2;

@@ -10,8 +10,7 @@ use super::work_logs;
 use crate::detect::production::fixtures::{USUAL, detected, history, wobble};
 use crate::detect::window::fixtures::{Judged, WithRuns, said, words};
 use crate::detect::window::{Lengths, is_over, next};
-use armwatch_model::anomaly::settled::Moment;
-use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 
 /// Windows so short that histories of some hundred logs have several.

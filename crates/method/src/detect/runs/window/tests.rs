@@ -12,8 +12,7 @@ use crate::detect::runs::in_brief_tests::life;
 use crate::detect::window::Lengths;
 use crate::detect::window::fixtures::{Judged, Said, WithRuns, said, words};
 use armwatch_model::anomaly::settings::DetectSettings;
-use armwatch_model::anomaly::settled::Moment;
-use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use armwatch_model::robot::JointIndex;
 

@@ -8,8 +8,7 @@ use super::{
 };
 use crate::robot::indices::baselines::{Basis, FrictionTest, FrictionTests};
 use crate::robot::maintenance::DescriptionKey;
-use armwatch_model::anomaly::baseline_runs::REMEMBERED_S;
-use armwatch_model::anomaly::baseline_runs::stages;
+use armwatch_model::anomaly::baseline_runs::{REMEMBERED_S, stages};
 use armwatch_model::anomaly::epoch::{Epoch, EpochCause, epochs};
 use armwatch_model::robot::JointIndex;
 
