@@ -15,6 +15,8 @@
 //!
 //! The published friction of this arm is 8.1 Nm s/rad (`fv`) and 7.0 Nm (`fs`) at joint 1.
 
+#![expect(clippy::print_stdout, reason = "the results of an example")]
+
 use std::error::Error;
 use std::path::Path;
 
