@@ -2,7 +2,7 @@
 
 use armwatch_model::robot::JointIndex;
 
-/// How a reason goes on with what earlier tests say of the joint; `numerics::detect` writes it last.
+/// How a reason goes on with what earlier tests say of the joint; `armwatch_method::detect` writes it last.
 const EARLIER: [&str; 3] = ["; known last: ", "; the latest result is of ", "; no test gave a result yet"];
 
 /// Why joints stand where they do.
