@@ -301,8 +301,8 @@ mod tests {
             -0.0001456783263071859,
             14.988383905877551,
             0.5965226226341325,
-            8.634567504120936,
-            12.044867988492491,
+            9.897840972613473,
+            5.200460043685033,
         ];
         for (found, expected) in found[0].iter().step_by(8).zip(expected) {
             assert!((found - expected).abs() < 1e-12, "{found} {expected}");
