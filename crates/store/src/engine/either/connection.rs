@@ -7,9 +7,12 @@ use futures_util::future::{BoxFuture, FutureExt, TryFutureExt, ready};
 use futures_util::stream::{self, BoxStream, StreamExt, TryStreamExt};
 use log::LevelFilter;
 use sqlx::error::{BoxDynError, Error};
-use sqlx::postgres::{PgArguments, PgConnectOptions, PgConnection, Postgres};
+use sqlx::postgres::{PgConnectOptions, PgConnection, Postgres};
 use sqlx::sqlite::{Sqlite, SqliteArguments, SqliteConnectOptions, SqliteConnection};
-use sqlx::{ConnectOptions, Connection, Database, Execute, Executor, SqlSafeStr, SqlStr, Transaction};
+use sqlx::{
+    Arguments, AssertSqlSafe, ConnectOptions, Connection, Database, Execute, Executor, SqlSafeStr, SqlStr,
+    Transaction,
+};
 use sqlx_core::Url;
 use sqlx_core::transaction::TransactionManager;
 
@@ -200,12 +203,49 @@ fn asked<'q, E: Execute<'q, Engine>, A>(
     Ok(Asked { sql: query.sql(), arguments, persistent })
 }
 
+/// Converts a query for SQLite.
+fn asked_of_sqlite<'q, E: Execute<'q, Engine>>(query: E) -> Result<Asked<SqliteArguments>, Error> {
+    let mut places = 0;
+    let mut asked = asked(query, |arguments| {
+        places = arguments.len();
+        arguments.into_sqlite()
+    })?;
+    if places >= MANY_PLACES
+        && let Some(sql) = without_numbers(asked.sql.as_str(), places)
+    {
+        asked.sql = AssertSqlSafe(sql).into_sql_str();
+    }
+    Ok(asked)
+}
+
+/// From this number of places on, their numbers cost SQLite noticeable time: it looks each one up in a list of all others, once
+/// when it prepares the statement and once when the value is bound.
+const MANY_PLACES: usize = 32;
+
+/// The statement with `?` for each of `$1` to `$places`, if these are all its places and stand in this order.
+fn without_numbers(sql: &str, places: usize) -> Option<String> {
+    let mut pieces = sql.split('$');
+    let mut result = String::with_capacity(sql.len());
+    result.push_str(pieces.next()?);
+    for place in 1..=places {
+        let piece = pieces.next()?;
+        let end = piece.find(|c: char| !c.is_ascii_digit()).unwrap_or(piece.len());
+        let (number, rest) = piece.split_at(end);
+        if number.parse() != Ok(place) {
+            return None;
+        }
+        result.push('?');
+        result.push_str(rest);
+    }
+    pieces.next().is_none().then_some(result)
+}
+
 type Steps<'e> = BoxStream<'e, Result<sqlx::Either<EngineQueryResult, EngineRow>, Error>>;
 
 /// Carries a statement out on a connection of one engine.
 macro_rules! steps {
-    ($connection:expr, $query:expr, $database:ty, $convert:expr) => {
-        match asked($query, $convert) {
+    ($connection:expr, $asked:expr, $database:ty) => {
+        match $asked {
             Err(error) => stream::once(ready(Err(error))).boxed(),
             Ok(Asked { sql, arguments: None, .. }) => $connection.fetch_many(sql).map_ok(either).boxed(),
             Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
@@ -218,8 +258,8 @@ macro_rules! steps {
 
 /// The first row of a statement on a connection of one engine.
 macro_rules! first {
-    ($connection:expr, $query:expr, $database:ty, $convert:expr) => {
-        match asked($query, $convert) {
+    ($connection:expr, $asked:expr, $database:ty) => {
+        match $asked {
             Err(error) => ready(Err(error)).boxed(),
             Ok(Asked { sql, arguments: None, .. }) => {
                 $connection.fetch_optional(sql).map_ok(|row| row.map(EngineRow::from)).boxed()
@@ -248,10 +288,10 @@ impl<'c> Executor<'c> for &'c mut EngineConnection {
     {
         match self {
             EngineConnection::Sqlite(connection) => {
-                steps!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
+                steps!(connection, asked_of_sqlite(query), Sqlite)
             }
             EngineConnection::Postgres(connection) => {
-                steps!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
+                steps!(connection, asked(query, EngineArguments::into_postgres), Postgres)
             }
         }
     }
@@ -263,10 +303,10 @@ impl<'c> Executor<'c> for &'c mut EngineConnection {
     {
         match self {
             EngineConnection::Sqlite(connection) => {
-                first!(connection, query, Sqlite, |of| -> Result<SqliteArguments, _> { of.into_sqlite() })
+                first!(connection, asked_of_sqlite(query), Sqlite)
             }
             EngineConnection::Postgres(connection) => {
-                first!(connection, query, Postgres, |of| -> Result<PgArguments, _> { of.into_postgres() })
+                first!(connection, asked(query, EngineArguments::into_postgres), Postgres)
             }
         }
     }
@@ -286,5 +326,26 @@ impl<'c> Executor<'c> for &'c mut EngineConnection {
             }
         }
         .boxed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_numbers;
+
+    #[test]
+    fn places_lose_their_numbers_only_in_order() {
+        assert_eq!(without_numbers("VALUES ($1, $2), ($3,$4)", 4).as_deref(), Some("VALUES (?, ?), (?,?)"));
+        assert_eq!(without_numbers("a = $1", 1).as_deref(), Some("a = ?"));
+        for other in [
+            "VALUES ($2, $1)",
+            "VALUES ($1, $1)",
+            "VALUES ($1, $2, $3)",
+            "VALUES ($1)",
+            "VALUES ('$1', $1, $2)",
+            "$1 $",
+        ] {
+            assert_eq!(without_numbers(other, 2), None, "{other}");
+        }
     }
 }
