@@ -31,8 +31,13 @@ fn cut(pieces: impl Iterator<Item = Samples>) -> (Vec<Cycle>, Option<SegmentErro
     let mut cutter = CycleCutter::new();
     let mut cycles = Vec::new();
     for piece in pieces {
-        if let Err(error) = cutter.push(piece, &mut cycles) {
-            return (cycles, Some(error));
+        cutter.push(piece);
+        loop {
+            match cutter.next_cycle() {
+                Ok(Some(cycle)) => cycles.push(cycle),
+                Ok(None) => break,
+                Err(error) => return (cycles, Some(error)),
+            }
         }
     }
     match cutter.finish() {

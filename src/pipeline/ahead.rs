@@ -15,6 +15,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::AbortOnDropHandle;
 
 use super::context::{Lane, Outcome, Pipeline, PipelineError, Progress, Retry};
+use super::cycle_memory::Turn;
 use super::production;
 use super::streaming::{Streaming, cycles_in_analysis};
 use super::take::admitted::AdmittedExport;
@@ -63,6 +64,7 @@ pub struct ReadAhead {
     /// Hash of all its bytes, once they are read.
     whole: Arc<OnceLock<ContentHash>>,
     has_read: CancellationToken,
+    pub(super) turn: Turn,
     pub(super) stop: DropGuard,
 }
 
@@ -193,6 +195,7 @@ impl Pipeline {
             no_hash,
             0,
         );
+        let turn = Turn::default();
         let export = AdmittedExport {
             path: path.to_path_buf(),
             run_id: 0,
@@ -204,7 +207,8 @@ impl Pipeline {
             resume: None,
             made_with,
             limits: *limits,
-            open_rows: self.open_rows.clone(),
+            memory: self.memory.clone(),
+            turn: turn.clone(),
         };
         let (stop, has_read) = (stop.child_token(), CancellationToken::new());
         let buffers = Buffers::going_round();
@@ -235,6 +239,7 @@ impl Pipeline {
             bytes,
             whole,
             has_read,
+            turn,
             stop,
         }))
     }

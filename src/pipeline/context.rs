@@ -7,7 +7,7 @@ use std::time::SystemTime;
 use tokio::sync::Semaphore;
 use tokio::task::{JoinError, JoinHandle};
 
-use super::open_rows::OpenRows;
+use super::cycle_memory::{CycleMemory, HeldCycle};
 use crate::metrics::Metrics;
 use armwatch_config::Config;
 use armwatch_ingest::rejection::Rejection;
@@ -42,8 +42,8 @@ pub struct Pipeline {
     pub(super) concluding: Arc<tokio::sync::Mutex<()>>,
     /// Runs whose exports are being read.
     pub(super) open: OpenRuns,
-    /// Rows of their open cycles.
-    pub(super) open_rows: OpenRows,
+    /// Memory of their cycles.
+    pub(super) memory: CycleMemory,
     /// What robots' complete tests say of those that are being written.
     pub(super) usual: UsualByRobot,
     /// Figures of the work.
@@ -209,8 +209,8 @@ pub enum Retry {
 /// A cycle under analysis.
 #[derive(Debug)]
 pub(super) struct InAnalysis {
-    /// What it will say.
-    pub(super) analysis: JoinHandle<CycleAnalysis>,
+    /// What it will say, and its memory.
+    pub(super) analysis: JoinHandle<(CycleAnalysis, HeldCycle)>,
     /// What it and the cycles before it were read from.
     pub(super) read: ReadSoFar,
     /// When the row that ended it was written, where that is known.

@@ -10,7 +10,7 @@ pub mod take;
 pub mod conclude;
 pub mod stored;
 pub mod look;
-mod open_rows;
+mod cycle_memory;
 pub mod context;
 pub mod friction;
 mod production;
@@ -27,8 +27,8 @@ use std::sync::{Arc, PoisonError};
 
 use ahead::ReadAhead;
 use context::{Lane, OpenRun, Outcome, Pipeline, PipelineError, Progress, Retry};
+use cycle_memory::CycleMemory;
 use jiff::Timestamp;
-use open_rows::OpenRows;
 use streaming::{Streaming, analysis_threads};
 use take::admitted::AdmittedExport;
 use take::cutting::{CutCycle, ReadEnd};
@@ -51,6 +51,7 @@ impl Pipeline {
     #[must_use]
     pub fn new(config: Arc<Config>, store: Store) -> Self {
         let places = [(); 2].map(|()| Arc::new(Semaphore::new(analysis_threads())));
+        let memory = CycleMemory::new(config.limits.cycles_bytes);
         Self {
             config,
             store,
@@ -58,7 +59,7 @@ impl Pipeline {
             places,
             concluding: Arc::default(),
             open: Arc::default(),
-            open_rows: OpenRows::default(),
+            memory,
             usual: Arc::default(),
             metrics: Metrics::default(),
         }
@@ -84,7 +85,8 @@ impl Pipeline {
             true => Arc::clone(&self.methods),
             false => Arc::default(),
         };
-        Self { config, methods, ..self.clone() }
+        let memory = self.memory.up_to(config.limits.cycles_bytes);
+        Self { config, methods, memory, ..self.clone() }
     }
 
     /// The configuration that the pipeline follows.
@@ -348,7 +350,8 @@ impl Pipeline {
     ) -> Result<(ReadEnd, Vec<(u32, String)>), PipelineError> {
         // writes down what the export records; its cycles are in work already
         production::work(self, intake, method).await?;
-        let ReadAhead { streaming, bytes, stop: _until_recorded, .. } = ahead;
+        let ReadAhead { streaming, bytes, turn, stop: _until_recorded, .. } = ahead;
+        turn.comes();
         let stored = |cycle| {
             progress(Progress::Read(bytes.load(Ordering::Relaxed)));
             progress(Progress::Cycle(cycle));

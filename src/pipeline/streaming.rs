@@ -113,12 +113,13 @@ async fn analyse_in_order(
     let spare = spare_threads(&places);
     // a cycle is not taken over before it is its turn: those that wait fill the memory
     while let Ok(turn) = to_record.reserve().await {
-        let Some(CutCycle { cycle, read, took, written }) = cycles.recv().await else { return };
+        let Some(CutCycle { cycle, read, took, written, mut held }) = cycles.recv().await else { return };
         metrics.stage(Stage::Read, took);
         let until = read.prefix.bytes;
         metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
         bytes = until;
         let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+        held.may_be_analysed().await;
         let (work, metrics) = (work.clone(), metrics.clone());
         let (buffers, spare) = (buffers.clone(), spare.clone());
         let analysis = tokio::task::spawn_blocking(move || {
@@ -126,7 +127,8 @@ async fn analyse_in_order(
             let analysis = work.analyse_in(cycle, &buffers, &spare);
             metrics.stage(Stage::Analyse, began.elapsed());
             drop(place);
-            analysis
+            held.is_analysed(&analysis);
+            (analysis, held)
         });
         turn.send(InAnalysis { analysis, read, written });
     }

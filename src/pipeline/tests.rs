@@ -43,7 +43,8 @@ fn cycles_of(export: &Path, method: &Method, entry: &armwatch_config::FleetEntry
     let mut cutter = CycleCutter::new();
     let mut cycles = Vec::new();
     for chunk in reader.expect("a header") {
-        cutter.push(chunk.expect("rows").samples.as_recorded(), &mut cycles).expect("cycles");
+        cutter.push(chunk.expect("rows").samples.as_recorded());
+        cycles.extend(std::iter::from_fn(|| cutter.next_cycle().expect("no fault")));
     }
     cycles.extend(cutter.finish().expect("a last cycle"));
     cycles

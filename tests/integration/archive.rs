@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::small;
-use crate::support::{REFERENCE_NAME, Workshop, text, wait_until};
+use crate::support::{REFERENCE_NAME, Workshop, peak_kb, text, wait_until};
 
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
 
@@ -114,7 +114,7 @@ fn exports_that_wait_for_room_come_to_the_same_results() {
     let bounded = Workshop::new();
     let path = bounded.path("armwatch.toml");
     let config = fs::read_to_string(&path).expect("the configuration");
-    let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\nopen_cycles_max_rows = 1000\n\n";
+    let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\ncycles_max_bytes = 1000000\n\n";
     fs::write(&path, format!("{limits}{config}")).expect("it");
     let results = [&free, &bounded].map(|workshop| {
         for robot in ["A", "B", "C", "D"] {
@@ -130,7 +130,7 @@ fn exports_that_wait_for_room_come_to_the_same_results() {
     });
     assert_eq!(results[0].len(), 4 * 3 * 64);
     assert_eq!(results[0], results[1]);
-    let said = |workshop: &Workshop| workshop.log().contains("limits.open_cycles_max_rows = 1000");
+    let said = |workshop: &Workshop| workshop.log().contains("limits.cycles_max_bytes = 1000000");
     assert!(!said(&free) && said(&bounded), "{}", bounded.log());
 }
 
@@ -155,13 +155,6 @@ fn bounds_that_are_configured_hold_and_say_their_key() {
     assert!(told.contains("limits.backlog_files") && told.contains("limits.export_max_bytes"), "{told}");
 }
 
-/// Most memory that a process has had so far, kB.
-fn peak_kb(process: u32) -> u64 {
-    let status = fs::read_to_string(format!("/proc/{process}/status")).expect("its status");
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).expect("its peak");
-    line.trim().trim_end_matches(" kB").parse().expect("a number")
-}
-
 #[test]
 #[ignore = "makes 100,000 files, or as many as ARMWATCH_FILES says"]
 fn a_folder_of_very_many_files_takes_little_memory() {
@@ -181,7 +174,7 @@ fn a_folder_of_very_many_files_takes_little_memory() {
         let daemon = workshop.daemon();
         // by then every file was looked at twice and is queued
         workshop.wait_for("SELECT count(*) >= 20 FROM quarantine", 1);
-        let peak = peak_kb(daemon.child.id());
+        let peak = peak_kb(daemon.child.id()).expect("its peak");
         daemon.signal("TERM");
         assert_eq!(daemon.end(), Some(0));
         peak

@@ -38,6 +38,8 @@ mod friction_only;
 mod fuzz_seeds;
 mod layouts;
 mod maintenance;
+#[cfg(target_os = "linux")]
+mod memory;
 mod estimators;
 mod no_result;
 mod overdue;

@@ -103,8 +103,8 @@ pub struct WorkLimits {
     pub export_bytes: u64,
     /// Most rows of a cycle, which are in memory together.
     pub cycle_rows: usize,
-    /// Rows of the open cycles of all exports that are being read, beyond which exports wait for each other.
-    pub open_rows: usize,
+    /// Memory of the cycles of all exports that are read or analysed, bytes. Beyond it, they wait for each other.
+    pub cycles_bytes: usize,
 }
 
 /// What becomes of a complete run whose file is written over with another content.

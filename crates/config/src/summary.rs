@@ -40,7 +40,7 @@ pub fn summary(config: &Config) -> String {
     );
     line("longest export", format!("{} after decompression", size(limits.export_bytes)));
     line("longest cycle", format!("{} rows", limits.cycle_rows));
-    line("rows of open cycles", format!("{} rows", limits.open_rows));
+    line("memory of cycles", size(limits.cycles_bytes as u64));
     line("snapshot", config.snapshot.as_ref().map_or_else(|| "off".to_owned(), snapshot));
     line("factors of tests", kept(config.retention.tests_days, "then removed"));
     line("factors of ordinary work", kept(config.retention.production_days, "then joined, one a log"));
@@ -221,6 +221,7 @@ mod tests {
             "exports at once           2 small and 2 large, from 64 MiB",
             "longest export            64 GiB after decompression",
             "longest cycle             1000000 rows",
+            "memory of cycles          512 MiB",
             "factors of tests          kept for 120 days, then removed",
             "factors of ordinary work  kept for 7 days, then joined, one a log",
             "HTTP                      off",

@@ -43,9 +43,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     for chunk in ExportReader::new(open(&path)?, &path, &layout, &robot, ReadOptions::default())? {
         let mut rows = chunk?.samples;
         side.apply(&mut rows);
-        cutter.push(stages.push(rows).0, &mut cycles)?;
+        cutter.push(stages.push(rows).0);
+        while let Some(cycle) = cutter.next_cycle()? {
+            cycles.push(cycle);
+        }
     }
-    cutter.push(stages.finish(), &mut cycles)?;
+    cutter.push(stages.finish());
+    while let Some(cycle) = cutter.next_cycle()? {
+        cycles.push(cycle);
+    }
     cycles.extend(cutter.finish()?);
 
     let method = Method::new(robot, AnalysisSettings::default())?;

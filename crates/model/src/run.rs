@@ -5,6 +5,7 @@ pub mod stage_rule;
 pub mod temperature;
 
 use std::fmt;
+use std::ops::Range;
 
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -260,6 +261,15 @@ impl<S: StageChannel> Rows<S> {
         std::iter::once(&mut self.time).chain(joints).chain(&mut self.torque)
     }
 
+    /// Bytes of memory that a row takes, temperatures apart, which are few.
+    #[must_use]
+    pub fn row_bytes(&self) -> usize {
+        let joints = self.position.len() + self.velocity.as_ref().map_or(0, Vec::len) + self.torque.len();
+        let counter = self.cycle.as_ref().map_or(0, |_| size_of::<u32>());
+        let signal = self.friction_signal.as_ref().map_or(0, |_| size_of::<Option<FrictionSignal>>());
+        (1 + joints) * size_of::<f64>() + size_of::<Stage>() + counter + signal
+    }
+
     /// Makes room for so many more rows, temperatures apart, which are few.
     pub fn reserve(&mut self, rows: usize) {
         self.channels_mut().for_each(|channel| channel.reserve(rows));
@@ -282,6 +292,42 @@ impl<S: StageChannel> Rows<S> {
             temperatures: self.temperatures.take(),
         };
         Self { temperatures: first_temperatures, ..std::mem::replace(self, rest) }
+    }
+}
+
+impl Samples {
+    /// No rows, of the same channels; `channel` makes each channel of numbers.
+    #[must_use]
+    pub fn without_rows(&self, channel: impl Fn() -> Vec<f64>) -> Self {
+        let joints = |channels: &Vec<Vec<f64>>| channels.iter().map(|_| channel()).collect();
+        Self {
+            time: channel(),
+            position: joints(&self.position),
+            velocity: self.velocity.as_ref().map(joints),
+            torque: joints(&self.torque),
+            stage: Vec::new(),
+            cycle: self.cycle.as_ref().map(|_| Vec::new()),
+            friction_signal: self.friction_signal.as_ref().map(|_| Vec::new()),
+            temperatures: self.temperatures.as_ref().map(Temperatures::without_rows),
+        }
+    }
+
+    /// Appends copies of `rows` of `other`, which has the same channels. Temperatures are moved: the first ones of `other` are
+    /// taken, so that the ranges of several calls follow each other.
+    pub fn append_rows(&mut self, other: &mut Self, rows: Range<usize>) {
+        for (mine, theirs) in self.channels_mut().zip(other.channels_mut()) {
+            mine.extend_from_slice(&theirs[rows.clone()]);
+        }
+        self.stage.extend_from_slice(&other.stage[rows.clone()]);
+        if let (Some(mine), Some(theirs)) = (&mut self.cycle, &other.cycle) {
+            mine.extend_from_slice(&theirs[rows.clone()]);
+        }
+        if let (Some(mine), Some(theirs)) = (&mut self.friction_signal, &other.friction_signal) {
+            mine.extend_from_slice(&theirs[rows.clone()]);
+        }
+        if let (Some(mine), Some(theirs)) = (&mut self.temperatures, &mut other.temperatures) {
+            mine.append(theirs.take_front(rows.len()));
+        }
     }
 }
 

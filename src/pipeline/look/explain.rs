@@ -291,7 +291,7 @@ fn read_into(
     let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    let (mut first_time, mut cycles) = (None, Vec::new());
+    let mut first_time = None;
     while let Some(chunk) = export.next() {
         let Chunk { samples, first_line, .. } = chunk?;
         reading.rows = export.rows();
@@ -299,17 +299,25 @@ fn read_into(
             reading.duration = last - *first_time.get_or_insert(*first);
         }
         cutter.note_line(first_line);
-        let fault = cutter.push(samples, &mut cycles);
+        cutter.push(samples);
         reading.sample_rate = cutter.sample_rate();
-        reading.cycles.extend(cycles.drain(..).map(|cycle| sketch(&cycle, work)));
-        fault?;
+        reading.sketch(&mut cutter, work)?;
     }
     reading.left_out = export.left_out();
     reading.passed_over = export.passed_over().clone();
     reading.content = Some(hash.so_far().0);
-    let fault = cutter.finish(&mut cycles);
-    reading.cycles.extend(cycles.iter().map(|cycle| sketch(cycle, work)));
-    fault
+    cutter.finish();
+    reading.sketch(&mut cutter, work)
+}
+
+impl ExportReading {
+    /// Adds the cycles that the rows pushed so far end.
+    fn sketch(&mut self, cutter: &mut RowCutter, work: Option<&CycleWork>) -> Result<(), Rejection> {
+        while let Some(cycle) = cutter.next_cycle()? {
+            self.cycles.push(sketch(&cycle, work));
+        }
+        Ok(())
+    }
 }
 
 fn sketch(cycle: &Cycle, work: Option<&CycleWork>) -> CycleSketch {

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::resume_point::ResumePoint;
-use crate::pipeline::open_rows::OpenRows;
+use crate::pipeline::cycle_memory::{CycleMemory, Turn};
 use armwatch_config::{Layout, WorkLimits};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RunHeader};
@@ -35,6 +35,8 @@ pub struct AdmittedExport {
     pub made_with: ContentHash,
     /// What reading it may take.
     pub limits: WorkLimits,
-    /// Rows of the open cycles of all exports that are being read.
-    pub open_rows: OpenRows,
+    /// Memory of the cycles of all exports that are being read and analysed.
+    pub memory: CycleMemory,
+    /// Whether its analyses are recorded as they end.
+    pub turn: Turn,
 }

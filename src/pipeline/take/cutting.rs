@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cycles::RowCutter;
 use super::resume::{self, ReadPositions};
-use crate::pipeline::open_rows::OpenCycle;
+use crate::pipeline::cycle_memory::{HeldCycle, OpenCycle};
 use armwatch_ingest::bytes::fingerprint::RunningHash;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::Chunk;
@@ -28,6 +28,8 @@ pub struct CutCycle {
     pub took: Duration,
     /// When the row that ended it was written, where that is known.
     pub written: Option<SystemTime>,
+    /// Its memory.
+    pub held: HeldCycle,
 }
 
 /// How the reading of an export ended.
@@ -103,7 +105,7 @@ impl<'i> Cutting<'i> {
             stop,
             hash,
             cutter,
-            open_cycle: intake.open_rows.enter(),
+            open_cycle: intake.memory.enter(intake.turn.clone()),
             cycle_count,
             positions,
             took: Duration::ZERO,
@@ -140,24 +142,38 @@ impl<'i> Cutting<'i> {
         let began = Instant::now();
         self.positions.note(chunk.position, &self.cutter);
         self.cutter.note_line(chunk.first_line);
-        let mut cycles = Vec::new();
-        let fault = self.cutter.push(chunk.samples, &mut cycles);
+        self.cutter.push(chunk.samples);
         self.took += began.elapsed();
-        // the last cut has the point: those before it in one block would read the same rows again
-        let last = cycles.len().saturating_sub(1);
-        for (place, cycle) in cycles.into_iter().enumerate() {
-            let point = if place == last { self.positions.at_cut(&self.cutter) } else { None };
+        if !self.send_cut()? {
+            return Ok(false);
+        }
+        self.positions.forget_before(self.cutter.rows_settled());
+        self.open_cycle.has(self.cutter.open_bytes(), self.stop);
+        self.wait_for_room();
+        Ok(!self.stop.is_cancelled())
+    }
+
+    /// Sends the cycles that are cut, each before the next one is.
+    fn send_cut(&mut self) -> Result<bool, Rejection> {
+        let mut cut = self.next_cycle();
+        while let Ok(Some(cycle)) = cut {
+            cut = self.next_cycle();
+            // the last cut has the point: those before it in one block would read the same rows again
+            let is_last = !matches!(cut, Ok(Some(_))) && self.cutter.all_taken();
+            let point = if is_last { self.positions.at_cut(&self.cutter) } else { None };
             let point = point.and_then(|point| resume::encoded(&point, &self.intake.made_with));
             if self.stop.is_cancelled() || !self.send(cycle, point, false) {
                 return Ok(false);
             }
         }
-        fault?;
-        self.positions.forget_before(self.cutter.rows_settled());
-        let Self { intake, stop, cutter, open_cycle, .. } = self;
-        open_cycle.has(cutter.open_rows(), intake.limits.open_rows, stop);
-        self.wait_for_room();
-        Ok(!self.stop.is_cancelled())
+        cut.map(|_| true)
+    }
+
+    fn next_cycle(&mut self) -> Result<Option<Cycle>, Rejection> {
+        let began = Instant::now();
+        let cycle = self.cutter.next_cycle();
+        self.took += began.elapsed();
+        cycle
     }
 
     /// Ends the export after `rows` rows, with `rows_skipped` bad ones passed over, and sends its last cycles. They
@@ -166,18 +182,14 @@ impl<'i> Cutting<'i> {
     /// # Errors
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
-        let began = Instant::now();
-        let mut cycles = Vec::new();
-        let fault = self.cutter.finish(&mut cycles);
-        self.took += began.elapsed();
+        self.cutter.finish();
         // the end of the file ended it
         self.written = None;
-        for cycle in cycles {
+        while let Some(cycle) = self.next_cycle()? {
             if !self.send(cycle, None, true) {
                 return Ok(ReadEnd::Interrupted);
             }
         }
-        fault?;
         Ok(ReadEnd::Complete(ReadTotals {
             rows,
             rows_skipped,
@@ -206,6 +218,7 @@ impl<'i> Cutting<'i> {
         }
         let read = ReadSoFar { prefix: self.hash.prefix(), resume, cut_by_end };
         let took = std::mem::take(&mut self.took);
-        self.cycles.blocking_send(CutCycle { cycle, read, took, written: self.written }).is_ok()
+        let held = self.intake.memory.hold(&cycle);
+        self.cycles.blocking_send(CutCycle { cycle, read, took, written: self.written, held }).is_ok()
     }
 }

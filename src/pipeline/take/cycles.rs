@@ -9,10 +9,11 @@ use armwatch_ingest::bytes::{fingerprint, source};
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch_method::buffers::Buffers;
-use armwatch_method::segment::cycles::{CutterState, CycleCutter, SegmentError};
+use armwatch_method::segment::cycles::{CutterState, CycleCutter, MAX_CYCLE_ROWS, SegmentError};
 use armwatch_method::segment::joint_side::JointSide;
 use armwatch_method::segment::stages::{FinderState, StageFinder};
 use armwatch_method::signal::channel_delay::take_delays;
+use armwatch_method::signal::filter::MIN_STRETCH_ROWS;
 use armwatch_method::signal::time_grid::sample_rate;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::channel_delays::ChannelDelays;
@@ -26,6 +27,16 @@ pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
 /// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. Few, so
 /// that an export in which a later row was corrected still counts as the same recording.
 const FIRST_ROWS: usize = 16;
+
+/// Fewest rows of a cycle: a shorter one cannot be filtered, so it gives no result.
+const LEAST_ROWS: usize = MIN_STRETCH_ROWS;
+
+/// So many shorter cycles in a row mean that the column is no cycle counter, or that the stage signal flickers. None of these
+/// cycles is given then.
+const SHORT_IN_A_ROW: usize = 100;
+
+/// Fewest cycles of an export that is refused because all of its cycles are shorter.
+const SHORT_ALONE: usize = 10;
 
 /// Brings the rows of an export to the joints, gives them their stage and cuts them into cycles.
 #[derive(Debug)]
@@ -52,6 +63,31 @@ pub struct RowCutter {
     lines: Option<VecDeque<(u64, u64)>>,
     /// The column of the cycle counter, as the layout names it.
     counter_column: Option<String>,
+    /// Whether cycles come from a schedule, from windows, or from the rows.
+    division: Division,
+    most_rows: usize,
+    /// Bytes of memory of a row.
+    row_bytes: usize,
+    /// Short cycles in a row that no longer one has followed.
+    short: Vec<Cycle>,
+    /// First row of the first of them in the recording.
+    short_from: u64,
+    /// Cycles that may be taken.
+    ready: VecDeque<Cycle>,
+    /// The fault behind the last cycle.
+    fault: Option<Rejection>,
+    is_ending: bool,
+}
+
+/// The source of the boundaries between cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Division {
+    /// The column of the counter, or the sequence of stages.
+    Recorded,
+    /// A schedule of the layout.
+    Schedule,
+    /// Windows of ordinary work. They may be short, since logs pause, and any window has its temperatures.
+    Windows,
 }
 
 impl RowCutter {
@@ -65,9 +101,12 @@ impl RowCutter {
             Rejection::of_file(path, error.to_string(), "correct the transmission of the robot's description")
         })?;
         let rule = layout.stage.kind().rule();
-        let cutter = match rule {
-            StageRule::Windows { .. } => CycleCutter::of_windows(),
-            _ => CycleCutter::new(),
+        let (cutter, division) = match rule {
+            StageRule::Windows { .. } => (CycleCutter::of_windows(), Division::Windows),
+            StageRule::Schedule(_) => (CycleCutter::new(), Division::Schedule),
+            StageRule::Recorded | StageRule::Levels(_) | StageRule::Motion => {
+                (CycleCutter::new(), Division::Recorded)
+            }
         };
         let low_speed = robot.joints.iter().map(|joint| joint.low_speed).collect();
         let stages = StageFinder::new(rule, low_speed);
@@ -86,6 +125,14 @@ impl RowCutter {
             rows_pushed: 0,
             lines: (layout.rows.skip_bad == 0).then(VecDeque::new),
             counter_column: layout.cycle.as_ref().map(ToString::to_string),
+            division,
+            most_rows: MAX_CYCLE_ROWS,
+            row_bytes: 0,
+            short: Vec::new(),
+            short_from: 0,
+            ready: VecDeque::new(),
+            fault: None,
+            is_ending: false,
         })
     }
 
@@ -93,6 +140,7 @@ impl RowCutter {
     #[must_use]
     pub fn with_most_rows(mut self, rows: usize) -> Self {
         self.cutter = self.cutter.with_most_rows(rows);
+        self.most_rows = rows;
         self
     }
 
@@ -116,10 +164,16 @@ impl RowCutter {
         self
     }
 
-    /// Rows of the cycle that has not ended yet.
+    /// Bytes of memory of the rows that are in no cycle yet.
     #[must_use]
-    pub fn open_rows(&self) -> usize {
-        self.cutter.open_rows()
+    pub fn open_bytes(&self) -> usize {
+        (self.cutter.open_rows() + self.stages.held_rows()) * self.row_bytes
+    }
+
+    /// Whether all cycles that were cut are taken: then the next one begins where its cutter stands.
+    #[must_use]
+    pub fn all_taken(&self) -> bool {
+        self.ready.is_empty() && self.short.is_empty()
     }
 
     /// What its finder of stages knows before the next row.
@@ -147,62 +201,174 @@ impl RowCutter {
         }
     }
 
-    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind one,
-    /// nothing is to be pushed.
-    ///
-    /// # Errors
-    /// A rejection of rows that make no cycle.
-    pub fn push(&mut self, mut samples: RawSamples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+    /// Takes the next rows. [`next_cycle`](Self::next_cycle) gives the cycles that they end.
+    pub fn push(&mut self, mut samples: RawSamples) {
         let missing = SAMPLE_RATE_ROWS.saturating_sub(self.first_times.len());
         self.first_times.extend(samples.time.iter().take(missing));
         self.first_rows.note(&samples);
         self.rows_pushed += samples.rows() as u64;
         self.last_time = samples.time.last().copied().unwrap_or(self.last_time);
+        self.row_bytes = samples.row_bytes();
         self.joint_side.apply(&mut samples);
         let (staged, fault) = self.stages.push(samples);
-        self.cut(staged, cycles)?;
-        if let Some(lines) = &mut self.lines {
-            // all rows before them were looked at
-            while lines.get(1).is_some_and(|(rows, _)| *rows <= self.rows_settled) {
-                lines.pop_front();
-            }
-        }
-        match fault {
-            Some(fault) => Err(Rejection::of_file(&self.path, fault.to_string(), "")),
-            None => Ok(()),
-        }
+        self.cut(staged);
+        let fault = fault.map(|fault| Rejection::of_file(&self.path, fault.to_string(), ""));
+        self.fault = fault.or_else(|| self.undecided());
     }
 
-    /// Ends the export and appends its last cycles. Nothing is left to cut.
+    /// Ends the export: now [`next_cycle`](Self::next_cycle) gives its last cycles.
+    pub fn finish(&mut self) {
+        let held = self.stages.finish();
+        self.cut(held);
+        self.is_ending = true;
+    }
+
+    /// The next cycle that the pushed rows end; `None` when all of them are looked at. Behind a fault, nothing is to be
+    /// pushed. A short cycle is held back until a longer one follows.
     ///
     /// # Errors
-    /// A rejection of an export without stages.
-    pub fn finish(&mut self, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
-        let held = self.stages.finish();
-        self.cut(held, cycles)?;
-        let cutter = std::mem::take(&mut self.cutter);
-        let mut last = cutter.finish().map_err(|error| self.not_cut(&error))?;
-        last.iter_mut().for_each(|cycle| take_delays(&self.delays, &mut cycle.samples));
-        cycles.extend(last);
-        Ok(())
+    /// A rejection of rows that make no cycle, after the cycles before them, and of an export without stages.
+    pub fn next_cycle(&mut self) -> Result<Option<Cycle>, Rejection> {
+        loop {
+            if let Some(cycle) = self.ready.pop_front() {
+                return Ok(Some(cycle));
+            }
+            match self.cutter.next_cycle() {
+                Ok(Some(cycle)) => self.take(cycle)?,
+                Ok(None) => match self.fault.take() {
+                    Some(fault) => self.fail(fault)?,
+                    None if self.is_ending => self.end()?,
+                    None => {
+                        self.forget_lines();
+                        return Ok(None);
+                    }
+                },
+                Err(error) => self.fail(self.not_cut(&error))?,
+            }
+        }
     }
 
-    /// Cuts rows whose stage is settled, but for those that are in cycles already.
-    fn cut(&mut self, mut staged: Samples, cycles: &mut Vec<Cycle>) -> Result<(), Rejection> {
+    /// The cycle of a number among those that the pushed rows end.
+    fn find(&mut self, wanted: u32) -> Result<Option<Cycle>, Rejection> {
+        while let Some(cycle) = self.next_cycle()? {
+            if cycle.number == wanted {
+                return Ok(Some(cycle));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Hands on rows whose stage is settled, except those that are in cycles already.
+    fn cut(&mut self, mut staged: Samples) {
         self.rows_settled += staged.rows() as u64;
         let in_cycles = usize::try_from(self.in_cycles).map_or(staged.rows(), |rows| rows.min(staged.rows()));
         self.in_cycles -= in_cycles as u64;
         if in_cycles > 0 {
             staged.take_front(in_cycles);
         }
-        let known = cycles.len();
-        let cut = self.cutter.push(staged, cycles);
-        // several wait for analysis
-        for cycle in &mut cycles[known..] {
-            cycle.samples.shrink_to_fit();
-            take_delays(&self.delays, &mut cycle.samples);
+        self.cutter.push(staged);
+    }
+
+    /// Takes a cycle that was cut, and gives it, unless it is short.
+    fn take(&mut self, mut cycle: Cycle) -> Result<(), Rejection> {
+        cycle.samples.shrink_to_fit();
+        take_delays(&self.delays, &mut cycle.samples);
+        if cycle.samples.rows() >= LEAST_ROWS || self.division == Division::Windows {
+            self.ready.extend(self.short.drain(..));
+            self.ready.push_back(cycle);
+            return Ok(());
         }
-        cut.map_err(|error| self.not_cut(&error))
+        if self.short.is_empty() {
+            self.short_from = self.cutter.state().rows_cut - cycle.samples.rows() as u64;
+        }
+        self.short.push(cycle);
+        if self.short.len() < SHORT_IN_A_ROW { Ok(()) } else { Err(self.too_short()) }
+    }
+
+    /// Ends with the last cycles.
+    fn end(&mut self) -> Result<(), Rejection> {
+        self.is_ending = false;
+        let before = self.cutter.state().cycles_cut as usize;
+        let last = std::mem::take(&mut self.cutter).finish().map_err(|error| self.not_cut(&error))?;
+        let cut = before + usize::from(last.is_some());
+        last.map_or(Ok(()), |cycle| self.take(cycle))?;
+        if self.short.len() == cut && cut >= SHORT_ALONE {
+            return Err(self.too_short());
+        }
+        self.ready.extend(self.short.drain(..));
+        Ok(())
+    }
+
+    /// Gives the cycles before a fault first.
+    fn fail(&mut self, fault: Rejection) -> Result<(), Rejection> {
+        if self.short.is_empty() {
+            return Err(fault);
+        }
+        self.ready.extend(self.short.drain(..));
+        self.fault = Some(fault);
+        Ok(())
+    }
+
+    /// Forgets where rows stand that are settled.
+    fn forget_lines(&mut self) {
+        if let Some(lines) = &mut self.lines {
+            let kept_from = if self.short.is_empty() { self.rows_settled } else { self.short_from };
+            while lines.get(1).is_some_and(|(rows, _)| *rows <= kept_from) {
+                lines.pop_front();
+            }
+        }
+    }
+
+    /// The rejection of more rows without a stage than a cycle may have.
+    fn undecided(&self) -> Option<Rejection> {
+        let held = self.stages.held_rows();
+        (held > self.most_rows).then(|| {
+            let reason = format!(
+                "{held} rows whose stage is not decided yet: the times of these rows hardly advance, or the recording \
+                 has more rows than the bound of a cycle in the time that decides a stage"
+            );
+            Rejection::of_file(&self.path, reason, "check the unit of [time] in the layout, or raise limits.cycle_max_rows")
+        })
+    }
+
+    /// The rejection of cycles that are too short to be cycles.
+    fn too_short(&self) -> Rejection {
+        let short = &self.short;
+        let rows = || short.iter().map(|cycle| cycle.samples.rows());
+        let (least, most) = (rows().min().unwrap_or(0), rows().max().unwrap_or(0));
+        let counted = short.iter().any(|cycle| cycle.samples.cycle.is_some());
+        let column = self.counter_column.as_deref().filter(|_| counted);
+        let size = match (least, most) {
+            (1, 1) => "1 row each".to_owned(),
+            (least, most) if least == most => format!("{most} rows each"),
+            (least, most) => format!("{least} to {most} rows"),
+        };
+        let cycles = format!(
+            "{} cycles in a row have {size}, and a cycle takes {LEAST_ROWS} rows or more",
+            short.len()
+        );
+        let (said, remedy) = match (self.division, column) {
+            (Division::Schedule, _) => (
+                "the schedule of the layout is too fast".to_owned(),
+                "correct the durations under [stage] of the layout, which are in s, or the unit of [time]",
+            ),
+            (_, Some(column)) => (
+                match most {
+                    1 => format!("the column {column} counts rows, not cycles"),
+                    _ => format!("the column {column} changes too often to count cycles"),
+                },
+                "under [if_present] of the layout, give `cycle` the column that counts the repetitions of the test, or \
+                 remove that key: cycles then follow from the stages",
+            ),
+            (_, None) => (
+                "the stage signal goes back to an earlier stage too often".to_owned(),
+                "check which values mean which stage under [stage] of the layout; docs/stage-signals.md shows how to read \
+                 a signal that flickers",
+            ),
+        };
+        let mut rejection = Rejection::of_file(&self.path, format!("{said}: {cycles}"), remedy);
+        rejection.line = self.line_of(self.short_from);
+        rejection
     }
 
     /// The rejection of rows that make no cycle: where a cell is to blame, with its place.
@@ -301,18 +467,16 @@ pub fn read_cycle(
 ) -> Result<Option<Cycle>, Rejection> {
     let bytes = source::open(path)?;
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    let mut cycles = Vec::new();
     for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
         let chunk = chunk?;
         cutter.note_line(chunk.first_line);
-        let fault = cutter.push(chunk.samples, &mut cycles);
-        if let Some(found) = cycles.drain(..).find(|cycle| cycle.number == wanted) {
+        cutter.push(chunk.samples);
+        if let Some(found) = cutter.find(wanted)? {
             return Ok(Some(found));
         }
-        fault?;
     }
-    cutter.finish(&mut cycles)?;
-    Ok(cycles.into_iter().find(|cycle| cycle.number == wanted))
+    cutter.finish();
+    cutter.find(wanted)
 }
 
 #[cfg(test)]
@@ -360,7 +524,8 @@ mod tests {
                 let piece = left.take_front(chunk.min(left.rows()));
                 cutter.note_line(line);
                 line += piece.rows() as u64;
-                fault = cutter.push(piece, &mut Vec::new()).err();
+                cutter.push(piece);
+                fault = all(&mut cutter).1;
             }
             let fault = fault.expect("a fault");
             assert_eq!(
@@ -378,13 +543,102 @@ mod tests {
     }
 
     fn cut(layout: &Layout, mut rows: RawSamples, chunk: usize) -> Vec<Cycle> {
-        let mut cutter = cutter_of(layout);
-        let mut cycles = Vec::new();
-        while !rows.is_empty() {
-            cutter.push(rows.take_front(chunk.min(rows.rows())), &mut cycles).expect("cycles");
-        }
-        cutter.finish(&mut cycles).expect("cycles");
+        let (cycles, fault) = cut_or_not(layout, &mut rows, chunk);
+        assert_eq!(fault, None);
         cycles
+    }
+
+    /// The cycles that the pushed rows end, and the fault behind them.
+    fn all(cutter: &mut RowCutter) -> (Vec<Cycle>, Option<Rejection>) {
+        let mut cycles = Vec::new();
+        loop {
+            match cutter.next_cycle() {
+                Ok(Some(cycle)) => cycles.push(cycle),
+                Ok(None) => return (cycles, None),
+                Err(fault) => return (cycles, Some(fault)),
+            }
+        }
+    }
+
+    fn cut_or_not(layout: &Layout, rows: &mut RawSamples, chunk: usize) -> (Vec<Cycle>, Option<Rejection>) {
+        let mut cutter = cutter_of(layout);
+        let (mut cycles, mut line) = (Vec::new(), 2);
+        while !rows.is_empty() {
+            let piece = rows.take_front(chunk.min(rows.rows()));
+            cutter.note_line(line);
+            line += piece.rows() as u64;
+            cutter.push(piece);
+            let (more, fault) = all(&mut cutter);
+            cycles.extend(more);
+            if fault.is_some() {
+                return (cycles, fault);
+            }
+        }
+        cutter.finish();
+        let (more, fault) = all(&mut cutter);
+        cycles.extend(more);
+        (cycles, fault)
+    }
+
+    /// Rows with a counter of cycles of these lengths.
+    fn rows_of(lengths: &[usize]) -> RawSamples {
+        let rows = lengths.iter().sum();
+        let mut samples = cycle(1, 1500).samples;
+        while samples.rows() < rows {
+            samples.append(cycle(1, 1500).samples);
+        }
+        let mut samples = samples.take_front(rows);
+        let counters = lengths.iter().zip(1..).flat_map(|(rows, number)| std::iter::repeat_n(number, *rows));
+        samples.cycle = Some(counters.collect());
+        samples.with_stages(StageReading::Known(vec![Stage::Excitation; rows]))
+    }
+
+    #[test]
+    fn a_counter_that_counts_rows_is_told_and_gives_no_cycle_whatever_the_pieces() {
+        let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
+        for (lengths, given, line, told) in [
+            (vec![1; 1000], 0, 2, "the column cycle counts rows, not cycles: 100 cycles in a row have 1 row each"),
+            (vec![5; 400], 0, 2, "the column cycle changes too often to count cycles: 100 cycles in a row have 5 rows each"),
+            (vec![1; 12], 0, 2, "12 cycles in a row have 1 row each"),
+            ([vec![500, 40], vec![31; 120]].concat(), 2, 542, "100 cycles in a row have 31 rows each"),
+            ([vec![20; 60], vec![500], vec![1, 3].repeat(60)].concat(), 61, 1702, "100 cycles in a row have 1 to 3 rows"),
+        ] {
+            for chunk in [1, 7, 999, 100_000] {
+                let (cycles, fault) = cut_or_not(&layout, &mut rows_of(&lengths), chunk);
+                let fault = fault.expect("a fault");
+                assert_eq!((cycles.len(), fault.line), (given, Some(line)), "{fault} in pieces of {chunk}");
+                assert!(fault.sentence().contains(told) && fault.remedy.contains("[if_present]"), "{fault}");
+            }
+        }
+    }
+
+    #[test]
+    fn stages_that_flicker_are_told_as_such() {
+        let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
+        let rows: Vec<Stage> = (0..900).map(|row| Stage::ANALYSED[2 - row % 3]).collect();
+        let mut flickering = rows_of(&[900]).with_stages(StageReading::Known(rows));
+        flickering.cycle = None;
+        let (cycles, fault) = cut_or_not(&layout, &mut flickering, 250);
+        let fault = fault.expect("a fault").sentence();
+        assert!(cycles.is_empty() && fault.contains("the stage signal goes back"), "{fault}");
+    }
+
+    #[test]
+    fn short_cycles_among_longer_ones_and_few_of_them_are_cycles() {
+        let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
+        for lengths in [
+            vec![32; 300],
+            vec![1, 40].repeat(150),
+            vec![31; 9],
+            [vec![500], vec![1; 99]].concat(),
+            [vec![1; 99], vec![500], vec![1; 99], vec![32]].concat(),
+        ] {
+            for chunk in [1, 99, 100_000] {
+                let cycles = cut(&layout, rows_of(&lengths), chunk);
+                let found: Vec<usize> = cycles.iter().map(|cycle| cycle.samples.rows()).collect();
+                assert_eq!(found, lengths, "in pieces of {chunk}");
+            }
+        }
     }
 
     #[test]

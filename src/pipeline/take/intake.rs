@@ -14,6 +14,7 @@ use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
 use super::{decide, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
+use crate::pipeline::cycle_memory::Turn;
 use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
 use armwatch_config::{Config, FleetEntry};
 use armwatch_ingest::bytes::blocks::Passed;
@@ -165,7 +166,8 @@ pub(in crate::pipeline) async fn begin(
         resume,
         made_with,
         limits: *limits,
-        open_rows: pipeline.open_rows.clone(),
+        memory: pipeline.memory.clone(),
+        turn: Turn::come(),
     })
 }
 

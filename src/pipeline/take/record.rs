@@ -20,12 +20,16 @@ use armwatch_model::analysis::RunAnalysis;
 use armwatch_model::run::{RunHeader, RunKind};
 use armwatch_store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
 
+/// So many cycles of a test in a row without parameters and without friction end it: the reason is the same for all, and their
+/// factors would fill the database. Ten times the cycles of the whole test.
+const MOST_WITHOUT_RESULT: usize = 250;
+
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
 pub struct Recorded {
     /// Cycles without parameters, each with its reason.
     pub refused: Vec<(u32, String)>,
-    /// Why the run cannot be complete, if an analysis panicked.
+    /// Why the run cannot be complete, if an analysis panicked or too many cycles have no result.
     pub rejection: Option<Rejection>,
 }
 
@@ -41,8 +45,13 @@ pub(in crate::pipeline) async fn cycles(
 ) -> Result<Recorded, PipelineError> {
     let mut recorded = Recorded::default();
     let (store, metrics) = (pipeline.store(), pipeline.metrics());
+    let mut without_result = stored_without_result(pipeline, intake).await?;
+    recorded.rejection = too_many_without_result(intake, &without_result);
+    if recorded.rejection.is_some() {
+        return Ok(recorded);
+    }
     while let Some(InAnalysis { analysis, read, written }) = analyses.recv().await {
-        let analysis = match analysis.await {
+        let (analysis, _until_recorded) = match analysis.await {
             Ok(analysis) => analysis,
             Err(error) => {
                 tracing::error!(file = %intake.path.display(), %error, "an analysis panicked");
@@ -63,8 +72,58 @@ pub(in crate::pipeline) async fn cycles(
         if let Some(reason) = analysis.refusal() {
             recorded.refused.push((analysis.cycle, reason.to_owned()));
         }
+        match analysis.refusal() {
+            Some(reason) if analysis.kind == RunKind::Test && analysis.friction_points.is_empty() => {
+                without_result.count += 1;
+                reason.clone_into(&mut without_result.reason);
+            }
+            _ => without_result.count = 0,
+        }
+        recorded.rejection = too_many_without_result(intake, &without_result);
+        if recorded.rejection.is_some() {
+            break;
+        }
     }
     Ok(recorded)
+}
+
+/// Cycles of a test in a row that gave neither parameters nor friction.
+#[derive(Debug, Default)]
+struct WithoutResult {
+    count: usize,
+    /// Why the last of them did not.
+    reason: String,
+}
+
+/// The last stored cycles of a run that are such: the same cycles are stored, however often reading is interrupted.
+async fn stored_without_result(
+    pipeline: &Pipeline,
+    intake: &AdmittedExport,
+) -> Result<WithoutResult, PipelineError> {
+    if intake.cycles_stored == 0 || intake.layout.stage.kind().run_kind() != RunKind::Test {
+        return Ok(WithoutResult::default());
+    }
+    let measured = pipeline.store().run_measurements(intake.run_id).await?;
+    let with_parameters = measured.parameters.iter().map(|of| of.cycle);
+    let with_friction = measured.friction_points.iter().map(|of| of.cycle);
+    let last = with_parameters.chain(with_friction).max().unwrap_or(0);
+    let states = pipeline.store().cycle_states(intake.run_id).await?;
+    let mut after: Vec<_> = states.into_iter().filter(|state| state.cycle > last).collect();
+    let reason = after.last_mut().and_then(|state| state.reason.take()).unwrap_or_default();
+    Ok(WithoutResult { count: after.len(), reason })
+}
+
+fn too_many_without_result(intake: &AdmittedExport, without: &WithoutResult) -> Option<Rejection> {
+    (without.count >= MOST_WITHOUT_RESULT).then(|| {
+        Rejection::of_file(
+            &intake.path,
+            format!(
+                "{} cycles in a row gave neither parameters nor friction, the last one because of this: {}",
+                without.count, without.reason
+            ),
+            "correct the recording or the layout; `armwatch explain` shows what each cycle of the file gives",
+        )
+    })
 }
 
 /// Ends a run: what it says as a whole and its mark of completion, in one transaction. Where another run was

@@ -21,6 +21,10 @@ const LEAST_COLUMNS: usize = 3;
 /// Share of the cells of a row that are numbers, in a row of numbers: a note and a name may stand beside them.
 const NUMERIC_SHARE: f64 = 0.5;
 
+/// Cells of rows that are looked at, which bounds the memory of their numbers: a table with as many bytes of text as
+/// [`HEAD_BYTES`] has more only where its cells are shorter than numbers of a recording are.
+const MOST_CELLS: usize = 4 << 20;
+
 /// Numbers that are kept of a column in which not every cell is one: enough for their range.
 const KEPT_NUMBERS: usize = 4096;
 
@@ -78,7 +82,8 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
         Some(end) if is_cut || !text.ends_with('\n') => &text[..=end],
         _ => &text,
     };
-    let lines: Vec<&str> = whole.lines().map(|line| line.trim_end_matches('\r')).collect();
+    // never together: of text that is nothing but line ends, they would take 16 times its bytes
+    let lines = || whole.lines().map(|line| line.trim_end_matches('\r'));
     let no_table = || {
         Rejection::of_file(
             path,
@@ -86,8 +91,9 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
             "check that this is a CSV export; delimiters may be , ; tab and |",
         )
     };
-    let format = format(&lines).ok_or_else(no_table)?;
-    assembled(&lines, format, text_reader.found()).ok_or_else(no_table)
+    let sample: Vec<&str> = lines().take(FORMAT_LINES).collect();
+    let format = format(&sample).ok_or_else(no_table)?;
+    assembled(lines(), format, text_reader.found()).ok_or_else(no_table)
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,10 +115,9 @@ impl Format {
     }
 }
 
-/// The delimiter and decimal mark that make most numbers of the lines, in rows of equally many fields.
-fn format(lines: &[&str]) -> Option<Format> {
+/// The delimiter and decimal mark that make most numbers of the first lines, in rows of equally many fields.
+fn format(sample: &[&str]) -> Option<Format> {
     // From the end of the sample, where no header stands.
-    let sample = &lines[..lines.len().min(FORMAT_LINES)];
     let sample = &sample[sample.len() / 2..];
     let candidates = [b';', b'\t', b'|', b',']
         .into_iter()
@@ -131,25 +136,63 @@ fn format(lines: &[&str]) -> Option<Format> {
     best.map(|(_, format)| format)
 }
 
-fn assembled(lines: &[&str], format: Format, encoding: Found) -> Option<Head> {
-    let first_row = lines.iter().position(|line| format.is_row(line))?;
-    let before = &lines[..first_row];
-    let is_comment = |line: &str| line.trim_start().starts_with('#');
-    let has_fields = |line: &str| {
+/// What stands above the rows.
+#[derive(Debug, Default)]
+struct Above<'t> {
+    /// Lines before those of as many fields.
+    start: usize,
+    /// How many of them are neither blank nor comments.
+    skipped: usize,
+    /// Lines of as many fields right above the rows: names, then perhaps units.
+    count: usize,
+    /// How many of these are neither blank nor comments.
+    said: usize,
+    names: Option<&'t str>,
+    under: Option<&'t str>,
+}
+
+fn is_comment(line: &str) -> bool {
+    line.trim_start().starts_with('#')
+}
+
+impl<'t> Above<'t> {
+    fn note(&mut self, line: &'t str, format: Format) {
         let count = fields(line.trim_start().trim_start_matches('#'), format.delimiter).count();
-        count.abs_diff(format.fields) <= 1 && count > 1
+        let has_fields = count.abs_diff(format.fields) <= 1 && count > 1;
+        let said = usize::from(!line.trim().is_empty() && !is_comment(line));
+        if !has_fields {
+            let (start, skipped) = (self.start + self.count + 1, self.skipped + self.said + said);
+            *self = Self { start, skipped, ..Self::default() };
+            return;
+        }
+        match self.count {
+            0 => self.names = Some(line),
+            1 => self.under = Some(line),
+            _ => {}
+        }
+        (self.count, self.said) = (self.count + 1, self.said + said);
+    }
+}
+
+fn assembled<'t>(
+    mut lines: impl Iterator<Item = &'t str>,
+    format: Format,
+    encoding: Found,
+) -> Option<Head> {
+    let mut above = Above::default();
+    let first_row = loop {
+        let line = lines.next()?;
+        if format.is_row(line) {
+            break line;
+        }
+        above.note(line, format);
     };
-    // The lines of as many fields right above the rows: names, then perhaps units.
-    let start = before.iter().rposition(|line| !has_fields(line)).map_or(0, |at| at + 1);
-    let above: Vec<&str> = before[start..].to_vec();
-    let names = above.first().copied();
-    let commented = names.is_some_and(is_comment);
-    let skipped = before[..start].iter().filter(|line| !line.trim().is_empty() && !is_comment(line)).count();
+    let commented = above.names.is_some_and(is_comment);
     let cells = |line: &str| -> Vec<String> {
         fields(line.trim_start().trim_start_matches('#'), format.delimiter).map(str::to_owned).collect()
     };
-    let names = names.map(cells);
-    let under = above.get(1).map(|line| cells(line)).unwrap_or_default();
+    let names = above.names.map(cells);
+    let under = above.under.map(cells).unwrap_or_default();
     let mut columns: Vec<HeadColumn> = (0..format.fields)
         .map(|at| HeadColumn {
             name: match &names {
@@ -164,7 +207,8 @@ fn assembled(lines: &[&str], format: Format, encoding: Found) -> Option<Head> {
         .collect();
     let mut rows = 0;
     let mut moments: Vec<Vec<i64>> = vec![Vec::new(); columns.len()];
-    for line in lines[first_row..].iter().filter(|line| format.is_row(line)) {
+    let of_rows = std::iter::once(first_row).chain(lines.filter(|line| format.is_row(line)));
+    for line in of_rows.take(MOST_CELLS.div_ceil(format.fields)) {
         rows += 1;
         let cells = fields(line, format.delimiter);
         for ((column, moments), cell) in columns.iter_mut().zip(&mut moments).zip(cells) {
@@ -193,8 +237,8 @@ fn assembled(lines: &[&str], format: Format, encoding: Found) -> Option<Head> {
         header: names.is_some(),
         commented_header: commented,
         // Comments are skipped by themselves; other lines are counted from the start of the file.
-        skip_lines: if skipped > 0 { start } else { 0 },
-        skip_after_header: above.len().saturating_sub(1),
+        skip_lines: if above.skipped > 0 { above.start } else { 0 },
+        skip_after_header: above.count.saturating_sub(1),
         columns,
         rows,
     })
@@ -237,6 +281,15 @@ mod tests {
         assert_eq!(at(&format!("# x\n\nt,a,b\n{rows}")), (true, 0, 0, false));
         assert_eq!(at(&format!("# t,a,b\n{rows}")), (true, 0, 0, true));
         assert_eq!(at(&format!("Robot: R00\n\n\nt,a,b\n{rows}")), (true, 3, 0, false));
+        assert_eq!(at(&format!("a,b\nc,d\nRobot: R00\nt,a,b\ns,rad,Nm\nx,y,z\n{rows}")), (true, 3, 2, false));
+    }
+
+    #[test]
+    fn a_table_of_very_short_cells_is_looked_at_in_part() {
+        let rows = MOST_CELLS / 4 + 100;
+        let head = head(&format!("a,b,c,d\n{}", "1,2,3,4\n".repeat(rows)));
+        assert_eq!(head.rows, MOST_CELLS / 4);
+        assert!(head.columns.iter().all(|column| column.values.as_ref().map(Vec::len) == Some(head.rows)));
     }
 
     #[test]

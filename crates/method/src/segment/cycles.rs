@@ -15,8 +15,8 @@ use armwatch_model::run::{Cycle, Samples, Stage};
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
-/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, for nobody knows its length: one of
-/// six minutes at 250 Hz. Where channels grow by and by, the memory that they leave lies idle.
+/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, since its length is unknown: one of
+/// six minutes at 250 Hz. Channels that grow in small steps leave memory idle.
 const GUESSED_ROWS: usize = 100_000;
 
 /// Why a recording has no cycles.
@@ -71,11 +71,17 @@ pub enum SegmentError {
     },
 }
 
-/// Cuts a stream of rows into cycles. Chunks may have any size: the cycles are the same.
+/// Cuts a stream of rows into cycles, one at a time. Chunks may have any size: the cycles are the same. Each row is copied
+/// once, and memory is reserved for one cycle, however many a chunk holds.
 #[derive(Debug, Default)]
 pub struct CycleCutter {
-    pending: Samples,
-    /// Rows of `pending` already searched for a boundary.
+    /// Rows of the cycle that has not ended, those in `chunk` apart.
+    open: Samples,
+    /// Rows that were pushed.
+    chunk: Samples,
+    /// Rows of `chunk` that are in `open` or in cycles.
+    taken: usize,
+    /// Rows of `chunk` already searched for a boundary.
     searched: usize,
     stage_reached: Option<Stage>,
     counter: Option<u32>,
@@ -84,14 +90,14 @@ pub struct CycleCutter {
     /// Number of the cycle that was cut last; zero before the first.
     number_cut: u32,
     cycles_cut: u32,
-    /// Rows before the first of `pending`.
+    /// Rows before the first one of the cycle that has not ended.
     rows_cut: u64,
     rows_seen: u64,
     stage_seen: bool,
     /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
-    /// Most rows that were pushed at once: so many of the next cycle may come with the end of one.
-    most_pushed: usize,
+    /// Rows of the cycle that was cut last: the next one may be as long.
+    last_rows: usize,
     /// Whether a cycle needs no stage.
     of_windows: bool,
     /// Memory of channels.
@@ -160,38 +166,46 @@ impl CycleCutter {
     /// Rows of the cycle that has not ended yet.
     #[must_use]
     pub fn open_rows(&self) -> usize {
-        self.pending.rows()
+        self.open.rows() + self.chunk.rows() - self.taken
     }
 
-    /// Takes the next rows and appends the cycles that they end to `cycles`, also those before a fault; behind
-    /// one, nothing is to be pushed.
+    /// Takes the next rows. [`next_cycle`](Self::next_cycle) gives the cycles that they end.
+    pub fn push(&mut self, chunk: Samples) {
+        self.rows_seen += chunk.rows() as u64;
+        match self.searched < self.chunk.rows() {
+            true => self.chunk.append(chunk),
+            false => (self.chunk, self.taken, self.searched) = (chunk, 0, 0),
+        }
+    }
+
+    /// The next cycle that the pushed rows end; `None` when all of them are searched. After a fault, nothing is to be pushed.
     ///
     /// # Errors
-    /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`].
-    pub fn push(&mut self, chunk: Samples, cycles: &mut Vec<Cycle>) -> Result<(), SegmentError> {
+    /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`], after the cycles
+    /// before the fault.
+    pub fn next_cycle(&mut self) -> Result<Option<Cycle>, SegmentError> {
         let most_rows = self.most_rows.unwrap_or(MAX_CYCLE_ROWS);
-        self.rows_seen += chunk.rows() as u64;
-        self.most_pushed = self.most_pushed.max(chunk.rows());
-        let rows = self.pending.rows();
-        if rows > 0 && self.pending.time.capacity() < rows + chunk.rows() {
-            self.pending.reserve(GUESSED_ROWS.min(8 * rows).saturating_sub(rows));
-        }
-        self.pending.append(chunk);
-        while self.searched < self.pending.rows() {
-            if self.begins_cycle(self.searched)? {
-                cycles.extend(self.cut(self.searched));
-            }
+        while self.searched < self.chunk.rows() {
+            let row = self.searched;
+            let cycle = if self.begins_cycle(row)? { self.cut(row) } else { None };
             // row by row, so that it does not matter in which pieces they come
-            if self.searched >= most_rows {
-                return Err(SegmentError::Endless { rows: self.searched + 1, start_s: self.pending.time[0] });
+            let rows = self.open.rows() + row - self.taken;
+            if rows >= most_rows {
+                let start_s = self.open.time.first().copied().unwrap_or(self.chunk.time[self.taken]);
+                return Err(SegmentError::Endless { rows: rows + 1, start_s });
             }
-            self.note_row(self.searched);
+            self.note_row(row);
             self.searched += 1;
+            if cycle.is_some() {
+                return Ok(cycle);
+            }
         }
-        Ok(())
+        self.open = self.rows_until(self.chunk.rows());
+        self.push(Samples::default());
+        Ok(None)
     }
 
-    /// Ends the recording and returns its last cycle, if the rows left hold a stage.
+    /// Ends the recording and returns its last cycle, if the rows left hold a stage. All other cycles are to be taken before.
     ///
     /// # Errors
     /// [`SegmentError::NoStage`] if no row of the whole recording was in a stage.
@@ -199,13 +213,14 @@ impl CycleCutter {
         if !self.stage_seen && !self.of_windows {
             return Err(SegmentError::NoStage { rows: self.rows_seen });
         }
-        Ok(self.cut(self.pending.rows()))
+        Ok(self.cut(self.chunk.rows()))
     }
 
     fn begins_cycle(&self, row: usize) -> Result<bool, SegmentError> {
-        if let Some(counters) = &self.pending.cycle {
+        if let Some(counters) = &self.chunk.cycle {
             let (Some(from), to) = (self.counter, counters[row]) else { return Ok(false) };
-            let (time_s, row) = (self.pending.time[row], self.rows_cut + row as u64);
+            let time_s = self.chunk.time[row];
+            let row = self.rows_cut + (self.open.rows() + row - self.taken) as u64;
             if to != 0 && to < self.counter_reached {
                 return Err(SegmentError::CounterFalls { from: self.counter_reached, to, row, time_s });
             }
@@ -214,34 +229,26 @@ impl CycleCutter {
             }
             return Ok(to != from);
         }
-        let stage = self.pending.stage[row];
+        let stage = self.chunk.stage[row];
         Ok(stage != Stage::Between && self.stage_reached.is_some_and(|reached| stage < reached))
     }
 
     fn note_row(&mut self, row: usize) {
-        self.counter = self.pending.cycle.as_ref().map(|counters| counters[row]);
+        self.counter = self.chunk.cycle.as_ref().map(|counters| counters[row]);
         self.counter_reached = self.counter_reached.max(self.counter.unwrap_or(0));
-        let stage = self.pending.stage[row];
+        let stage = self.chunk.stage[row];
         if stage != Stage::Between {
             self.stage_reached = Some(stage);
             self.stage_seen = true;
         }
     }
 
-    /// Takes the first `rows` rows as a cycle. Rows before the first stage of a test, and a counter
+    /// Takes the rows before row `row` of the chunk as a cycle. Rows before the first stage of a test, and a counter
     /// of zero, are not a cycle.
-    fn cut(&mut self, rows: usize) -> Option<Cycle> {
-        let samples = self.pending.take_front(rows);
-        // cycles of one test are about as long: channels that grow piece by piece would be copied again and again
-        let room = rows + rows / 64 + self.most_pushed;
-        for channel in self.pending.channels_mut() {
-            let mut roomy = self.buffers.room(room.max(channel.len()));
-            roomy.extend_from_slice(channel);
-            *channel = roomy;
-        }
-        self.pending.reserve(room.saturating_sub(self.pending.rows()));
-        self.rows_cut += rows as u64;
-        self.searched = 0;
+    fn cut(&mut self, row: usize) -> Option<Cycle> {
+        let samples = self.rows_until(row);
+        self.last_rows = samples.rows();
+        self.rows_cut += samples.rows() as u64;
         self.stage_reached = None;
         let staged = match self.of_windows {
             true => !samples.is_empty(),
@@ -257,6 +264,35 @@ impl CycleCutter {
         self.cycles_cut += 1;
         self.number_cut = number;
         Some(Cycle { number, samples })
+    }
+
+    /// Takes the rows of the open cycle before row `row` of the chunk.
+    fn rows_until(&mut self, row: usize) -> Samples {
+        let mut open = std::mem::take(&mut self.open);
+        let rows = self.taken..row;
+        self.taken = row;
+        if rows.is_empty() {
+            return open;
+        }
+        let is_first = self.rows_cut == 0 && open.is_empty();
+        if is_first && rows.len() == self.chunk.rows() {
+            self.taken = 0;
+            return std::mem::take(&mut self.chunk);
+        }
+        if open.is_empty() {
+            // the end of the chunk: cycles of one test are about as long
+            let room = match row == self.chunk.rows() {
+                true => rows.len().max(self.last_rows + self.last_rows / 64),
+                false => rows.len(),
+            };
+            open = self.chunk.without_rows(|| self.buffers.room(room));
+            open.reserve(room);
+        } else if open.time.capacity() < open.rows() + rows.len() {
+            let room = GUESSED_ROWS.min(8 * open.rows()).saturating_sub(open.rows());
+            open.reserve(room.max(rows.len()));
+        }
+        open.append_rows(&mut self.chunk, rows);
+        open
     }
 }
 
@@ -301,16 +337,27 @@ mod tests {
         }
     }
 
-    fn cut_all(samples: Samples, chunk: usize) -> Vec<(u32, usize)> {
-        let mut rest = samples;
-        let mut cutter = CycleCutter::new();
+    /// Pushes rows and takes the cycles that they end, and the fault behind them.
+    fn push(cutter: &mut CycleCutter, rows: Samples) -> (Vec<Cycle>, Option<SegmentError>) {
         let mut cycles = Vec::new();
-        while !rest.is_empty() {
-            let front = rest.take_front(chunk.min(rest.rows()));
-            cutter.push(front, &mut cycles).expect("cuts");
+        cutter.push(rows);
+        loop {
+            match cutter.next_cycle() {
+                Ok(Some(cycle)) => cycles.push(cycle),
+                Ok(None) => return (cycles, None),
+                Err(fault) => return (cycles, Some(fault)),
+            }
         }
-        cycles.extend(cutter.finish().expect("has stages"));
-        cycles.iter().map(|c| (c.number, c.samples.rows())).collect()
+    }
+
+    fn fault(cutter: &mut CycleCutter, rows: Samples) -> SegmentError {
+        push(cutter, rows).1.expect("a fault")
+    }
+
+    fn cut_all(samples: Samples, chunk: usize) -> Vec<(u32, usize)> {
+        let (found, fault) = cut_from(CycleCutter::new(), samples, chunk);
+        assert_eq!(fault, None);
+        without_states(&found)
     }
 
     #[test]
@@ -335,7 +382,7 @@ mod tests {
     #[test]
     fn a_counter_that_falls_is_refused_with_both_values() {
         let mut cutter = CycleCutter::new();
-        let error = cutter.push(samples(&[1, 1, 1], Some(&[5, 5, 3])), &mut Vec::new()).expect_err("falls");
+        let error = fault(&mut cutter, samples(&[1, 1, 1], Some(&[5, 5, 3])));
         assert_eq!(error, SegmentError::CounterFalls { from: 5, to: 3, row: 2, time_s: 0.02 });
     }
 
@@ -356,8 +403,7 @@ mod tests {
     #[test]
     fn a_counter_that_comes_back_from_zero_is_refused_unless_no_stage_was_before() {
         let mut cutter = CycleCutter::new();
-        let error =
-            cutter.push(samples(&[1, 1, 1], Some(&[1, 0, 1])), &mut Vec::new()).expect_err("comes back");
+        let error = fault(&mut cutter, samples(&[1, 1, 1], Some(&[1, 0, 1])));
         assert_eq!(error, SegmentError::CounterReturns { counter: 1, row: 2, time_s: 0.02 });
         assert_eq!(cut_all(samples(&[0, 0, 1], Some(&[1, 0, 1])), 100), vec![(1, 1)]);
     }
@@ -365,8 +411,7 @@ mod tests {
     #[test]
     fn a_recording_without_stages_is_refused() {
         let mut cutter = CycleCutter::new();
-        let mut cycles = Vec::new();
-        assert_eq!((cutter.push(samples(&[0, 0, 0], None), &mut cycles), &cycles), (Ok(()), &vec![]));
+        assert_eq!(push(&mut cutter, samples(&[0, 0, 0], None)), (vec![], None));
         assert_eq!(cutter.finish(), Err(SegmentError::NoStage { rows: 3 }));
     }
 
@@ -375,7 +420,43 @@ mod tests {
         let mut cutter = CycleCutter::new();
         let chunk = samples(&vec![1; MAX_CYCLE_ROWS + 1], None);
         let rows = MAX_CYCLE_ROWS + 1;
-        assert_eq!(cutter.push(chunk, &mut Vec::new()), Err(SegmentError::Endless { rows, start_s: 0.0 }));
+        assert_eq!(fault(&mut cutter, chunk), SegmentError::Endless { rows, start_s: 0.0 });
+    }
+
+    /// Each cycle had room for a whole block, and all cycles of a block were cut before the first was given.
+    #[test]
+    fn cycles_of_a_block_take_no_more_than_their_rows_and_come_one_at_a_time() {
+        let rows = 10_000;
+        let counters: Vec<u32> = (1..=rows as u32).collect();
+        let mut cutter = CycleCutter::new();
+        cutter.push(samples(&vec![1; rows], Some(&counters)));
+        let first = cutter.next_cycle().expect("no fault").expect("a cycle");
+        assert_eq!((first.number, first.samples.rows(), cutter.open_rows()), (1, 1, rows - 1));
+        let mut cut = 1;
+        while let Some(mut cycle) = cutter.next_cycle().expect("no fault") {
+            cut += 1;
+            assert_eq!(cycle.number, cut);
+            assert!(cycle.samples.channels_mut().all(|channel| channel.capacity() <= 8));
+        }
+        assert_eq!((cut, cutter.open_rows()), (rows as u32 - 1, 1));
+    }
+
+    #[test]
+    fn a_cycle_is_cut_without_being_copied_again() {
+        let cycle_rows = 50_000;
+        let counters: Vec<u32> = (0..3 * cycle_rows).map(|row| 1 + row / cycle_rows).collect();
+        let mut rest = samples(&vec![1; counters.len()], Some(&counters));
+        let mut cutter = CycleCutter::new();
+        let mut places = Vec::new();
+        while !rest.is_empty() {
+            push(&mut cutter, rest.take_front(rest.rows().min(7000)));
+            if cutter.rows_cut > 0 {
+                places.push((cutter.rows_cut, cutter.open.time.as_ptr()));
+            }
+        }
+        places.dedup();
+        // one place for each of the second and third cycle
+        assert_eq!(places.len(), 2);
     }
 
     /// The cycles of a recording in pieces of `chunk` rows, each with its rows and where it leaves the cutter, and the
@@ -387,8 +468,7 @@ mod tests {
     ) -> (Vec<(u32, usize, CutterState)>, Option<SegmentError>) {
         let mut found = Vec::new();
         while !rest.is_empty() {
-            let mut cycles = Vec::new();
-            let fault = cutter.push(rest.take_front(chunk.min(rest.rows())), &mut cycles).err();
+            let (cycles, fault) = push(&mut cutter, rest.take_front(chunk.min(rest.rows())));
             let state = cutter.state();
             found.extend(cycles.iter().map(|cycle| (cycle.number, cycle.samples.rows(), state)));
             if fault.is_some() {

@@ -82,6 +82,12 @@ impl StageFinder {
         FinderState { first_time: self.first_time, signal: self.signal, motion: self.motion.state().clone() }
     }
 
+    /// Rows that are held back until their stage is settled.
+    #[must_use]
+    pub fn held_rows(&self) -> usize {
+        self.held.rows() + self.motion.held_rows()
+    }
+
     /// Takes the next rows and gives those whose stage is settled, also with the fault that is behind them; then
     /// nothing more is to be pushed.
     ///

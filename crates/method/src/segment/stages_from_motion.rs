@@ -25,6 +25,10 @@ pub const BLOCK_S: f64 = 5.0;
 /// position, short against a ramp.
 const DIFFERENCE_S: f64 = 0.05;
 
+/// Most rows over which positions are differenced: those of [`DIFFERENCE_S`] at 80 kHz. Times that hardly advance would otherwise
+/// collect rows without end.
+const MOST_RECENT: usize = 4096;
+
 /// A joint counts as moving for this long after it moved, s: at a turning point it does not, and then no motion
 /// would last.
 const HOLD_S: f64 = 0.3;
@@ -107,6 +111,12 @@ impl MotionFinder {
     #[must_use]
     pub fn state(&self) -> &MotionFinderState {
         &self.state
+    }
+
+    /// Rows that are held back.
+    #[must_use]
+    pub fn held_rows(&self) -> usize {
+        self.held.rows()
     }
 
     /// Takes the next rows and gives those whose stage is settled.
@@ -205,7 +215,8 @@ impl MotionFinder {
     fn speeds_by_position(&mut self, row: usize) -> Vec<f64> {
         let time = self.held.time[row];
         let q: Vec<f64> = self.held.position.iter().map(|q| q[row]).collect();
-        while self.state.recent.get(1).is_some_and(|(then, _)| time - then >= DIFFERENCE_S) {
+        let is_long = |(then, _): &(f64, Vec<f64>)| time - then >= DIFFERENCE_S;
+        while self.state.recent.len() > MOST_RECENT || self.state.recent.get(1).is_some_and(is_long) {
             self.state.recent.pop_front();
         }
         let speeds = match self.state.recent.front() {

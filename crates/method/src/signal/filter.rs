@@ -14,7 +14,7 @@ use armwatch_model::run::Samples;
 
 /// Shortest stretch between gaps that is filtered. The odd extension at either end needs 15 rows;
 /// shorter stretches have no inner part.
-const MIN_STRETCH_ROWS: usize = 32;
+pub const MIN_STRETCH_ROWS: usize = 32;
 
 /// Periods of the cut-off at either end of a stretch whose rows are discarded: there the low-pass works on
 /// extrapolated samples.

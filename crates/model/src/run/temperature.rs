@@ -1,6 +1,8 @@
 //! Temperatures beside the rows of a recording. They change once in thousands of rows and are often missing,
 //! so they are kept as stretches of one value.
 
+use std::collections::VecDeque;
+
 /// Absolute temperature of 0 degC, K.
 pub const ZERO_CELSIUS: f64 = 273.15;
 
@@ -14,7 +16,7 @@ const STEPS: f64 = 100.0;
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct TemperatureTrack {
     /// Neighbours differ, so that equal tracks are equal however they were put together.
-    stretches: Vec<Stretch>,
+    stretches: VecDeque<Stretch>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,10 +63,9 @@ impl TemperatureTrack {
             left -= stretch.rows as usize;
             whole += 1;
         }
-        let rest = self.stretches.split_off(whole);
-        let mut front = Self { stretches: std::mem::replace(&mut self.stretches, rest) };
+        let mut front = Self { stretches: self.stretches.drain(..whole).collect() };
         if left > 0
-            && let Some(first) = self.stretches.first_mut()
+            && let Some(first) = self.stretches.front_mut()
         {
             // fewer than the rows of this stretch
             let taken = left as u32;
@@ -75,11 +76,11 @@ impl TemperatureTrack {
     }
 
     fn add(&mut self, stretch: Stretch) {
-        match self.stretches.last_mut() {
+        match self.stretches.back_mut() {
             Some(last) if last.steps == stretch.steps && last.rows.checked_add(stretch.rows).is_some() => {
                 last.rows += stretch.rows;
             }
-            _ => self.stretches.push(stretch),
+            _ => self.stretches.push_back(stretch),
         }
     }
 }
@@ -102,6 +103,13 @@ impl Temperatures {
                 mine.append(theirs);
             }
         }
+    }
+
+    /// No rows, of the same tracks.
+    #[must_use]
+    pub fn without_rows(&self) -> Self {
+        let empty = |track: &Option<TemperatureTrack>| track.as_ref().map(|_| TemperatureTrack::default());
+        Self { motor: self.motor.iter().map(empty).collect(), ambient: empty(&self.ambient) }
     }
 
     /// Takes away and returns the first `rows` rows; the rest stays.

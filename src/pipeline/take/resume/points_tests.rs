@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::{decoded, encoded, settings_hash};
-use crate::pipeline::open_rows::OpenRows;
+use crate::pipeline::cycle_memory::{CycleMemory, Turn};
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
 use crate::pipeline::take::intake;
@@ -332,7 +332,8 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
             resume: None,
             made_with: made_with(&layout(writing), &robot, &WorkLimits::default()),
             limits: WorkLimits::default(),
-            open_rows: OpenRows::default(),
+            memory: CycleMemory::new(usize::MAX),
+            turn: Turn::come(),
         };
         (writing.name, intake)
     };
