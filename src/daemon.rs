@@ -45,6 +45,7 @@ use crate::pipeline::take::follow::Followed;
 use armwatch_config::{Config, WatchSettings};
 use armwatch_ingest::find::watch::{Complaints, FoundFile, Scan};
 use armwatch_ingest::find::{tail, watch};
+use armwatch_model::text;
 use armwatch_store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
 
 pub use signals::{reload_on_hangup, stop_on_signal};
@@ -320,7 +321,7 @@ impl<'r> Work<'r> {
         for some in unseen.chunks(FILES_ASKED_AT_ONCE) {
             let known = self.pipeline.known_as_they_are(some).await?;
             for path in &known {
-                tracing::debug!(file = %path.display(), "known as it lies there");
+                tracing::debug!(file = %text::of_path(path), "known as it lies there");
                 self.pipeline.metrics().export(ExportEnd::Known);
             }
             self.schedule.taken_before(known.into_iter());
@@ -446,12 +447,12 @@ impl<'r> Work<'r> {
         let read = self.exports.free(&due, &way);
         let followed = match result {
             Err(PipelineError::Store(error)) if !error.is_fatal() => {
-                tracing::warn!(file = %due.path.display(), %error, "not stored now; trying again");
+                tracing::warn!(file = %text::of_path(&due.path), %error, "not stored now; trying again");
                 self.schedule.close(&due, Closing::Again);
                 return Ok(());
             }
             Err(PipelineError::Task(error)) if error.is_panic() => {
-                tracing::error!(file = %due.path.display(), %error, "internal error; other exports go on");
+                tracing::error!(file = %text::of_path(&due.path), %error, "internal error; other exports go on");
                 self.pipeline.metrics().export(ExportEnd::Failed);
                 let is_growing = way == ReadMode::Growing;
                 self.schedule

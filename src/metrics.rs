@@ -21,6 +21,8 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Metric, Registry};
 
+use armwatch_model::text;
+
 /// Upper bounds of the durations of a piece of work, s: from a small transaction to a cycle on a slow machine.
 const WORK_SECONDS: [f64; 14] =
     [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 15.0, 60.0];
@@ -229,15 +231,17 @@ impl Metrics {
     /// Begins figures of a growing file of a robot, which end when the last handle is dropped.
     #[must_use]
     pub fn live(&self, robot: &str) -> LiveFile {
+        // as its label has it
+        let robot = text::distinct(robot).into_owned();
         self.with(|of| {
             let mut open = of.live.open.lock().unwrap_or_else(PoisonError::into_inner);
-            let files = open.entry(robot.to_owned()).or_insert(0);
+            let files = open.entry(robot.clone()).or_insert(0);
             *files += 1;
             if *files == 1 {
-                set_now(&of.live.begun, robot);
+                set_now(&of.live.begun, &robot);
             }
         });
-        LiveFile { metrics: self.clone(), robot: robot.to_owned() }
+        LiveFile { metrics: self.clone(), robot }
     }
 
     /// A copy of the database was written.

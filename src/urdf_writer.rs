@@ -13,6 +13,7 @@ use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::robot::{
     FrictionModel, GeometrySource, Joint, JointIndex, JointKind, Robot, StandardParameters, Transform,
 };
+use armwatch_model::text;
 
 /// States inside the limits over which the largest torque of a joint is looked for.
 const EFFORT_STATES: usize = 256;
@@ -284,13 +285,14 @@ fn line(text: &mut String, content: &str) {
     let _ = writeln!(text, "{content}");
 }
 
+/// A name as an attribute. XML has no place for most hidden characters.
 fn escaped(name: &str) -> String {
-    name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text::xml(&text::distinct(name))
 }
 
-/// Two hyphens end a comment.
+/// Text for a comment on one line, which two hyphens would end.
 fn for_comment(text: &str) -> String {
-    text.replace("--", "- -").trim_end_matches('-').to_owned()
+    text::shown(text).replace("--", "- -").replace("--", "- -").trim_end_matches('-').to_owned()
 }
 
 #[cfg(test)]

@@ -141,7 +141,7 @@ async fn exchange(
             if said.is_empty() { format!("HTTP {status}") } else { format!("HTTP {status}: {said}") };
         let is_passing = [StatusCode::REQUEST_TIMEOUT, StatusCode::TOO_EARLY, StatusCode::TOO_MANY_REQUESTS];
         if status.is_client_error() && !is_passing.contains(&status) {
-            return Err(SendError::Refused { detail });
+            return Err(SendError::refused(detail));
         }
         Err(SendError::Unreached { detail, retry_after: pause })
     };

@@ -1,4 +1,6 @@
 //! What a receiver is told: one alarm, or a digest of several, as text and as JSON.
+//!
+//! Titles, sentences and details are for people and show hidden characters ([`text::shown`]). Names in JSON are as they are.
 
 use jiff::Timestamp;
 use serde_json::{Value, json};
@@ -7,6 +9,7 @@ use super::figures::Figures;
 use super::trend::Trend;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::odds::odds_in_words;
+use armwatch_model::text;
 use armwatch_store::{AlarmEvent, EventKind};
 
 /// Who sends.
@@ -75,7 +78,7 @@ impl Alarm {
     pub fn place(&self) -> String {
         let joint = self.event.joint.map_or_else(|| "whole arm".to_owned(), |joint| format!("joint {joint}"));
         let site = self.site.as_ref().map(|site| format!(" ({site})")).unwrap_or_default();
-        format!("{}{site}, {joint}", self.event.robot)
+        text::shown(&format!("{}{site}, {joint}", self.event.robot)).into_owned()
     }
 
     /// One line: how bad, where, what, what happened.
@@ -93,11 +96,8 @@ impl Alarm {
     /// and without advice.
     #[must_use]
     pub fn sentence(&self) -> String {
-        if self.is_closed() {
-            format!("was: {}", finding(&self.event.message))
-        } else {
-            self.event.message.clone()
-        }
+        let message = text::shown(&self.event.message);
+        if self.is_closed() { format!("was: {}", finding(&message)) } else { message.into_owned() }
     }
 
     /// The figures, a line each.
@@ -152,7 +152,7 @@ impl Alarm {
         );
         line("seen", Some(format!("{} to {}", seconds(first_seen_at), seconds(last_seen_at))));
         line("odds of this cause", self.event.odds.map(odds_in_words));
-        line("why", self.event.why.clone());
+        line("why", self.event.why.as_deref().map(|why| text::shown(why).into_owned()));
         line("anomaly", Some(self.event.anomaly_id.to_string()));
         lines
     }
@@ -246,9 +246,13 @@ impl Message {
         lines.join("\n") + "\n"
     }
 
-    /// The message as JSON: what MQTT and commands get.
+    /// The message as the text of JSON: what MQTT and commands get.
     #[must_use]
-    pub fn json(&self) -> Value {
+    pub fn json_text(&self) -> String {
+        json_text(&self.json())
+    }
+
+    fn json(&self) -> Value {
         json!({
             "version": 1,
             "key": self.key,
@@ -272,6 +276,12 @@ impl Message {
     pub fn severity(&self) -> Severity {
         self.alarms.iter().map(|alarm| alarm.event.severity).max().unwrap_or(Severity::Info)
     }
+}
+
+/// The text of JSON for receivers, see [`text::json`].
+#[must_use]
+pub fn json_text(value: &Value) -> String {
+    text::json(&value.to_string()).into_owned()
 }
 
 fn happened(what: EventKind) -> &'static str {
@@ -498,6 +508,24 @@ mod tests {
         ] {
             assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
         }
+    }
+
+    #[test]
+    fn names_and_notes_make_no_line_and_stay_the_same_in_json() {
+        let mut hostile = alarm();
+        hostile.event.robot = "R\n\u{202e}01\u{1b}[31m".into();
+        hostile.event.message = "joint 3\r\nSubject: forged\u{200b}".into();
+        hostile.event.why = Some("seen\nurgency: none\u{2028}".into());
+        let plain = message(vec![alarm()]).text().lines().count();
+        let message = message(vec![hostile.clone()]);
+        let text = message.text();
+        assert_eq!(text.lines().count(), plain + 1, "the reason is one line more\n{text}");
+        assert!(!text.replace('\n', "").contains(text::is_hidden), "{text:?}");
+        assert!(!message.title().contains(text::is_hidden), "{}", message.title());
+        let json = message.json_text();
+        assert!(!json.contains(text::is_hidden), "{json:?}");
+        let read: Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(read["alarms"][0]["robot"], hostile.event.robot);
     }
 
     #[test]

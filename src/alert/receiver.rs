@@ -23,7 +23,7 @@ pub trait Receiver: Send + Sync {
     }
 }
 
-/// Why a message has not arrived. Both are tried again.
+/// Why a message has not arrived. It is tried again, unless the receiver says that it will never take it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SendError {
     /// Nobody was there, or nobody who could take a message now.
@@ -39,6 +39,8 @@ pub enum SendError {
     Refused {
         /// What it said.
         detail: String,
+        /// True if the receiver refuses this message every time.
+        is_final: bool,
     },
 }
 
@@ -49,10 +51,16 @@ impl SendError {
         Self::Unreached { detail: detail.into(), retry_after: None }
     }
 
-    /// The message was refused.
+    /// The message was refused, and may be taken later.
     #[must_use]
     pub fn refused(detail: impl Into<String>) -> Self {
-        Self::Refused { detail: detail.into() }
+        Self::Refused { detail: detail.into(), is_final: false }
+    }
+
+    /// The message was refused, and will be every time.
+    #[must_use]
+    pub fn never(detail: impl Into<String>) -> Self {
+        Self::Refused { detail: detail.into(), is_final: true }
     }
 }
 

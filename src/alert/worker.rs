@@ -233,7 +233,8 @@ impl Worker {
             }
         };
         let detail = error.to_string();
-        let limit = (now, self.settings.give_up_after);
+        let is_final = matches!(error, SendError::Refused { is_final: true, .. });
+        let limit = (now, if is_final { Duration::ZERO } else { self.settings.give_up_after });
         let given_up = self.store.mark_failed(entry, due, &detail, again, limit).await?;
         let (key, attempts) = (&message.key, due.attempts + 1);
         if given_up {

@@ -7,6 +7,7 @@ use super::context::{CliError, EXIT_DONE, Global, runtime};
 use super::shared::output;
 use armwatch_config::Config;
 use armwatch_method::detect::runs::calibration::{CHANGES, Calibration, LevelCalibration, calibration};
+use armwatch_model::text;
 use armwatch_store::Store;
 
 #[derive(Debug, Args)]
@@ -75,7 +76,7 @@ async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&s
             if place > 0 {
                 output::line("");
             }
-            output::line(&as_text(name, &found, config));
+            output::block(&as_text(name, &found, config));
         }
     }
     Ok(EXIT_DONE)
@@ -84,8 +85,9 @@ async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&s
 fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
     let budget = &found.budget;
     let mut text = format!(
-        "robot {robot}: tests {}, {:.0} a year at its present use; {} a year in {} channels: one in {:.0} tests \
+        "robot {}: tests {}, {:.0} a year at its present use; {} a year in {} channels: one in {:.0} tests \
          for each",
+        text::shown(robot),
         found.tests,
         budget.tests_per_year,
         output::counted(budget.per_robot_year, "false alarm"),

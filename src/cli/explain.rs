@@ -20,6 +20,7 @@ use armwatch_ingest::table::reader::LeftOut;
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{RunKind, Stage};
+use armwatch_model::text;
 use armwatch_store::time_in_views;
 
 /// Most names of ignored columns that are listed.
@@ -55,7 +56,7 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
             if paths::metadata(path)?.is_dir() {
                 return Err(CliError::Usage(format!(
                     "{0}: is a folder; name exports, such as {0}/*.csv",
-                    path.display()
+                    text::of_path(path)
                 )));
             }
             let explanation = explainer.explain(path, args.quick).await?;
@@ -65,16 +66,18 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
             if global.json {
                 output::json(&as_value(&explanation));
             } else {
-                let space = if number > 0 { "\n" } else { "" };
-                output::line(&format!("{space}{}", as_text(&config, &explanation)));
+                if number > 0 {
+                    output::line("");
+                }
+                as_lines(&config, &explanation).iter().for_each(|line| output::line(line));
             }
         }
         Ok(code)
     })
 }
 
-fn as_text(config: &Config, of: &Explanation) -> String {
-    let mut lines = vec![format!("{} ({})", of.path.display(), size(of.bytes))];
+fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
+    let mut lines = vec![format!("{} ({})", text::of_path(&of.path), size(of.bytes))];
     if let Some(recognised) = &of.recognised {
         lines.extend(recognised_lines(recognised));
         if let Some(reading) = &of.reading {
@@ -90,7 +93,7 @@ fn as_text(config: &Config, of: &Explanation) -> String {
     lines.extend(remarks(of).iter().map(|remark| topic("remark", remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
-    lines.join("\n")
+    lines
 }
 
 fn topic(name: &str, text: &str) -> String {
@@ -386,7 +389,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         Next::Quarantine => ("quarantine", None, None),
     };
     let mut value = json!({
-        "file": of.path.display().to_string(),
+        "file": text::of_path(&of.path),
         "bytes": of.bytes,
         "age_s": of.age_s,
         "next": next,

@@ -165,7 +165,7 @@ fn print(global: &Global, files: &[Written]) {
                 .map(|of| json!({"written": of.written, "unchanged": of.unchanged, "removed": of.removed}));
             json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes, "parts": parts})
         };
-        output::lines(files.iter().map(|of| object(of).to_string()));
+        output::json_lines(files.iter().map(|of| object(of).to_string()));
         return;
     }
     let row = |of: &Written| {
@@ -179,7 +179,7 @@ fn print(global: &Global, files: &[Written]) {
     };
     let rows: Vec<Vec<String>> = files.iter().map(row).collect();
     let columns = ["file", "rows", "bytes", "files written", "as before", "removed"];
-    output::line(&output::table(&columns[..rows.first().map_or(3, Vec::len)], &rows));
+    output::block(&output::table(&columns[..rows.first().map_or(3, Vec::len)], &rows));
 }
 
 fn as_cli_error(error: ExportError) -> CliError {

@@ -145,11 +145,13 @@ async fn enter(
         }));
     } else {
         output::line(&format!(
-            "entered      {number}: {robot}, {}, {}: {}\n             tests from then on have a new baseline{}; `armwatch \
-             maintenance --remove {number}` takes it back",
+            "entered      {number}: {robot}, {}, {}: {}",
             place(joint),
             minute(at),
-            new.what,
+            new.what
+        ));
+        output::line(&format!(
+            "             tests from then on have a new baseline{}; `armwatch maintenance --remove {number}` takes it back",
             outcome.words()
         ));
     }
@@ -169,10 +171,8 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
         value["judged"] = outcome.is_now().into();
         output::json(&value);
     } else {
-        output::line(&format!(
-            "removed      {number}: {row}\n             the baseline before it counts again{}",
-            outcome.words()
-        ));
+        output::line(&format!("removed      {number}: {row}"));
+        output::line(&format!("             the baseline before it counts again{}", outcome.words()));
     }
     Ok(EXIT_DONE)
 }

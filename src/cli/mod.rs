@@ -255,7 +255,16 @@ pub fn execute(
     telemetry::start(format, verbosity.saturating_add(usual_verbosity));
     lanes::run_as_on_any_processor(std::env::var_os(context::ANY_PROCESSOR).is_some());
     let status = or_internal(command).unwrap_or_else(|error| {
-        shared::output::print_error(&error);
+        match &error {
+            // a line for each, which the text of all together would not be
+            CliError::Config(errors) => {
+                let (first, others) =
+                    errors.0.split_first().map_or((None, &[][..]), |(first, rest)| (Some(first), rest));
+                first.iter().for_each(|problem| shared::output::print_error(problem));
+                others.iter().for_each(|problem| shared::output::print_hint(&problem.to_string()));
+            }
+            error => shared::output::print_error(error),
+        }
         error.exit_code()
     });
     ExitCode::from(match shared::output::failure() {

@@ -78,7 +78,7 @@ async fn list(global: &Global, store: &Store) -> Result<u8, CliError> {
         };
         let rows: Vec<Vec<String>> = kept.iter().map(row).collect();
         let header = ["name", "kind", "model", "estimator", "robots", "cycles", "saved_at"];
-        output::line(&output::table(&header, &rows));
+        output::block(&output::table(&header, &rows));
     }
     Ok(EXIT_DONE)
 }
@@ -125,7 +125,7 @@ async fn show(global: &Global, store: &Store, name: &str) -> Result<u8, CliError
             ]
         })
         .collect();
-    output::line(&format!(
+    output::block(&format!(
         "{}, model {}, estimator {}\n\n{}",
         output::counted(set.sources.len(), "cycle"),
         set.model.name,

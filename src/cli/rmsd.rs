@@ -14,6 +14,7 @@ use armwatch_method::statistics::descriptive::{mean, standard_deviation};
 use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
+use armwatch_model::text;
 use armwatch_store::{RunSource, Store};
 
 /// Relative RMSD above which the thesis marks a figure.
@@ -82,7 +83,7 @@ pub(super) fn rmsd(global: &Global, args: &RmsdArgs) -> Result<u8, CliError> {
     if global.json {
         cycles.iter().for_each(|of| output::json(&as_value(&run, of, &shown)));
     } else {
-        output::line(&as_text(args, &run, &cycles, &shown));
+        output::block(&as_text(args, &run, &cycles, &shown));
     }
     Ok(EXIT_DONE)
 }
@@ -152,14 +153,14 @@ fn as_text(args: &RmsdArgs, run: &RunSource, cycles: &[CycleVerification], shown
     }
     for of in cycles {
         if let Some(reason) = &of.reason {
-            text.push_str(&format!("cycle {} has no parameters: {reason}\n", of.cycle));
+            text.push_str(&format!("cycle {} has no parameters: {}\n", of.cycle, text::shown(reason)));
         }
     }
     let unit = match args.figure {
         FigureArg::Relative => "relative RMSD of the torque; * moving rows above 10 %",
         FigureArg::Nm => "RMSD of the torque, Nm",
     };
-    format!("{text}{}, run {}: {unit}", run.robot, run.run_id)
+    format!("{text}{}, run {}: {unit}", text::shown(&run.robot), run.run_id)
 }
 
 /// Figures of one line of the table, in the order of its columns: moving rows first, then all rows.

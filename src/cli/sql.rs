@@ -83,7 +83,7 @@ fn schema(global: &Global, rows: RowArgs, name: Option<&str>) -> Result<u8, CliE
     if rows.is_csv() || global.json {
         rows::print(&table, rows, global.json, "no view")?;
     } else {
-        output::line(&told);
+        output::block(&told);
     }
     Ok(EXIT_DONE)
 }

@@ -145,8 +145,9 @@ impl Fleet {
             output::line(&format!("being read  {robot}: {}, {cycles} stored", run.source_name));
         }
         if robots.is_empty() {
+            output::line("");
             output::line(
-                "\nno test is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders, \
+                "no test is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders, \
                  `armwatch demo` shows a simulated fleet",
             );
             return;
@@ -155,12 +156,13 @@ impl Fleet {
         for row in &self.open {
             let severity = output::coloured(row.severity.name());
             let since = words::minute(row.onset_at.unwrap_or(row.first_seen_at));
+            output::line("");
             output::line(&format!(
-                "\n{severity} {}, since {since} (`armwatch alerts show {}`)\n  {}",
+                "{severity} {}, since {since} (`armwatch alerts show {}`)",
                 words::name(row),
-                row.anomaly_id,
-                row.message
+                row.anomaly_id
             ));
+            output::line(&format!("  {}", row.message));
         }
     }
 
@@ -178,10 +180,13 @@ impl Fleet {
         let rows: Vec<Vec<String>> = robots.iter().map(cells).collect();
         let table = output::table(&["robot", "status", "friction by joint, %", "last result"], &rows);
         output::line("");
-        output::line(&table);
+        output::block(&table);
         for (robot, _, joints) in robots {
-            let is_unclear =
-                |row: &&&FleetHealthRow| matches!(row.status, HealthStatus::Unknown | HealthStatus::Overdue);
+            let is_unclear = |row: &&&FleetHealthRow| match row.status {
+                HealthStatus::Unknown | HealthStatus::Overdue => true,
+                HealthStatus::Ok => row.friction_index.is_none(),
+                HealthStatus::Learning | HealthStatus::Warning | HealthStatus::Critical => false,
+            };
             let unclear = joints.iter().filter(is_unclear);
             for of in reasons(unclear.filter_map(|row| Some((row.joint, row.reason.as_deref()?)))) {
                 output::line(&format!("{robot}: {}: {}", named(&of.joints, joints.len()), of.why));

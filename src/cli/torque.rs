@@ -1,6 +1,6 @@
 //! `armwatch torque`: measured and estimated torque of one cycle, read again from its export.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use serde_json::json;
@@ -17,6 +17,7 @@ use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, peaks};
 use armwatch_model::analysis::{RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, ParameterId};
 use armwatch_model::run::Stage;
+use armwatch_model::text;
 use armwatch_store::{OfCycle, Store};
 
 /// Figures of the same rows by another road differ by rounding; more says that something has changed.
@@ -157,7 +158,7 @@ pub(super) fn torque(global: &Global, args: &TorqueArgs) -> Result<u8, CliError>
     } else if args.output.is_none() && args.plot.is_none() {
         output::lines(csv_lines(args, &replayed));
     } else {
-        output::line(&summary(args, &replayed));
+        output::block(&summary(args, &replayed));
     }
     Ok(EXIT_DONE)
 }
@@ -287,7 +288,7 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     value["cycle"] = json!(replay.cycle.cycle);
     value["parameters"] = json!(args.parameters.as_deref().unwrap_or("own"));
     value["parameters_of"] = json!(parameters);
-    value["source"] = json!(export.display().to_string());
+    value["source"] = json!(text::of_path(export));
     value["cutoff_hz"] = json!(replay.cutoff);
     value["rows"] = json!({
         "time_s": column(&series.time),
@@ -336,7 +337,7 @@ fn summary(args: &TorqueArgs, replayed: &Replayed) -> String {
         "moving_relative",
         "moving_samples",
     ];
-    format!("{}\n{}", heading(args, replayed), output::table(&header, &rows))
+    format!("{}\n{}", text::shown(&heading(args, replayed)), output::table(&header, &rows))
 }
 
 fn heading(args: &TorqueArgs, replayed: &Replayed) -> String {
@@ -350,10 +351,9 @@ fn heading(args: &TorqueArgs, replayed: &Replayed) -> String {
 
 fn figure(args: &TorqueArgs, replayed: &Replayed) -> crate::report::figure::Figure {
     let Replayed { replay, export, series, .. } = replayed;
-    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     let subtitle = format!(
         "{}; low-pass {} Hz on both sides; RMSD in per cent of the RMS of the measured torque over the same rows{}",
-        name(export).unwrap_or_default(),
+        text::of_file_name(export),
         replay.cutoff,
         if args.slow { "" } else { "; the estimate is drawn where the joint moves" }
     );

@@ -134,7 +134,7 @@ async fn verify_stored(
             output::json(&as_value(&named[of.candidate], of));
         }
     } else {
-        output::line(&as_text(args, &named, &run_ids, &verified));
+        output::block(&as_text(args, &named, &run_ids, &verified));
     }
     Ok(EXIT_DONE)
 }

@@ -10,6 +10,7 @@ use crate::pipeline::take::intake;
 use armwatch_ingest::find::archive::{Archived, archive};
 use armwatch_ingest::find::watch;
 use armwatch_model::run::RunStatus;
+use armwatch_model::text;
 use armwatch_store::SourceState;
 
 /// Archives the export at `path` if its run is complete. Whatever fails is logged and leaves the source where
@@ -20,9 +21,9 @@ pub async fn after(pipeline: &Pipeline, path: &Path, outcome: &Outcome) {
     else {
         return;
     };
-    let file = path.display();
+    let file = text::of_path(path);
     match moved(pipeline, path, folder, run_id).await {
-        Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %target.display(), "archived"),
+        Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %text::of_path(&target), "archived"),
         Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed meanwhile"),
         Ok(None) => {}
         Err(error) => tracing::warn!(%file, %error, "not archived; it stays where it is"),
@@ -101,7 +102,7 @@ where
         if stop.is_cancelled() {
             break;
         }
-        let file = path.display().to_string();
+        let file = text::of_path(&path);
         let taken = tokio::spawn(take(path)).await;
         match taken.map_err(PipelineError::from).and_then(|taken| taken) {
             Ok(robot) => robots.extend(robot),
@@ -133,7 +134,7 @@ async fn take_if_missed(
     match pipeline.process(path, Retry::Never, stop, |_| ()).await? {
         Outcome::Stored(run) => {
             tracing::warn!(
-                file = %path.display(), run_id = run.run_id,
+                file = %text::of_path(path), run_id = run.run_id,
                 "in the archive, and not in the database: taken again"
             );
             Ok(Some(run.robot))

@@ -4,10 +4,11 @@ use std::path::Path;
 
 use crate::metrics::ExportEnd;
 use crate::pipeline::context::Outcome;
+use armwatch_model::text;
 
 /// Logs what became of an export, by consequence.
 pub(super) fn log_outcome(path: &Path, outcome: &Outcome) {
-    let file = path.display();
+    let file = text::of_path(path);
     match outcome {
         Outcome::Stored(run) => {
             tracing::info!(%file, robot = %run.robot, run_id = run.run_id, cycles = run.cycles, rows = run.rows, "stored");

@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
 
 use armwatch_model::run::FileId;
+use armwatch_model::text;
 
 /// Growing files at once that are not read up to what is written. After a restart all of them have to be caught up
 /// with; one after the other, the first is done before the last, and a daemon that is often killed gets on.
@@ -178,7 +179,7 @@ impl Places {
         for holder in self.holders.values_mut().filter(|holder| !holder.said && holder.place.sign.hangs(now))
         {
             holder.said = true;
-            let file = holder.path.display();
+            let file = text::of_path(&holder.path);
             tracing::warn!(
                 %file, "a read has not returned for {} s: the disk or file server does not answer; other exports \
                  are read meanwhile", HANGING.as_secs()

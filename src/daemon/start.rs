@@ -49,7 +49,7 @@ pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, 
         }
         Begun::Settled(source.bytes, source.modified.as_microsecond())
     };
-    unfinished.iter().map(|source| (PathBuf::from(&source.path), begun(source))).collect()
+    unfinished.iter().map(|source| (source.path.clone(), begun(source))).collect()
 }
 
 /// Identifies stored cycles of another estimator than the configured one again; `false` if a stop was asked for before

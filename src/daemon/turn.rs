@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use armwatch_config::Config;
+use armwatch_model::text;
 
 /// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
 /// or slow files holds up small ones.
@@ -34,11 +35,10 @@ pub(super) enum ReadMode {
 /// The robot that an export's name says, or the path of one that says none: such files do not wait for each
 /// other.
 pub(super) fn robot_of(config: &Config, path: &Path) -> String {
-    named_robot(config, path).unwrap_or_else(|| path.display().to_string())
+    named_robot(config, path).unwrap_or_else(|| text::of_path(path))
 }
 
 /// The robot that an export's name says.
 pub(super) fn named_robot(config: &Config, path: &Path) -> Option<String> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    config.recognition.recognise(&name).ok().map(|recognised| recognised.robot)
+    config.recognition.recognise(&text::of_file_name(path)).ok().map(|recognised| recognised.robot)
 }

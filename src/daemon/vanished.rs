@@ -29,7 +29,7 @@ impl Missing {
     ) -> Vec<i64> {
         let found: HashSet<&Path> = scan.files.iter().map(|file| file.path.as_path()).collect();
         let is_missing = |source: &UnfinishedSource| {
-            let path = Path::new(&source.path);
+            let path = source.path.as_path();
             let hidden = scan.unreadable.iter().any(|place| path.starts_with(&place.path));
             folders.iter().any(|folder| path.starts_with(folder)) && !hidden && !found.contains(path)
         };

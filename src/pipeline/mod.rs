@@ -44,6 +44,7 @@ use armwatch_method::analyse::Method;
 use armwatch_method::buffers::Buffers;
 use armwatch_method::spare_threads::SpareThreads;
 use armwatch_model::robot::Robot;
+use armwatch_model::text;
 use armwatch_store::{SourceState, Store, StoreError};
 
 impl Pipeline {
@@ -265,7 +266,7 @@ impl Pipeline {
             Err(PipelineError::Task(error)) => conclude::isolation::panic_reason(error)?,
             done => return done,
         };
-        tracing::error!(file = %path.display(), run_id = intake.run_id, "{reason}");
+        tracing::error!(file = %text::of_path(path), run_id = intake.run_id, "{reason}");
         let remedy = format!(
             "`armwatch quarantine retry {}` reads the file anew from its start; if that ends alike, report it with this \
              file",

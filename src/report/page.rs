@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use super::figure::{Figure, Level, Standing};
-use super::svg::{escaped, panel_svg, style, swatch};
+use super::svg::{panel_svg, style, swatch};
+use armwatch_model::text::xml;
 
 /// A page.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -79,13 +80,13 @@ impl Page {
     /// The page as HTML, which is well-formed XML too. It follows the reader's light or dark setting and prints on A4.
     #[must_use]
     pub fn html(&self) -> String {
-        let mut body = format!("<header>\n<h1>{}</h1>\n", escaped(&self.title));
+        let mut body = format!("<header>\n<h1>{}</h1>\n", xml(&self.title));
         if !self.subtitle.is_empty() {
-            let _ = writeln!(body, "<p class=\"soft\">{}</p>", escaped(&self.subtitle));
+            let _ = writeln!(body, "<p class=\"soft\">{}</p>", xml(&self.subtitle));
         }
         body.push_str("</header>\n<main>\n");
         for section in &self.sections {
-            let _ = writeln!(body, "<section>\n<h2>{}</h2>", escaped(&section.heading));
+            let _ = writeln!(body, "<section>\n<h2>{}</h2>", xml(&section.heading));
             section.blocks.iter().for_each(|block| write_block(&mut body, block));
             body.push_str("</section>\n");
         }
@@ -98,7 +99,7 @@ impl Figure {
     /// The picture on an HTML page that needs no other file. On narrow screens its panels stand below each other.
     #[must_use]
     pub fn html(&self) -> String {
-        let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", escaped(&self.title));
+        let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", xml(&self.title));
         write_figure(&mut body, self, &self.subtitle);
         body.push_str("</main>\n");
         document(&self.title, &body)
@@ -110,7 +111,7 @@ fn document(title: &str, body: &str) -> String {
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" \
          content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n<style>\n{PAGE_STYLE}{}</style>\n</head>\n\
          <body>\n{body}</body>\n</html>\n",
-        escaped(title),
+        xml(title),
         style()
     )
 }
@@ -118,15 +119,15 @@ fn document(title: &str, body: &str) -> String {
 fn write_block(body: &mut String, block: &Block) {
     match block {
         Block::Text(words) => {
-            let _ = writeln!(body, "<p>{}</p>", escaped(words));
+            let _ = writeln!(body, "<p>{}</p>", xml(words));
         }
         Block::Note(words) => {
-            let _ = writeln!(body, "<p class=\"soft note\">{}</p>", escaped(words));
+            let _ = writeln!(body, "<p class=\"soft note\">{}</p>", xml(words));
         }
         Block::Facts(facts) => {
             body.push_str("<dl>\n");
             for (name, words) in facts {
-                let _ = writeln!(body, "<div><dt>{}</dt><dd>{}</dd></div>", escaped(name), escaped(words));
+                let _ = writeln!(body, "<div><dt>{}</dt><dd>{}</dd></div>", xml(name), xml(words));
             }
             body.push_str("</dl>\n");
         }
@@ -134,10 +135,10 @@ fn write_block(body: &mut String, block: &Block) {
             body.push_str("<ul class=\"findings\">\n");
             for finding in findings {
                 let class = finding.standing.level.class();
-                let (title, word) = (escaped(&finding.title), escaped(&finding.standing.word));
+                let (title, word) = (xml(&finding.title), xml(&finding.standing.word));
                 let _ = writeln!(body, "<li class=\"{class}\"><strong>{title}</strong> <em>{word}</em>");
                 for words in &finding.words {
-                    let _ = writeln!(body, "<p>{}</p>", escaped(words));
+                    let _ = writeln!(body, "<p>{}</p>", xml(words));
                 }
                 body.push_str("</li>\n");
             }
@@ -149,7 +150,7 @@ fn write_block(body: &mut String, block: &Block) {
 }
 
 fn write_table(body: &mut String, table: &PageTable) {
-    let caption = escaped(&table.caption);
+    let caption = xml(&table.caption);
     let _ = writeln!(
         body,
         "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{caption}\">\n<table>\n<caption>{caption}</caption>\n\
@@ -159,17 +160,17 @@ fn write_table(body: &mut String, table: &PageTable) {
         |column: usize| table.rows.iter().any(|row| matches!(row.get(column), Some(Cell::Number(_))));
     for (column, name) in table.header.iter().enumerate() {
         let class = if is_number(column) { " class=\"number\"" } else { "" };
-        let _ = write!(body, "<th scope=\"col\"{class}>{}</th>", escaped(name));
+        let _ = write!(body, "<th scope=\"col\"{class}>{}</th>", xml(name));
     }
     body.push_str("</tr>\n</thead>\n<tbody>\n");
     for row in &table.rows {
         body.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                Cell::Words(words) => write!(body, "<td>{}</td>", escaped(words)),
-                Cell::Number(figure) => write!(body, "<td class=\"number\">{}</td>", escaped(figure)),
+                Cell::Words(words) => write!(body, "<td>{}</td>", xml(words)),
+                Cell::Number(figure) => write!(body, "<td class=\"number\">{}</td>", xml(figure)),
                 Cell::Standing(of) => {
-                    write!(body, "<td><em class=\"{}\">{}</em></td>", of.level.class(), escaped(&of.word))
+                    write!(body, "<td><em class=\"{}\">{}</em></td>", of.level.class(), xml(&of.word))
                 }
             };
         }
@@ -180,9 +181,9 @@ fn write_table(body: &mut String, table: &PageTable) {
 
 fn write_figure(body: &mut String, figure: &Figure, words: &str) {
     let across = if figure.across() > 1 { "" } else { " wide" };
-    let _ = writeln!(body, "<figure>\n<figcaption><strong>{}</strong>", escaped(&figure.title));
+    let _ = writeln!(body, "<figure>\n<figcaption><strong>{}</strong>", xml(&figure.title));
     if !words.is_empty() {
-        let _ = writeln!(body, "<p class=\"soft\">{}</p>", escaped(words));
+        let _ = writeln!(body, "<p class=\"soft\">{}</p>", xml(words));
     }
     if !figure.legend.is_empty() {
         body.push_str("<ul class=\"legend\">\n");
@@ -191,7 +192,7 @@ fn write_figure(body: &mut String, figure: &Figure, words: &str) {
                 body,
                 "<li><svg class=\"plot\" width=\"30\" height=\"16\" viewBox=\"-2 -8 30 16\" aria-hidden=\"true\">{}</svg>{}</li>",
                 swatch(key.look).trim_end(),
-                escaped(&key.label)
+                xml(&key.label)
             );
         }
         body.push_str("</ul>\n");

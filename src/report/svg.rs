@@ -12,9 +12,9 @@ use self::look::legend;
 pub(super) use self::look::{style, swatch};
 use self::panel::draw_panel;
 use self::sizes::{ABOVE, STRIP_GAP, STRIP_HEIGHT, WIDTH};
-pub(super) use self::words::escaped;
 use self::words::{lines_of, squeezed, text};
 use super::figure::{Figure, Panel};
+use armwatch_model::text::xml;
 
 /// Height of a panel's plotting area, px.
 const PLOT_HEIGHT: f64 = 210.0;
@@ -57,12 +57,11 @@ fn document(figure: &Figure) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height:.0}\" width=\"{WIDTH}\" \
          height=\"{height:.0}\" style=\"max-width: 100%; height: auto\" class=\"plot\" role=\"img\">\n\
          <title>{}</title>\n<style>\n{}</style>\n<rect class=\"page\" width=\"100%\" height=\"100%\"/>\n",
-        escaped(&figure.title),
+        xml(&figure.title),
         style(),
     );
     let squeeze = squeezed(&figure.title, 1.35);
-    let _ =
-        writeln!(svg, "<text class=\"title\" x=\"16\" y=\"27\"{squeeze}>{}</text>", escaped(&figure.title));
+    let _ = writeln!(svg, "<text class=\"title\" x=\"16\" y=\"27\"{squeeze}>{}</text>", xml(&figure.title));
     for (i, line) in subtitle.iter().enumerate() {
         text(&mut svg, 16.0, HEAD + 12.0 + SUBTITLE_LINE * i as f64, "soft", line);
     }
@@ -88,7 +87,7 @@ pub(super) fn panel_svg(figure: &Figure, panel: &Panel) -> String {
     let height = panel_height(figure, panel);
     let mut svg = format!(
         "<svg viewBox=\"0 0 {width:.0} {height:.0}\" class=\"plot\" role=\"img\" aria-label=\"{}\">\n",
-        escaped(&format!("{}; {}: {}", figure.title, panel.title, panel.y_label)),
+        xml(&format!("{}; {}: {}", figure.title, panel.title, panel.y_label)),
     );
     draw_panel(&mut svg, panel, width, plot_height(figure));
     svg.push_str("</svg>\n");

@@ -18,6 +18,7 @@ use prometheus_client::registry::Registry;
 use super::answer::Refusal;
 use super::shared::Shared;
 use crate::metrics::Metrics;
+use armwatch_model::text;
 use armwatch_store::{Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError};
 
 /// States of an anomaly that is not settled.
@@ -237,6 +238,7 @@ fn gauges<'a, const N: usize, V: EncodeGaugeValue>(
     if samples.peek().is_some() {
         let mut family = to.encode_descriptor(name, help, None, MetricType::Gauge)?;
         for (labels, value) in samples {
+            let labels = labels.map(|(name, value)| (name, text::distinct(value).into_owned()));
             family.encode_family(&labels)?.encode_gauge(&value)?;
         }
     }
@@ -256,7 +258,7 @@ mod tests {
             health: Vec::new(),
             to_conclude: 0,
             anomalies: BTreeMap::new(),
-            quarantined: vec![("a\"b\\c\nd".into(), 3)],
+            quarantined: vec![("a\"b\\c".into(), 3), ("d\n\u{1b}[2J\u{202e}".into(), 4)],
             routes: vec![RouteCounts {
                 route: "shift".into(),
                 pending: 2,
@@ -270,7 +272,8 @@ mod tests {
         };
         let text = written(&process, Some(stored)).unwrap();
         for line in [
-            "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\\nd\"} 3",
+            "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\"} 3",
+            "armwatch_robot_quarantined_exports{robot=\"d\\\\u{a}\\\\u{1b}[2J\\\\u{202e}\"} 4",
             "armwatch_deliveries{route=\"shift\",state=\"failed\"} 1",
             "armwatch_delivery_route_failures{route=\"shift\"} 4",
             "armwatch_delivery_oldest_due_timestamp_seconds{route=\"shift\"} 1767602820.0",

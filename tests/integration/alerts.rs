@@ -102,10 +102,12 @@ fn people_list_show_and_settle_an_alarm_and_it_keeps_its_number() {
     assert!(past.contains("has passed"), "{past}");
     let neither = refused(&workshop, &["alerts", "shelve", id]);
     assert!(neither.contains("--until <TIME>") && neither.contains("--days <N>"), "{neither}");
-    let shelved =
-        json(&workshop.stdout(&["alerts", "shelve", id, "--until", "2090-01-01T06:00", "--json"], 0));
-    assert_eq!(shelved["shelved_until"].as_str(), Some("2090-01-01T06:00:00.000Z"));
-    assert!(workshop.stdout(&["alerts", "list"], 0).contains("shelved until 2090-01-01 06:00Z"));
+    let day = jiff::Timestamp::now() + jiff::SignedDuration::from_hours(24 * 30);
+    let day = day.strftime("%Y-%m-%d").to_string();
+    let until = format!("{day}T06:00");
+    let shelved = json(&workshop.stdout(&["alerts", "shelve", id, "--until", &until, "--json"], 0));
+    assert_eq!(shelved["shelved_until"].as_str(), Some(format!("{day}T06:00:00.000Z").as_str()));
+    assert!(workshop.stdout(&["alerts", "list"], 0).contains(&format!("shelved until {day} 06:00Z")));
 
     workshop.stdout(&["alerts", "false-alarm", id, "--why", "other gripper"], 0);
     let twice = refused(&workshop, &["alerts", "false-alarm", id]);

@@ -35,6 +35,7 @@ mod grafana;
 mod faults;
 mod quarantine;
 mod friction_only;
+mod hostile_text;
 mod fuzz_seeds;
 mod layouts;
 mod maintenance;

@@ -165,7 +165,9 @@ fn an_alarm_has_the_same_life_on_both_engines() {
     let id = first["anomaly_id"].to_string();
     let by = ["--by", "mueller", "--why", "seen"];
     both.stdout(&[&["alerts", "ack", &id][..], &by].concat(), 0);
-    both.stdout(&[&["alerts", "shelve", &id, "--until", "2090-01-01"][..], &by].concat(), 0);
+    let day = jiff::Timestamp::now() + jiff::SignedDuration::from_hours(24 * 30);
+    let day = day.strftime("%Y-%m-%d").to_string();
+    both.stdout(&[&["alerts", "shelve", &id, "--until", &day][..], &by].concat(), 0);
     both.dump("shelved");
     both.stdout(&[&["alerts", "false-alarm", &id][..], &by].concat(), 0);
     both.stdout(

@@ -82,7 +82,7 @@ fn figure(printed: &str, name: &str) -> f64 {
 }
 
 /// The self-checks of all languages agree with the vectors.
-fn assert_agrees(folder: &Path) {
+pub fn assert_agrees(folder: &Path) {
     for language in Language::ALL {
         let Some((status, printed)) = self_check(folder, language) else { continue };
         assert_eq!(status, Some(0), "{language:?}: {printed}");

@@ -3,6 +3,8 @@
 use std::path::Path;
 use std::{fmt, io};
 
+use armwatch_model::text;
+
 /// Longest value shown in a message, in characters; a damaged line may hold megabytes.
 const SHOWN_VALUE_CHARS: usize = 60;
 
@@ -137,7 +139,7 @@ impl Rejection {
 
 impl fmt::Display for Rejection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.path.display())?;
+        write!(f, "{}", text::of_path(&self.path))?;
         let places = self.places();
         if !places.is_empty() {
             write!(f, ", {places}")?;

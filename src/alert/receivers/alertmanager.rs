@@ -12,7 +12,7 @@ use serde_json::Value;
 use super::labels;
 use super::webhook::check_login;
 use crate::alert::http::HttpClient;
-use crate::alert::message::Message;
+use crate::alert::message::{Message, json_text};
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::tls;
 use armwatch_config::AlertmanagerSettings;
@@ -42,7 +42,7 @@ impl Alertmanager {
     }
 
     async fn post(&self, message: &Message) -> Result<(), SendError> {
-        let body = alerts(message, Timestamp::now()).to_string();
+        let body = json_text(&alerts(message, Timestamp::now()));
         self.http.post(&self.url, &[("idempotency-key", message.key.clone())], body).await
     }
 }

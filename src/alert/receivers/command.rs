@@ -43,7 +43,7 @@ impl CommandReceiver {
             .spawn()
             .map_err(failed)?;
         let (stdin, stderr) = (child.stdin.take(), child.stderr.take());
-        let text = message.json().to_string() + "\n";
+        let text = message.json_text() + "\n";
         let writing = async {
             if let Some(mut stdin) = stdin {
                 // a program may do without the message, as one that only rings a bell

@@ -4,6 +4,7 @@ use jiff::Timestamp;
 use serde_json::{Map, Value, json};
 
 use crate::alert::message::{Alarm, Message, Origin};
+use armwatch_model::text;
 
 /// Name of all alarms of this program, by which Alertmanager's routes find them.
 const ALERT_NAME: &str = "RobotArmAlarm";
@@ -18,7 +19,7 @@ pub(super) fn labels(alarm: &Alarm, origin: &Origin, kind: &str, severity: &str)
     };
     label("alertname", Some(ALERT_NAME.into()));
     label("alarm", Some(origin.anomaly(event.anomaly_id)));
-    label("robot", Some(event.robot.clone()));
+    label("robot", Some(text::distinct(&event.robot).into_owned()));
     label("joint", event.joint.map(|joint| joint.to_string()));
     label("kind", Some(kind.into()));
     label("severity", Some(severity.into()));
@@ -37,7 +38,7 @@ pub(super) fn annotations(alarm: &Alarm, message: &Message) -> Value {
     for (name, value) in told {
         let text = match value {
             Value::Null => continue,
-            Value::String(text) => text,
+            Value::String(text) => text::shown(&text).into_owned(),
             other => other.to_string(),
         };
         if !in_labels.contains(&name.as_str()) {

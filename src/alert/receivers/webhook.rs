@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::labels;
 use crate::alert::http::HttpClient;
-use crate::alert::message::{Alarm, Message};
+use crate::alert::message::{Alarm, Message, json_text};
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
 use armwatch_config::{Address, HttpLogin, Secret, WebhookSettings};
@@ -56,7 +56,7 @@ impl Webhook {
             Address::Plain(url) => url.clone(),
             Address::Secret(place) => secret::read(place).map_err(SendError::unreached)?,
         };
-        let body = payload(message).to_string();
+        let body = json_text(&payload(message));
         let mut headers = vec![("webhook-id", message.key.clone()), ("idempotency-key", message.key.clone())];
         if let Some(place) = &self.signing_secret {
             let secret = secret::read(place).map_err(SendError::unreached)?;

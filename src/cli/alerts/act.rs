@@ -59,10 +59,13 @@ pub(super) async fn act(
         Err(NotDone::Unknown(id)) => {
             return Err(CliError::Usage(words::unknown(id, &store.anomalies_after(0).await?)));
         }
+        Err(reason @ NotDone::TooLong(_)) => {
+            return Err(CliError::Usage(format!("{reason}{}", others(&ids))));
+        }
         Err(reason @ NotDone::NotFrom { anomaly_id, .. }) => {
-            let others = if ids.len() > 1 { "; the others were left as they are too" } else { "" };
             return Err(CliError::Usage(format!(
-                "{reason}{others}; `armwatch alerts show {anomaly_id}` says who did it and when"
+                "{reason}{}; `armwatch alerts show {anomaly_id}` says who did it and when",
+                others(&ids)
             )));
         }
     }
@@ -84,4 +87,9 @@ pub(super) async fn act(
         }
     }
     Ok(EXIT_DONE)
+}
+
+/// What is said of the others where one of several anomalies is refused.
+fn others(ids: &[i64]) -> &'static str {
+    if ids.len() > 1 { "; the others were left as they are too" } else { "" }
 }

@@ -65,8 +65,9 @@ Examples:
   armwatch alerts shelve 4 --until 2099-01-07 --why \"works holidays\"
   armwatch alerts shelve 4 --until 2099-01-07T06:00
 
-Shelving ends at that time, or before if the severity rises. The anomaly is open then. Dates begin at midnight UTC; times
-are UTC too, unless they have an offset, as 2099-01-07T06:00:00+02:00 has.")]
+Shelving ends at that time, or before if the severity rises. The anomaly is open then. A critical one is shelved for 90
+days at most. Dates begin at midnight UTC; times are UTC too, unless they have an offset, as 2099-01-07T06:00:00+02:00
+has.")]
     Shelve(ShelveArgs),
     /// Say that the cause is gone
     #[command(after_help = "\

@@ -13,6 +13,7 @@ use armwatch_model::anomaly::AnomalyKind;
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
 use armwatch_model::anomaly::odds::odds_in_words;
 use armwatch_model::robot::JointIndex;
+use armwatch_model::text;
 use armwatch_store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store, time_in_views};
 
 /// Tests that are printed; a picture and JSON have all.
@@ -46,8 +47,8 @@ pub(super) async fn show(
     }
     facts(&row).iter().for_each(|fact| output::line(fact));
     forecast.iter().for_each(|forecast| output::line(&forecast_text(forecast)));
-    output::line(&format!("\n{}", tests_text(&row, &tests)));
-    output::line(&format!("\n{}", history_text(&history)));
+    output::block(&format!("\n{}", tests_text(&row, &tests)));
+    output::block(&format!("\n{}", history_text(&history)));
     Ok(EXIT_DONE)
 }
 
@@ -147,7 +148,7 @@ fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {
 /// The latest tests; of an anomaly of the whole arm, the RMSD of each joint.
 fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     if tests.is_empty() {
-        return format!("no complete test of {} has figures of it", row.robot);
+        return format!("no complete test of {} has figures of it", text::shown(&row.robot));
     }
     let by_run: Vec<&[SeriesRun]> = tests.chunk_by(|a, b| a.run_id == b.run_id).collect();
     let shown = &by_run[by_run.len().saturating_sub(TESTS_SHOWN)..];
@@ -184,7 +185,7 @@ fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     let rows: Vec<Vec<String>> = shown.iter().map(cells).collect();
     let earlier = by_run.len() - shown.len();
     let earlier = if earlier > 0 { format!("; {earlier} earlier ones are left out") } else { String::new() };
-    let mut text = format!("tests, {} (* from first to last seen{earlier})\n", place(row));
+    let mut text = format!("tests, {} (* from first to last seen{earlier})\n", text::shown(&place(row)));
     text.push_str(&output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows));
     if row.quantity.starts_with("production") {
         text.push_str(&format!(

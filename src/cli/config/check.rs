@@ -26,7 +26,7 @@ pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
                     "settings": settings.lines().collect::<Vec<_>>(),
                 }));
             } else {
-                output::line(&format!("{origin}: no problems\n\n{}", summary(&config)));
+                output::block(&format!("{origin}: no problems\n\n{}", summary(&config)));
                 remarks.into_iter().for_each(|remark| output::line(&format!("warning: {remark}")));
             }
             Ok(EXIT_DONE)

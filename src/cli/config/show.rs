@@ -16,7 +16,7 @@ pub(in crate::cli) fn show(global: &Global) -> Result<u8, CliError> {
         let settings: Vec<&str> = summary.lines().collect();
         output::json(&json!({"origin": origin.to_string(), "settings": settings}));
     } else {
-        output::line(&format!("from {origin}\n\n{summary}"));
+        output::block(&format!("from {origin}\n\n{summary}"));
     }
     Ok(EXIT_DONE)
 }

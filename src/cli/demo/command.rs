@@ -31,6 +31,7 @@ use crate::serve::{self, ServeError, Server};
 use armwatch_config::{Config, ServeSettings};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{RunKind, RunStatus};
+use armwatch_model::text;
 use armwatch_store::{Store, StoreError};
 
 /// Where the dashboard listens, unless another program does.
@@ -337,7 +338,7 @@ impl Demo {
     }
 
     fn show_outcome(&self, path: &Path, outcome: &Outcome) {
-        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let name = text::of_file_name(path);
         match outcome {
             Outcome::Stored(run) => {
                 let of_test = |(arm, test): &&(Arm, u32)| {
@@ -407,13 +408,12 @@ impl Demo {
         let style = Style::new().bold().fg_color(Some(AnsiColor::Yellow.into()));
         let word = output::styled(if alarm.is_alarm() { "ALARM " } else { "noted " }, style);
         output::line(&format!(
-            "{word}  {day}  {:7} {} of {}: {place}\n        {}: {}",
+            "{word}  {day}  {:7} {} of {}: {place}",
             alarm.robot,
             alarm.kind,
-            alarm.joint.map_or_else(|| "the arm".into(), |joint| format!("joint {joint}")),
-            alarm.severity,
-            alarm.message
+            alarm.joint.map_or_else(|| "the arm".into(), |joint| format!("joint {joint}"))
         ));
+        output::line(&format!("        {}: {}", alarm.severity, alarm.message));
     }
 
     /// The comparison, and how to go on.
@@ -435,8 +435,9 @@ impl Demo {
             false => format!(" --db {}", self.database.display()),
         };
         let megabytes = |path: &Path| bytes_below(path).div_ceil(1_000_000);
+        output::line("");
         output::line(&format!(
-            "\n{} stays, {} MB: {} MB of exports in inbox/, what was simulated in truth/, the database armwatch.db",
+            "{} stays, {} MB: {} MB of exports in inbox/, what was simulated in truth/, the database armwatch.db",
             self.folder.display(),
             megabytes(&self.folder),
             megabytes(&self.folder.join("inbox"))
@@ -460,8 +461,9 @@ impl Demo {
         if self.as_json {
             output::json(&json!({"event": "stopped", "stored": stored, "tests": self.tests.len()}));
         } else {
+            output::line("");
             output::line(&format!(
-                "\nstopped: {stored} of {} tests are stored; the others were not made or not taken",
+                "stopped: {stored} of {} tests are stored; the others were not made or not taken",
                 self.tests.len()
             ));
         }

@@ -119,7 +119,7 @@ impl Verdict {
         let header =
             ["robot", "joint", "planted", "from test", "found", "joint", "severity", "test", "tests later"];
         let rows: Vec<Vec<String>> = self.answers.iter().map(Answer::cells).collect();
-        output::line(&format!("\n{}\n", output::table(&header, &rows)));
+        output::block(&format!("\n{}\n", output::table(&header, &rows)));
         for answer in self.answers.iter().filter(|answer| !answer.is_right()) {
             output::line(&answer.excuse());
         }

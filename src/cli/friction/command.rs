@@ -21,6 +21,7 @@ use crate::report::friction::{
 use armwatch_method::analyse_run::warm_up_fits;
 use armwatch_method::friction::warm_up::warm_up_torque;
 use armwatch_model::analysis::{Decay, Estimate, FrictionPoint, WarmUpFit};
+use armwatch_model::text;
 use armwatch_store::{RunRow, Store};
 
 #[derive(Debug, Args)]
@@ -149,7 +150,7 @@ pub(in crate::cli) fn friction(global: &Global, args: &FrictionArgs) -> Result<u
     if global.json {
         levels(&bare).into_iter().for_each(|level| output::json(&as_value(level, &points, &fits)));
     } else {
-        output::line(&as_text(&names, &bare, &fits));
+        output::block(&as_text(&names, &bare, &fits));
     }
     Ok(EXIT_DONE)
 }
@@ -297,7 +298,7 @@ fn as_text(names: &str, points: &[FrictionPoint], fits: &[WarmUpFit]) -> String 
     };
     let header = ["joint", "speed", "points", "model", "a_nm", "b_nm", "t1_min", "c_nm", "t2_min", "rmsd_nm"];
     let rows: Vec<Vec<String>> = levels(points).into_iter().map(row).collect();
-    format!("friction over time: {names}\n{}", output::table(&header, &rows))
+    format!("friction over time: {}\n{}", text::shown(names), output::table(&header, &rows))
 }
 
 fn figure(

@@ -9,6 +9,7 @@ use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
 use armwatch_method::statistics::descriptive::standard_deviation;
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_method::statistics::whiteness::{LARGEST_LAG, MIN_VALUES, Whiteness, common_lag_1, whiteness};
+use armwatch_model::text;
 use armwatch_store::{IndexRow, ThermalSourceRow, time_in_views};
 
 /// Indices of one joint of one robot, oldest run first.
@@ -87,7 +88,7 @@ pub(in crate::cli) fn print(series: &[JointIndexSeries], json: bool) {
         return;
     }
     for of_robot in series.chunk_by(|a, b| a.robot == b.robot) {
-        output::line(&robot_text(of_robot));
+        output::block(&robot_text(of_robot));
     }
     let verdict = together.map_or_else(
         || format!("memory from run to run: not told, no joint has {MIN_VALUES} runs with an index"),
@@ -123,7 +124,7 @@ pub(in crate::cli) fn figure(series: &[JointIndexSeries], limits: IndexLimits, n
 }
 
 fn robot_text(series: &[JointIndexSeries]) -> String {
-    let mut lines = vec![format!("friction index of {}", series[0].robot)];
+    let mut lines = vec![format!("friction index of {}", text::shown(&series[0].robot))];
     let half = normal_quantile(0.975);
     let cells = |of_joint: &JointIndexSeries, row: &IndexRow| {
         let (low, high) =

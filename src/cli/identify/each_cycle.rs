@@ -14,6 +14,7 @@ use crate::cli::shared::selection::note_passed_over;
 use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::{Choice, reestimate};
 use armwatch_model::robot::ParameterId;
+use armwatch_model::text;
 use armwatch_store::{
     CycleView, ModelParameter, Reestimate, ReestimatedCycle, ReestimatedStatistics, RunRow, Store,
 };
@@ -40,7 +41,7 @@ pub(in crate::cli) async fn each_cycle(
     if global.json {
         print_json(&found, &parameters);
     } else {
-        output::line(&as_text(&found));
+        output::block(&as_text(&found));
         if let Some(name) = &args.save {
             output::print_hint(&format!("saved as {name}"));
         }
@@ -76,7 +77,7 @@ fn as_text(found: &Reestimate) -> String {
         rows.extend(cycle.views.iter().flat_map(|view| cycle_rows(cycle, view)));
         if let Some(reason) = &cycle.reason {
             let of = &cycle.source;
-            reasons.push_str(&format!("run {} cycle {}: {reason}\n", of.run_id, of.cycle));
+            reasons.push_str(&format!("run {} cycle {}: {}\n", of.run_id, of.cycle, text::shown(reason)));
         }
     }
     let statistics: Vec<Vec<String>> = found.statistics.iter().map(statistics_row).collect();

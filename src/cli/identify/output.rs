@@ -33,7 +33,7 @@ pub(in crate::cli) fn print(report: &Report<'_>, as_json: bool) {
     if as_json {
         output::json(&report.as_value());
     } else {
-        output::line(&report.as_text());
+        output::block(&report.as_text());
     }
 }
 

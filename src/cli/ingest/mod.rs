@@ -27,6 +27,7 @@ use crate::pipeline::look::replay;
 use armwatch_ingest::find::watch;
 use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::run::RunStatus;
+use armwatch_model::text;
 use armwatch_store::{EventKind, RunResult, SessionKind, StoreError};
 
 #[derive(Debug, Args)]
@@ -345,7 +346,7 @@ fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
         if scan.files.is_empty() {
             output::print_hint(&format!(
                 "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst)",
-                path.display()
+                text::of_path(path)
             ));
         }
         exports.extend(scan.files.into_iter().map(|file| file.path));

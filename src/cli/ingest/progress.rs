@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 
 use super::words::lasting;
-use crate::cli::shared::output;
 use crate::pipeline::context::{Outcome, Progress};
+use armwatch_model::text;
 
 /// Cycles of an export that are read and not stored yet: one is read, two are analysed, one waits.
 const IN_FLIGHT: u32 = 4;
@@ -110,8 +110,7 @@ impl ProgressLine {
         work.begin(bytes_of(path));
         work.at += 1;
         // a terminal would obey what stands in it
-        work.name =
-            path.file_name().map(|name| output::on_one_line(&name.to_string_lossy())).unwrap_or_default();
+        work.name = text::shown(&text::of_file_name(path)).into_owned();
         self.bar.set_prefix(format!("file {}/{}", work.at, self.files));
         self.show(&work);
     }

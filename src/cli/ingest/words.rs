@@ -9,6 +9,7 @@ use crate::cli::shared::output;
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::Outcome;
 use armwatch_model::robot::JointIndex;
+use armwatch_model::text;
 use armwatch_store::{EventKind, RunResult};
 
 /// `34 s`, `2 min 5 s`, `1 h 12 min`.
@@ -22,12 +23,10 @@ pub(super) fn lasting(time: Duration) -> String {
 
 /// What is said of an export that another program takes at the same time, when it is left to that.
 pub(super) fn elsewhere(path: &Path) -> String {
-    format!("{}: another program takes it at the same time; it is looked at again at the end", shown(path))
-}
-
-/// The name of a file on one line.
-fn shown(path: &Path) -> String {
-    output::on_one_line(&path.display().to_string())
+    format!(
+        "{}: another program takes it at the same time; it is looked at again at the end",
+        text::of_path(path)
+    )
 }
 
 /// Prints what became of an export: `known_robot` is that of a run that was stored before, `empty` what there is to say of
@@ -50,6 +49,12 @@ pub(super) fn print(
     let text = as_text(path, outcome, known_robot);
     let (said, rest) = text.split_once(' ').unwrap_or((&text, ""));
     output::line(&format!("{} {rest}", output::coloured(said)));
+    if let Outcome::Stored(run) = outcome {
+        // what is wrong with a channel is mostly wrong in every cycle
+        for (cycles, reason) in run.refusals() {
+            output::line(&format!("             {cycles} without parameters: {reason}"));
+        }
+    }
     if let Some(result) = empty {
         output::line(&format!("             {}", no_result(result, matches!(outcome, Outcome::Stored(_)))));
     }
@@ -93,22 +98,15 @@ pub(super) fn print_conclusions(concluded: &Concluded, as_json: bool) {
 }
 
 fn as_text(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> String {
-    let file = shown(path);
+    let file = text::of_path(path);
     match outcome {
-        Outcome::Stored(run) => {
-            let mut text = format!(
-                "stored       {file}: robot {}, run {}, {}, {} rows",
-                run.robot,
-                run.run_id,
-                output::counted(run.cycles, "cycle"),
-                run.rows
-            );
-            // what is wrong with a channel is mostly wrong in every cycle
-            for (cycles, reason) in run.refusals() {
-                text.push_str(&format!("\n             {cycles} without parameters: {reason}"));
-            }
-            text
-        }
+        Outcome::Stored(run) => format!(
+            "stored       {file}: robot {}, run {}, {}, {} rows",
+            run.robot,
+            run.run_id,
+            output::counted(run.cycles, "cycle"),
+            run.rows
+        ),
         Outcome::AlreadyStored { run_id } => {
             let robot = known_robot.map(|robot| format!(" of robot {robot}")).unwrap_or_default();
             format!("known        {file}: stored as run {run_id}{robot}")
@@ -134,7 +132,7 @@ fn as_text(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> String 
 }
 
 fn as_value(path: &Path, outcome: &Outcome, known_robot: Option<&str>) -> serde_json::Value {
-    let file = path.display().to_string();
+    let file = text::of_path(path);
     match outcome {
         Outcome::Stored(run) => json!({
             "file": file, "outcome": "stored", "run_id": run.run_id, "robot": run.robot,

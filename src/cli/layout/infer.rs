@@ -95,7 +95,7 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     } else if let Some(output) = &args.output {
         output::print_hint(&format!("wrote {}", output.display()));
     } else {
-        output::line(proposed.toml.trim_end());
+        output::block(proposed.toml.trim_end());
     }
     if proposed.questions > 0 {
         let s = if proposed.questions == 1 { "" } else { "s" };

@@ -21,6 +21,7 @@ use crate::pipeline::context::Pipeline;
 use armwatch_config::Config;
 use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use armwatch_model::run::RunStatus;
+use armwatch_model::text;
 use armwatch_store::{FaultState, QuarantineRow, Store};
 
 /// Time between two looks at what the daemon has made of an export.
@@ -182,7 +183,7 @@ async fn explain(global: &Global, config: &Config, store: &Store, which: &str) -
     if global.json {
         output::json(&story.as_value());
     } else {
-        output::line(&story.as_text());
+        output::block(&story.as_text());
     }
     Ok(EXIT_DONE)
 }
@@ -389,7 +390,7 @@ impl Retries<'_> {
     }
 
     fn say(&self, path: &Path, run_id: i64, outcome: &str, text: &str) {
-        let file = path.display().to_string();
+        let file = text::of_path(path);
         if self.global.json {
             output::json(&json!({"file": file, "run_id": run_id, "outcome": outcome, "reason": text}));
         } else {

@@ -1,12 +1,13 @@
 //! What is told of a quarantined export, in words and as JSON.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use armwatch_ingest::excerpt::{Excerpt, excerpt};
+use armwatch_model::text;
 use armwatch_store::{Dismissal, FaultState, QuarantineRow, time_in_views};
 
 /// Where the bytes of a quarantined run lie now.
@@ -57,10 +58,11 @@ impl<'a> FaultReport<'a> {
     /// For people.
     pub fn as_text(&self) -> String {
         let fault = self.latest;
-        let mut out = format!("run {}, robot {}, {}\n", fault.run_id, fault.robot, outcome(fault));
+        let head = format!("run {}, robot {}, {}", fault.run_id, fault.robot, outcome(fault));
+        let mut out = format!("{}\n", text::shown(&head));
         let mut line = |name: &str, value: &str| {
             // writing to a string cannot fail
-            let _ = writeln!(out, "{name:<10} {value}");
+            let _ = writeln!(out, "{name:<10} {}", text::shown(value));
         };
         line("file", &fault.source_path);
         line("since", &minute(fault.first_at));
@@ -174,7 +176,6 @@ pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
     if !matches!(fault.state, FaultState::Open | FaultState::Dismissed | FaultState::Earlier) {
         return format!("nothing to do: {}", outcome(fault));
     }
-    let path = |path: &Path| path.display().to_string();
     match place {
         ExportState::At(_) if fault.cycles_stored > 0 => format!(
             "reads it from its start as run {}; the {} stored cycles are replaced",
@@ -182,13 +183,15 @@ pub fn what_retry_does(fault: &QuarantineRow, place: &ExportState) -> String {
         ),
         ExportState::At(_) => format!("reads it as run {} again", fault.run_id),
         ExportState::Unreadable(at, error) => {
-            format!("reads {} if it can be read by then; now: {error}", path(at))
+            format!("reads {} if it can be read by then; now: {error}", text::of_path(at))
         }
         ExportState::Changed(at) => format!(
             "cannot: {} holds another content now, which is a run of its own; the faulty bytes are gone",
-            path(at)
+            text::of_path(at)
         ),
-        ExportState::Gone(at) => format!("cannot: {} is not there any more; export it again", path(at)),
+        ExportState::Gone(at) => {
+            format!("cannot: {} is not there any more; export it again", text::of_path(at))
+        }
     }
 }
 
@@ -229,7 +232,7 @@ fn window(line: &str, from: usize) -> String {
         .chars()
         .skip(from)
         .take(SHOWN_CHARACTERS)
-        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
+        .map(|c| if text::is_hidden(c) { '\u{fffd}' } else { c })
         .collect();
     let rest = line.chars().count() > from + SHOWN_CHARACTERS;
     format!("{}{shown}{}", dots(from > 0), dots(rest))

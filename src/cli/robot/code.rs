@@ -148,7 +148,7 @@ pub(in crate::cli) fn code(global: &Global, args: &RobotCodeArgs) -> Result<u8, 
     if global.json {
         output::json(&as_value(&model, &code, difference, args, &files));
     } else {
-        output::line(&as_text(&model, &code, difference));
+        output::block(&as_text(&model, &code, difference));
         files.iter().for_each(|file| {
             output::print_hint(&format!("wrote {}", args.output.join(&file.name).display()));
         });

@@ -79,7 +79,7 @@ async fn from_store(
     if global.json {
         output::json(&as_value(entry, &gains));
     } else {
-        output::line(&as_text(entry, &gains));
+        output::block(&as_text(entry, &gains));
     }
     Ok(if gains.iter().any(|gain| gain.estimate.is_ok()) { EXIT_DONE } else { EXIT_FOUND })
 }

@@ -86,7 +86,7 @@ pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, 
     if global.json {
         output::json(&as_value(&fitted, args));
     } else {
-        output::line(&as_text(&fitted));
+        output::block(&as_text(&fitted));
     }
     Ok(EXIT_DONE)
 }

@@ -1,8 +1,9 @@
 //! The one place that prints: results on standard output, words on standard error.
 //!
-//! Lines for people show control characters, as they may stand in the name of a file, as `\u{1b}`: a terminal would obey
-//! them. What programs read, CSV and JSON, is printed as it is.
+//! Lines for people show hidden characters ([`text::is_hidden`]), as they may stand in the name of a file, as `\u{1b}`: a
+//! terminal would obey them. JSON has them as `\u001b`. CSV is printed as it is, except on a terminal.
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, Write};
 use std::sync::OnceLock;
@@ -11,24 +12,36 @@ use anstream::adapter::strip_str;
 use anstream::{AutoStream, ColorChoice};
 use anstyle::{AnsiColor, Style};
 
+use armwatch_model::text;
+
 /// Why results could not be printed, the first time that happened.
 static FAILED: OnceLock<String> = OnceLock::new();
 
 /// Prints a line of results for people. A reader that went away, as in `armwatch ... | head`, is not an error; of any
 /// other failure [`failure`] tells at the end.
 pub fn line(text: &str) {
-    data(&for_people(text));
+    note(writeln!(std::io::stdout().lock(), "{}", in_colour(&on_one_line(text))));
+}
+
+/// Prints several lines of results for people, such as a [`table`]. Text from outside must have passed [`text::shown`], since
+/// its line feeds would begin lines here.
+pub fn block(text: &str) {
+    text.split('\n').for_each(line);
 }
 
 /// Prints results for programs as they are, with the end of a line.
 pub fn data(text: &str) {
-    note(writeln!(std::io::stdout().lock(), "{text}"));
+    lines(std::iter::once(text.to_owned()));
 }
 
-/// Prints lines of results for programs as they come; ends where they cannot be printed.
+/// Prints lines of results for programs as they come; ends where they cannot be printed. On a terminal, hidden characters
+/// are shown.
 pub fn lines(lines: impl Iterator<Item = String>) {
-    let mut stdout = std::io::BufWriter::new(std::io::stdout().lock());
+    let stdout = std::io::stdout();
+    let is_for_people = stdout.is_terminal();
+    let mut stdout = std::io::BufWriter::new(stdout.lock());
     for line in lines {
+        let line = if is_for_people { text::shown_lines(&line) } else { Cow::Borrowed(line.as_str()) };
         if let Err(error) = writeln!(stdout, "{line}") {
             return note(Err(error));
         }
@@ -68,20 +81,12 @@ fn in_style(text: &str, style: Style) -> String {
     format!("{}{text}{}", marked(style.to_string()), marked(format!("{style:#}")))
 }
 
-/// A text as people see it: styles of this program, ends of lines and tabulators as they are, other control characters
-/// such that a terminal shows them.
-fn for_people(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
-    for (at, character) in text.char_indices() {
-        match character {
-            '\n' | '\t' => shown.push(character),
-            STYLE if is_style(&text[at + STYLE.len_utf8()..]) => shown.push(ESCAPE),
-            STYLE => shown.extend(STYLE.escape_unicode()),
-            _ if character.is_control() => shown.extend(character.escape_debug()),
-            _ => shown.push(character),
-        }
+/// A text with the styles of this program as a terminal takes them.
+fn in_colour(shown: &str) -> Cow<'_, str> {
+    match shown.contains(STYLE) {
+        true => shown.replace(STYLE, ESCAPE.encode_utf8(&mut [0; 4])).into(),
+        false => shown.into(),
     }
-    shown
 }
 
 /// Whether a text goes on as the code of a colour does, behind its escape character: `[31m`.
@@ -90,15 +95,23 @@ fn is_style(rest: &str) -> bool {
     numbers.is_some_and(|(numbers, _)| numbers.bytes().all(|byte| byte.is_ascii_digit() || byte == b';'))
 }
 
-/// A text on one line for people, as the name of a file: all its control characters are shown.
-pub fn on_one_line(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut shown, character| {
-        match character.is_control() {
-            true => shown.extend(character.escape_debug()),
-            false => shown.push(character),
+/// A text on one line for people: styles of this program as they are, other hidden characters shown.
+fn on_one_line(text: &str) -> Cow<'_, str> {
+    let mut parts = text.split(STYLE);
+    let first = text::shown(parts.next().unwrap_or_default());
+    let mut rest = parts.peekable();
+    if rest.peek().is_none() {
+        return first;
+    }
+    let mut shown = first.into_owned();
+    for part in rest {
+        match is_style(part) {
+            true => shown.push(STYLE),
+            false => shown.extend(STYLE.escape_unicode()),
         }
-        shown
-    })
+        shown.push_str(&text::shown(part));
+    }
+    shown.into()
 }
 
 /// A word for a severity, a status or an outcome in its colour; other words as they are.
@@ -127,7 +140,7 @@ pub fn padded(text: &str, width: usize) -> String {
 }
 
 fn shown_width(text: &str) -> usize {
-    strip_str(&for_people(text)).to_string().chars().count()
+    strip_str(&in_colour(&on_one_line(text))).to_string().chars().count()
 }
 
 /// A count with its noun, which is in the plural unless the count is one.
@@ -138,7 +151,7 @@ pub fn counted<N: Display + PartialEq + From<u8>>(count: N, noun: &str) -> Strin
 
 /// Prints a line of words.
 pub fn print_hint(text: &str) {
-    let _ = writeln!(std::io::stderr().lock(), "{}", for_people(text));
+    let _ = writeln!(std::io::stderr().lock(), "{}", text::shown(text));
 }
 
 /// Prints an error.
@@ -148,7 +161,12 @@ pub fn print_error(error: &dyn std::fmt::Display) {
 
 /// Prints a result as one line of JSON.
 pub fn json(value: &serde_json::Value) {
-    data(&value.to_string());
+    json_lines(std::iter::once(value.to_string()));
+}
+
+/// Prints results as lines of JSON.
+pub fn json_lines(of: impl Iterator<Item = String>) {
+    lines(of.map(|line| text::json(&line).into_owned()));
 }
 
 /// Narrowest width that a column of long text is cut to.
@@ -159,7 +177,7 @@ const NARROWEST: usize = 16;
 pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
     let width = std::io::stdout().is_terminal().then(terminal_size::terminal_size).flatten();
     let rows: Vec<Vec<String>> =
-        rows.iter().map(|row| row.iter().map(|cell| on_one_line(cell)).collect()).collect();
+        rows.iter().map(|row| row.iter().map(|cell| text::shown(cell).into_owned()).collect()).collect();
     let mut rows = match width {
         Some((terminal_size::Width(width), _)) => fitted(header, &rows, usize::from(width)),
         None => rows,
@@ -170,7 +188,7 @@ pub fn print_table(header: &[&str], rows: &[Vec<String>], in_colour: &[&str]) {
             *cell = coloured(cell);
         }
     }
-    line(&table(header, &rows));
+    block(&table(header, &rows));
     if is_cut {
         print_hint("long text is cut to this terminal; --json, or a file or pipe as output, has all of it");
     }
@@ -202,8 +220,10 @@ fn fitted(header: &[&str], rows: &[Vec<String>], width: usize) -> Vec<Vec<String
     rows.iter().map(|row| row.iter().zip(&widths).map(cut).collect()).collect()
 }
 
-/// A table with a header, columns padded to their widest cell; colours take no width.
+/// A table with a header, columns padded to their widest cell; colours take no width, and a row is one line.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
+    let shown = |row: &Vec<String>| row.iter().map(|cell| on_one_line(cell).into_owned()).collect();
+    let rows: Vec<Vec<String>> = rows.iter().map(shown).collect();
     let width = |column: usize| {
         let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| shown_width(cell));
         cells.chain([header[column].chars().count()]).max().unwrap_or(0)
@@ -242,20 +262,22 @@ mod tests {
         let red = AnsiColor::Red.on_default();
         let row = |word: String| vec![word, "x".to_owned()];
         let text = table(&["status", ""], &[row(in_style("ok", red)), row("critical".into())]);
-        let plain = strip_str(&for_people(&text)).to_string();
+        let plain = strip_str(&in_colour(&text)).to_string();
         assert_eq!(plain, "status\nok        x\ncritical  x");
         assert_eq!((style_of("critical").is_some(), style_of("R07")), (true, None));
     }
 
     #[test]
     fn a_terminal_obeys_the_program_and_no_name_of_a_file() {
-        let named = "known  R00\u{1b}[31m_\u{7}\r\u{9b}2J.csv: run 1\n\tand more";
-        let shown = "known  R00\\u{1b}[31m_\\u{7}\\r\\u{9b}2J.csv: run 1\n\tand more";
-        assert_eq!(for_people(named), shown);
-        assert_eq!(on_one_line("a\nb\u{1b}[2J ü"), "a\\nb\\u{1b}[2J ü");
+        let named = "known  R00\u{1b}[31m_\u{7}\r\u{9b}2J\u{202e}.csv: run 1\nstored R01";
+        let shown = "known  R00\\u{1b}[31m_\\u{7}\\r\\u{9b}2J\\u{202e}.csv: run 1\\nstored R01";
+        assert_eq!(on_one_line(named), shown);
+        let row = |name: &str| vec![name.to_owned(), "1".to_owned()];
+        assert_eq!(table(&["name", "run"], &[row("a\nb")]), "name  run\na\\nb  1");
         let bold = AnsiColor::Red.on_default().bold();
-        assert_eq!(for_people(&in_style("critical", bold)), format!("{bold}critical{bold:#}"));
+        let styled = format!("a {}\n", in_style("critical", bold));
+        assert_eq!(in_colour(&on_one_line(&styled)), format!("a {bold}critical{bold:#}\\n"));
         // what begins a style of this program gives a name no more than a colour
-        assert_eq!(for_people("\u{fdd0}[2J\u{fdd0}"), "\\u{fdd0}[2J\\u{fdd0}");
+        assert_eq!(on_one_line("\u{fdd0}[2J\u{fdd0}"), "\\u{fdd0}[2J\\u{fdd0}");
     }
 }

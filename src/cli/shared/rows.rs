@@ -31,7 +31,7 @@ impl RowArgs {
 /// [`CliError::Internal`] where rows cannot be written as CSV.
 pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<(), CliError> {
     if json {
-        output::lines(table.objects().map(|object| object.to_string()));
+        output::json_lines(table.objects().map(|object| object.to_string()));
     } else if args.csv {
         let text = csv(table).map_err(|error| CliError::Internal(format!("CSV: {error}")))?;
         output::data(text.trim_end_matches('\n'));
@@ -74,7 +74,7 @@ fn exact(value: &Value) -> String {
 fn shown(value: &Value) -> String {
     match value {
         Value::Null => "-".into(),
-        Value::String(text) => text.replace(['\n', '\r', '\t'], " "),
+        Value::String(text) => text.clone(),
         Value::Number(number) => match (number.as_i64(), number.as_f64()) {
             (None, Some(real)) => rounded(real),
             _ => number.to_string(),

@@ -159,8 +159,9 @@ impl Beside {
             .zip(precision.together.iter().zip(&self.sizes))
             .map(|((id, alone), together)| vec![id.to_string(), number(alone), number(together)])
             .collect();
+        output::line("");
         output::line(&format!(
-            "\nStandard deviations as parts of nominal sizes, of {} s of run {} and with the addition of {seconds} s",
+            "Standard deviations as parts of nominal sizes, of {} s of run {} and with the addition of {seconds} s",
             self.seconds, self.run
         ));
         output::print_table(&["parameter", "ordinary work alone", "with the addition"], &rows, &[]);

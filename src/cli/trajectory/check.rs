@@ -80,7 +80,8 @@ pub(in crate::cli) fn check(global: &Global, args: &CheckArgs) -> Result<u8, Cli
             ));
         }
         if judged.is_kept() {
-            output::line(&format!("\nEvery limit is kept: {}", judged.quantities()));
+            output::line("");
+            output::line(&format!("Every limit is kept: {}", judged.quantities()));
         }
         judged.hints().iter().for_each(|hint| output::print_hint(hint));
     }

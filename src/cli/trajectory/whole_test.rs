@@ -214,8 +214,9 @@ fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
     print_friction(&friction(plan, robot));
     print_used(robot, &judged.check);
     judged.print();
+    output::line("");
     output::line(&format!(
-        "\none cycle: {:.1} s; {} of them: {}; {WHOLE_TEST:.0}: {}",
+        "one cycle: {:.1} s; {} of them: {}; {WHOLE_TEST:.0}: {}",
         plan.duration,
         args.cycles,
         hours(plan.duration * f64::from(args.cycles)),

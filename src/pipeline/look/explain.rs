@@ -23,6 +23,7 @@ use armwatch_method::analyse::Method;
 use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
+use armwatch_model::text;
 use armwatch_store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -202,7 +203,7 @@ impl Explainer {
 
     fn recognised_as(&self, of: &Recognised<'_>, path: &Path) -> RecognisedAs {
         let recognition = &self.config.recognition;
-        let fits = path.file_name().is_some_and(|name| recognition.fits(&name.to_string_lossy()));
+        let fits = recognition.fits(&text::of_file_name(path));
         RecognisedAs {
             robot: of.robot.clone(),
             started_at: of.started_at,

@@ -15,6 +15,7 @@ use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, torque_
 use armwatch_method::signal::filter::filter_signals;
 use armwatch_model::robot::{ParameterId, Robot};
 use armwatch_model::run::Cycle;
+use armwatch_model::text;
 use armwatch_store::{CycleState, RunSource, Store, StoreError, description_hash};
 
 /// Why a cycle cannot be looked at again.
@@ -75,8 +76,8 @@ pub async fn export_of(
         for path in candidates {
             match fingerprint(&path) {
                 Ok((hash, _)) if hash == wanted => return Ok(path),
-                Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", path.display())),
-                Err(error) => seen.push(format!("{}: {error}", path.display())),
+                Ok((hash, _)) => seen.push(format!("{} holds other content ({hash})", text::of_path(&path))),
+                Err(error) => seen.push(format!("{}: {error}", text::of_path(&path))),
             }
         }
         Err(seen)
@@ -94,7 +95,7 @@ pub async fn export_of(
 
 /// Where the export of a run may lie.
 fn places(run: &RunSource, config: &Config) -> Vec<PathBuf> {
-    let watched = config.watch.folders.iter().map(|folder| folder.join(&run.source_name));
+    let watched = config.watch.folders.iter().map(|folder| folder.join(text::to_path(&run.source_name)));
     let mut places = run.paths.clone();
     for place in watched.filter(|place| place.exists()) {
         if !places.contains(&place) {
@@ -162,7 +163,10 @@ impl Replay {
             let before = source_state(&export);
             let cycle = replay.read(&export)?;
             if source_state(&export) != before {
-                return Err(ReplayError::Source(format!("{} changed while it was read", export.display())));
+                return Err(ReplayError::Source(format!(
+                    "{} changed while it was read",
+                    text::of_path(&export)
+                )));
             }
             let filtered = filter_signals(&cycle.samples, replay.cutoff)?;
             Ok(torque_series(&replay.robot, &parameters, &cycle.samples, &filtered, rows)?)

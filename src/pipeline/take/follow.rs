@@ -29,6 +29,7 @@ use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions, Step};
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, RunKind};
+use armwatch_model::text;
 use armwatch_store::{Identity, SourceState, StoreError};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
@@ -213,7 +214,7 @@ impl Pipeline {
         let identity = Identity::Growing(start.read);
         let intake = intake::begin(self, path, recognised, header, identity, start, state).await?;
         let (run_id, cycles) = (intake.run_id, intake.cycles_stored);
-        tracing::info!(file = %path.display(), run_id, robot, cycles, "growing");
+        tracing::info!(file = %text::of_path(path), run_id, robot, cycles, "growing");
         Ok(Ok(intake))
     }
 }
@@ -336,7 +337,7 @@ fn state_of(growth: &Growth) -> Option<SourceState> {
 
 /// Read once more as a whole when it has settled, it goes into quarantine if the database still refuses it.
 fn refused_by_database(path: &Path, detail: &str) -> Followed {
-    tracing::warn!(file = %path.display(), detail, "results that the database refuses");
+    tracing::warn!(file = %text::of_path(path), detail, "results that the database refuses");
     Followed::UntilSettled
 }
 

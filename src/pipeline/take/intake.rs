@@ -26,6 +26,7 @@ use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch_ingest::table::start;
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
+use armwatch_model::text;
 use armwatch_store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState, Store};
 
 /// Whether an export needs reading.
@@ -149,7 +150,7 @@ pub(in crate::pipeline) async fn begin(
     let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
     if begun.afresh {
         tracing::warn!(
-            file = %path.display(), run_id = begun.run.run_id,
+            file = %text::of_path(path), run_id = begun.run.run_id,
             "read from the start: layout, description, settings or program are others than those that its stored \
              cycles were made with"
         );
@@ -489,9 +490,7 @@ pub fn header(
 
 /// Name of an export; of one in an archive, the name that it had before.
 fn file_name(path: &Path) -> String {
-    let name =
-        path.file_name().map_or_else(|| path.as_os_str().to_string_lossy(), |name| name.to_string_lossy());
-    original_name(&name).into_owned()
+    original_name(&text::of_file_name(path)).into_owned()
 }
 
 /// A path as the ledger has it.

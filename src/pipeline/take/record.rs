@@ -18,6 +18,7 @@ use armwatch_method::analyse_run::analyse_run_on;
 use armwatch_method::friction::points::excitation::excitation_friction;
 use armwatch_model::analysis::RunAnalysis;
 use armwatch_model::run::{RunHeader, RunKind};
+use armwatch_model::text;
 use armwatch_store::{CycleSpeedFits, ExportFault, Owner, Replaced, RunTotals};
 
 /// So many cycles of a test in a row without parameters and without friction end it: the reason is the same for all, and their
@@ -54,7 +55,7 @@ pub(in crate::pipeline) async fn cycles(
         let (analysis, _until_recorded) = match analysis.await {
             Ok(analysis) => analysis,
             Err(error) => {
-                tracing::error!(file = %intake.path.display(), %error, "an analysis panicked");
+                tracing::error!(file = %text::of_path(&intake.path), %error, "an analysis panicked");
                 let reason = format!("internal error while analysing a cycle: {error}");
                 recorded.rejection =
                     Some(Rejection::of_file(&intake.path, reason, "report it with this file"));
@@ -171,7 +172,7 @@ pub async fn finish(
     pipeline.metrics().stage(Stage::Finish, began.elapsed());
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
         tracing::warn!(
-            file = %intake.path.display(), run_id = intake.run_id,
+            file = %text::of_path(&intake.path), run_id = intake.run_id,
             "takes the place of run {old}, which the name says to be the same recording, but begins with other rows: \
              if these are two recordings, give the other file a name with a start of its own and ingest it again, or \
              set on_rewrite = \"keep_both\" under [watch]"

@@ -23,6 +23,7 @@ use armwatch_method::segment::stages::FinderState;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::ContentHash;
+use armwatch_model::text;
 use armwatch_store::StoredPoint;
 
 /// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
@@ -111,7 +112,7 @@ pub fn pass_to_point<R: std::io::Read>(
         passed = export.pass_to(position)?;
         progress();
     }
-    let (file, run_id) = (intake.path.display(), intake.run_id);
+    let (file, run_id) = (text::of_path(&intake.path), intake.run_id);
     match passed {
         Passed::There => {
             tracing::info!(%file, run_id, line = position.line, cycles = cutter.cycles_cut, "resumed at byte {}", position.byte);

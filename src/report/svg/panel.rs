@@ -4,11 +4,12 @@ use std::fmt::Write;
 
 use super::series::{Axes, draw_area, draw_series, is_finite, is_shown, significant};
 use super::sizes::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
-use super::words::{escaped, text};
+use super::words::text;
 use crate::report::figure::{
     Band, Event, EventKind, Level, Panel, Series, Standing, TINTS, XAxis, YAxis, extent,
 };
 use crate::report::scale::{Scale, Tick};
+use armwatch_model::text::xml;
 
 /// Space left of a plotting area for the vertical axis, px.
 const LEFT: f64 = 66.0;
@@ -44,7 +45,7 @@ pub(super) fn draw_panel(svg: &mut String, panel: &Panel, width: f64, height: f6
     draw_axes(svg, &panel.y_label, &x, &y, &ticks);
     for limit in panel.limits.iter().filter(|limit| y.holds(limit.value)) {
         let at = y.at(limit.value);
-        let name = escaped(&format!("{}: {}", limit_name(limit.level), significant(limit.value)));
+        let name = xml(&format!("{}: {}", limit_name(limit.level), significant(limit.value)));
         let _ = writeln!(
             svg,
             "<path class=\"{}\" d=\"M{left:.1} {at:.1}H{right:.1}\"><title>{name}</title></path>",
@@ -116,7 +117,7 @@ fn y_scale(panel: &Panel, below: f64, above: f64) -> Scale {
 
 fn draw_title(svg: &mut String, title: &str, standing: Option<&Standing>, x: f64, room: f64) {
     let word = standing.map_or_else(String::new, |of| {
-        format!("<tspan class=\"{}\"> \u{25cf} {}</tspan>", of.level.class(), escaped(&of.word))
+        format!("<tspan class=\"{}\"> \u{25cf} {}</tspan>", of.level.class(), xml(&of.word))
     });
     let letters = title.chars().count() + standing.map_or(0, |of| 3 + of.word.chars().count());
     let squeeze = if LETTER * 1.07 * letters as f64 <= room {
@@ -128,7 +129,7 @@ fn draw_title(svg: &mut String, title: &str, standing: Option<&Standing>, x: f64
         svg,
         "<text class=\"name\" x=\"{x:.1}\" y=\"{:.1}\"{squeeze}>{}{word}</text>",
         ABOVE - 10.0,
-        escaped(title)
+        xml(title)
     );
 }
 
@@ -174,7 +175,7 @@ fn draw_axes(svg: &mut String, y_label: &str, x: &Scale, y: &Scale, x_ticks: &[T
         } else {
             String::new()
         },
-        escaped(y_label),
+        xml(y_label),
     );
 }
 
@@ -198,7 +199,7 @@ fn draw_x_labels(svg: &mut String, panel: &Panel, x: &Scale, ticks: &[Tick], bot
         "<text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
         (x.start + x.end) / 2.0,
         bottom + 36.0,
-        escaped(&label)
+        xml(&label)
     );
 }
 
@@ -216,7 +217,7 @@ fn draw_event(svg: &mut String, event: &Event, x: &Scale, above: f64, below: f64
         svg,
         "<g><title>{}</title><path class=\"event\" d=\"M{at:.1} {above:.1}V{below:.1}\"/>{}<circle class=\"hit\" \
          cx=\"{at:.1}\" cy=\"{:.1}\" r=\"{REACH}\"/></g>",
-        escaped(&event.label),
+        xml(&event.label),
         event_mark(event.kind, at, above),
         above + 5.0
     );

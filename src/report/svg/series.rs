@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use super::sizes::{DOT, REACH, colours};
-use super::words::escaped;
 use crate::report::figure::{Area, Mark, Panel, Series, XAxis, YAxis};
 use crate::report::scale::{Scale, moment};
+use armwatch_model::text::xml;
 
 /// Points that a reader can point at; a series with more has one word for all.
 const MAX_POINTED_AT: usize = 400;
@@ -49,7 +49,7 @@ pub(super) fn draw_series(svg: &mut String, series: &Series, axes: &Axes<'_>) {
     let radius = (0.3 * (x.end - x.start) / count.max(1) as f64).clamp(0.9, DOT);
     let _ = writeln!(svg, "<g>");
     if !series.name.is_empty() {
-        let _ = writeln!(svg, "<title>{}</title>", escaped(&series.name));
+        let _ = writeln!(svg, "<title>{}</title>", xml(&series.name));
     }
     for stretch in series.points.split(|point| !shown(point)).filter(|stretch| !stretch.is_empty()) {
         let places: Vec<[f64; 2]> = stretch.iter().map(|p| [x.at(p[0]), y.at(p[1])]).collect();
@@ -63,7 +63,7 @@ pub(super) fn draw_series(svg: &mut String, series: &Series, axes: &Axes<'_>) {
                 "<circle class=\"hit\" cx=\"{:.1}\" cy=\"{:.1}\" r=\"{REACH}\"><title>{}</title></circle>",
                 x.at(point[0]),
                 y.at(point[1]),
-                escaped(&pointed_at(series, axes, *point))
+                xml(&pointed_at(series, axes, *point))
             );
         }
     }

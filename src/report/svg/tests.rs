@@ -58,7 +58,7 @@ fn a_picture_is_well_formed_whatever_it_shows() {
         for mark in MARKS {
             let svg = figure(points.clone(), mark).svg();
             assert_well_formed(&svg);
-            assert!(svg.contains("a &lt;b&gt; &amp; &quot;c&quot;</title>"));
+            assert!(svg.contains("a &lt;b&gt; &amp; &quot;c&quot;\\u{7}</title>"));
             assert_eq!(svg.contains("no data"), points.is_empty());
         }
     }

@@ -3,9 +3,10 @@
 use std::fmt::Write;
 
 use super::sizes::{LETTER, WIDTH};
+use armwatch_model::text::xml;
 
 pub(super) fn text(svg: &mut String, x: f64, y: f64, class: &str, words: &str) {
-    let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", escaped(words));
+    let _ = writeln!(svg, "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{}</text>", xml(words));
 }
 
 /// Words in lines that the picture has room for.
@@ -31,21 +32,4 @@ pub(super) fn squeezed(words: &str, size: f64) -> String {
         return String::new();
     }
     format!(" textLength=\"{room}\" lengthAdjust=\"spacingAndGlyphs\"")
-}
-
-/// Text as XML holds it; what XML 1.0 has no place for is left out.
-pub(in crate::report) fn escaped(words: &str) -> String {
-    let mut safe = String::with_capacity(words.len());
-    for c in words.chars() {
-        match c {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            '\n' | '\t' => safe.push(c),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') => {}
-            c => safe.push(c),
-        }
-    }
-    safe
 }

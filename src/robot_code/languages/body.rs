@@ -3,6 +3,7 @@
 use crate::robot_code::expression::{Expression, Function, Node};
 use crate::robot_code::listing::{LINE_WIDTH, Line, Listing, listing, wrapped, wrapped_code};
 use crate::robot_code::torque::{Constant, TorquePrograms};
+use armwatch_model::text;
 
 /// How a language writes what differs between them.
 pub(super) struct Syntax {
@@ -112,12 +113,34 @@ pub(super) fn names_read(prefix: &str, read: &[bool]) -> Vec<Option<String>> {
     read.iter().enumerate().map(|(j, read)| read.then(|| format!("{prefix}{}", j + 1))).collect()
 }
 
-/// Text for a comment of any language: no end of a comment or string, no control characters.
+/// Text for a comment of any language: no end of a comment or string, no hidden characters, no backslashes.
 pub(super) fn safe(text: &str) -> String {
-    let text: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    text.replace("*/", "* /")
+    text::shown(text)
+        // first, since `*\` becomes `*/`
+        .replace('\\', "/")
+        .replace("*/", "* /")
         .replace("/*", "/ *")
         .replace("\"\"\"", "'''")
         .replace("```", "'''")
-        .replace('\\', "/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_text_ends_a_comment() {
+        for (text, expected) in [
+            ("R01 ü", "R01 ü"),
+            ("*/ int x;", "* / int x;"),
+            ("*\\ int x;", "* / int x;"),
+            ("/*/", "/ * /"),
+            ("\\*\\", "/ * /"),
+            ("a\nb\u{2028}\u{202e}", "a/nb/u{2028}/u{202e}"),
+            ("*\u{202e}", "* /u{202e}"),
+            ("\"\"\" ```", "''' '''"),
+        ] {
+            assert_eq!(safe(text), expected);
+        }
+    }
 }

@@ -35,7 +35,7 @@ pub struct Deed {
     /// A reason
     #[schema(max_length = 1000)]
     why: Option<String>,
-    /// End of shelve, which lies ahead
+    /// End of shelve, which lies ahead, of a critical anomaly by at most 90 days
     until: Option<Timestamp>,
 }
 
@@ -254,6 +254,7 @@ fn bad(sentence: &str) -> Refusal {
 fn not_done(reason: &NotDone) -> Refusal {
     let status = match reason {
         NotDone::Unknown(_) | NotDone::Withdrawn(_) => StatusCode::NOT_FOUND,
+        NotDone::TooLong(_) => StatusCode::BAD_REQUEST,
         NotDone::NotFrom { .. } => StatusCode::CONFLICT,
     };
     Refusal::new(status, reason.to_string())

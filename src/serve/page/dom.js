@@ -1,9 +1,17 @@
 const SVG = "http://www.w3.org/2000/svg";
 
+// what crates/model/src/text.rs hides
+const HIDDEN = /(?![\n\t])[\p{Cc}\p{Zl}\p{Zp}\p{Bidi_Control}\p{Default_Ignorable_Code_Point}\p{Noncharacter_Code_Point}\ufff9-\ufffb]/gu;
+
+/** Text as people may see it: hidden characters as \u{202e}. */
+function shown(text) {
+  return text.replace(HIDDEN, (character) => `\\u{${character.codePointAt(0).toString(16)}}`);
+}
+
 function append(node, children) {
   for (const child of children.flat(Infinity)) {
     if (child === null || child === undefined || child === false) continue;
-    node.append(child instanceof Node ? child : String(child));
+    node.append(child instanceof Node ? child : shown(String(child)));
   }
   return node;
 }
@@ -16,6 +24,7 @@ export function h(tag, props, ...children) {
     if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
     else if (name === "class") node.className = value;
     else if (name === "value") node.value = value;
+    else if (name === "title" || name === "aria-label") node.setAttribute(name, shown(String(value)));
     else node.setAttribute(name, value === true ? "" : value);
   }
   return append(node, children);

@@ -205,6 +205,77 @@ fn a_broker_acknowledges_each_message_and_hands_it_on() {
     assert!(out.contains("NOT SENT to mqtt"), "{out}");
 }
 
+/// A broker without users, with more settings; `None` where there is none.
+fn open_broker(workshop: &Workshop, port: u16, more: &str) -> Option<Server> {
+    let config =
+        format!("listener {port} 127.0.0.1\nallow_anonymous true\nuser root\nlog_type all\n{more}\n");
+    fs::write(workshop.path("mosquitto.conf"), config).expect("a configuration");
+    let paths = ["/usr/sbin/mosquitto", "/usr/bin/mosquitto"];
+    server(&paths, &workshop.path("mosquitto.log"), port, |command| {
+        command.args(["-c", "mosquitto.conf"]).current_dir(workshop.path(""));
+    })
+}
+
+fn open_broker_route(port: u16) -> String {
+    format!(
+        "[[alerts.route]]\nname = \"shop floor\"\n[alerts.route.mqtt]\nhost = \"127.0.0.1\"\nport = {port}\n\
+         encryption = \"none\"\n"
+    )
+}
+
+#[test]
+fn no_name_of_a_robot_makes_a_broker_hang_up() {
+    let port = port();
+    let workshop = workshop(&open_broker_route(port));
+    let Some(_broker) = open_broker(&workshop, port, "") else { return };
+    let long = "L".repeat(70_000);
+    let names = [
+        "R\u{1b}[31m",
+        "R\n\r",
+        "R\u{7f}\u{9f}",
+        "R\u{ffff}",
+        "R\u{202e}",
+        "R/1",
+        "R+",
+        "R#",
+        "$SYS",
+        "Süd",
+        &long,
+    ];
+    let mut outbox = Outbox::new(&workshop);
+    for (name, number) in names.iter().zip(1..) {
+        outbox.write(&format!("INSERT INTO robot (name) VALUES ('{name}')"));
+        outbox.open_anomaly(name, number, "critical");
+    }
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'sent'", names.len() as i64);
+    end(daemon);
+    assert_eq!(workshop.number("SELECT max(attempts) FROM deliveries"), 1);
+    let log = fs::read_to_string(workshop.path("mosquitto.log")).unwrap_or_default();
+    assert!(log.contains("armwatch/alarms/R%2F1/") && log.contains("armwatch/alarms/Süd/"), "{log}");
+}
+
+#[test]
+fn a_message_that_a_broker_never_takes_has_failed_at_once_and_lets_others_pass() {
+    let port = port();
+    let workshop = workshop(&open_broker_route(port));
+    let Some(_broker) = open_broker(&workshop, port, "max_packet_size 5000") else { return };
+    let mut outbox = Outbox::new(&workshop);
+    let large = outbox.open_anomaly("R01", 1, "critical");
+    outbox.write(&format!(
+        "UPDATE anomaly_event SET message = '{0}' WHERE anomaly_id = {large};
+         UPDATE anomaly SET message = '{0}' WHERE anomaly_id = {large}",
+        "much ".repeat(2000)
+    ));
+    outbox.open_anomaly("R02", 2, "critical");
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'sent'", 1);
+    workshop.wait_for("SELECT count(*) FROM deliveries WHERE state = 'failed'", 1);
+    end(daemon);
+    let states = workshop.query("SELECT joint, state, attempts FROM deliveries ORDER BY joint");
+    assert_eq!(states, ["1|failed|1", "2|sent|1"]);
+}
+
 #[test]
 fn a_mail_server_takes_a_mail_for_each_event() {
     if !Path::new(DEBIAN_PYTHON).join("aiosmtpd").exists() {

@@ -10,6 +10,7 @@ use super::settings::{
 use super::values::{given, texts};
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
+use armwatch_model::text::is_hidden;
 
 /// Ports that the protocols have by themselves.
 const SMTP: (i64, i64, i64) = (465, 587, 25);
@@ -21,6 +22,9 @@ const DEFAULT_TIMEOUT_S: f64 = 30.0;
 const DEFAULT_REFRESH_S: f64 = 60.0;
 
 const DEFAULT_TOPIC: &str = "armwatch/alarms";
+
+/// Most bytes of a topic; levels of robot and anomaly follow, and the protocol has 65,535 for all.
+const TOPIC_BYTES: usize = 1024;
 
 const NAMES: [&str; 6] = ["log", "webhook", "alertmanager", "email", "mqtt", "command"];
 
@@ -143,10 +147,15 @@ fn read_mqtt(table: &Table<'_>) -> Option<MqttSettings> {
     let ca_file = read_path(table, "ca_file");
     let topic = match table.optional("topic") {
         Some(value) => value.text().and_then(|topic| {
-            let is_sound = !topic.contains(['+', '#', '\0']) && !topic.starts_with(['/', '$']);
+            let is_sound = !topic.contains(['+', '#'])
+                && !topic.contains(is_hidden)
+                && !topic.starts_with(['/', '$'])
+                && topic.len() <= TOPIC_BYTES;
             if !is_sound {
-                let hint =
-                    format!("write levels such as \"{DEFAULT_TOPIC}\", without +, # and a first / or $");
+                let hint = format!(
+                    "write levels such as \"{DEFAULT_TOPIC}\", without +, #, control characters and a first / or $, at \
+                     most {TOPIC_BYTES} bytes"
+                );
                 value.refuse("is no topic to publish to".into(), Some(hint));
             }
             is_sound.then(|| topic.trim_end_matches('/').to_owned())

@@ -7,6 +7,7 @@ use flate2::read::MultiGzDecoder;
 
 use super::fingerprint::{HashingReader, RunningHash, regular_file};
 use crate::rejection::{Rejection, Unreadable};
+use armwatch_model::text;
 
 /// Most bytes an export may have after decompression. A ten-hour recording of a nine-axis arm at
 /// 1 kHz is about 20 GB; a few kilobytes of gzip can claim any size.
@@ -71,16 +72,10 @@ pub fn is_export(path: &Path) -> bool {
 }
 
 /// A path as text by which it is known again: from the root on, whatever folder a command is called in, and also where
-/// its bytes are not UTF-8, as in names that an old controller gives.
+/// its bytes are not UTF-8, as in names that an old controller gives. [`text::to_path`] gives the path back.
 #[must_use]
 pub fn path_text(path: &Path) -> String {
-    let mut text = String::new();
-    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    for chunk in path.as_os_str().as_encoded_bytes().utf8_chunks() {
-        text.push_str(chunk.valid());
-        text.extend(chunk.invalid().iter().map(|byte| format!("\\x{byte:02X}")));
-    }
-    text
+    text::of_path(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
 }
 
 fn decoded(

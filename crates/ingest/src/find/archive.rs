@@ -6,12 +6,14 @@
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use super::tail::DONE_MARK;
 use crate::bytes::fingerprint::{HashingReader, fingerprint, id_of, regular_file};
 use armwatch_model::run::ContentHash;
+use armwatch_model::text;
 
 /// Folder of copies that are not whole, inside the archive.
 const PARTIAL: &str = ".partial";
@@ -99,7 +101,7 @@ fn place(
         }
         return Ok(Some(target));
     }
-    let taken = format!("{} has other contents under every name tried", folder.display());
+    let taken = format!("{} has other contents under every name tried", text::of_path(folder));
     Err(io::Error::new(io::ErrorKind::AlreadyExists, taken))
 }
 
@@ -124,11 +126,11 @@ fn name_of(name: &OsStr, content: &ContentHash, attempt: usize) -> OsString {
     if attempt == 0 {
         return name.to_owned();
     }
-    let text = name.to_string_lossy();
-    let stem_end = text.to_ascii_lowercase().rfind(".csv").unwrap_or(text.len());
-    let (stem, endings) = text.split_at(stem_end);
+    let name = text::of_bytes(name.as_bytes());
+    let stem_end = name.to_ascii_lowercase().rfind(".csv").unwrap_or(name.len());
+    let (stem, endings) = name.split_at(stem_end);
     let hash: String = content.to_string().chars().take(DIGITS * attempt).collect();
-    format!("{stem}~{hash}{endings}").into()
+    OsString::from_vec(text::to_bytes(&format!("{stem}~{hash}{endings}")))
 }
 
 /// The name of an export without what [`archive`] has put into it.

@@ -16,6 +16,7 @@ use tokio::sync::mpsc;
 use crate::bytes::fingerprint::{changed_at, id_of};
 use crate::bytes::source::is_export;
 use armwatch_model::run::FileId;
+use armwatch_model::text;
 
 /// Deepest folder below a watched one. Exports lie a few folders deep; a mount inside itself would
 /// go on for ever.
@@ -45,7 +46,7 @@ pub struct Scan {
 
 /// A place that could not be looked at.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {error}; check that it exists and that this user may read it", path.display())]
+#[error("{}: {error}; check that it exists and that this user may read it", text::of_path(path))]
 pub struct Unreadable {
     /// The place.
     pub path: PathBuf,
@@ -204,7 +205,7 @@ impl FolderWatch {
                 Err(error) => {
                     if self.failed.insert(folder.clone()) {
                         tracing::warn!(
-                            path = %folder.display(), %error,
+                            path = %text::of_path(folder), %error,
                             "cannot watch the folder; new exports in it are found by the periodic scan"
                         );
                     }

@@ -216,7 +216,7 @@ fn assembled<'t>(
             column.timestamps = moment.is_some();
             moments.extend(moment);
             let number = cell::number(cell, format.decimal);
-            let finite = number.ok().filter(|number| number.is_finite());
+            let finite = number.as_ref().ok().copied().filter(|number| number.is_finite());
             column.numbers.extend(finite.filter(|_| column.numbers.len() < KEPT_NUMBERS));
             match (&mut column.values, number) {
                 (Some(values), Ok(value)) => values.push(value),

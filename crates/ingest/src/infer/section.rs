@@ -1,5 +1,7 @@
 //! Sections of a proposed layout and their keys.
 
+use armwatch_model::text;
+
 /// Part of a layout file.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Section {
@@ -44,7 +46,7 @@ pub(super) fn quoted(text: &str) -> String {
             '"' => quoted.push_str("\\\""),
             '\\' => quoted.push_str("\\\\"),
             '\t' => quoted.push_str("\\t"),
-            c if c.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(c))),
+            c if text::is_hidden(c) => quoted.push_str(&format!("\\U{:08X}", u32::from(c))),
             c => quoted.push(c),
         }
     }

@@ -7,6 +7,7 @@ use super::proposal::Proposed;
 use super::section::{Section, TomlKey};
 use crate::infer::section::quoted;
 use armwatch_config::DecimalMark;
+use armwatch_model::text;
 
 /// Longest line of a comment, characters.
 const COMMENT_WIDTH: usize = 110;
@@ -14,7 +15,7 @@ const COMMENT_WIDTH: usize = 110;
 /// The layout file of a proposal.
 pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section]) -> Proposed {
     let mut text = String::new();
-    let file = path.file_name().map_or_else(|| path.to_string_lossy(), |name| name.to_string_lossy());
+    let file = text::of_file_name(path);
     comment(&mut text, &format!("Layout proposed from the first {} rows of {file}.", head.rows));
     comment(
         &mut text,
@@ -86,7 +87,7 @@ fn comment(text: &mut String, words: &str) {
         }
         line.push(' ');
         // names come from the file and may hold anything; TOML takes no control characters in comments
-        line.extend(word.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }));
+        line.push_str(&text::shown(word));
     }
     text.push_str(&line);
     text.push('\n');

@@ -1,5 +1,7 @@
 //! What the text of one cell says: a number with a decimal point or comma, or a date and time.
 
+use std::borrow::Cow;
+
 use jiff::civil::Date;
 use serde::{Deserialize, Serialize};
 
@@ -13,18 +15,19 @@ const FRACTION_DIGITS: usize = 9;
 const MOST_DIGITS: u32 = 37;
 
 /// Why a cell is no number, and what to do about it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NoNumber {
     /// Completes "value is ..".
-    pub reason: &'static str,
+    pub reason: Cow<'static, str>,
     /// What to do; `None` for the usual remedy of a cell.
     pub remedy: Option<&'static str>,
 }
 
-/// The number that a cell without blanks around it holds.
+/// The number that a cell without blanks around it holds. An exponent begins with `e` or, as Fortran writes it, with `d`.
 ///
 /// # Errors
-/// [`NoNumber`], which knows the other decimal mark and separators of thousands.
+/// [`NoNumber`], which knows the other decimal mark, separators of thousands and characters that look like those of a
+/// number.
 pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
     let parsed = match decimal {
         DecimalMark::Point => cell.parse(),
@@ -32,7 +35,17 @@ pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
         DecimalMark::Comma if cell.contains(',') => cell.replacen(',', ".", 1).parse(),
         DecimalMark::Comma => cell.parse(),
     };
-    parsed.map_err(|_| no_number(cell, decimal))
+    parsed.or_else(|_| match with_e(cell) {
+        Some(cell) => number(&cell, decimal),
+        None => Err(no_number(cell, decimal)),
+    })
+}
+
+/// A cell with the exponent of Fortran, `1.0D+03`, as other languages write it.
+fn with_e(cell: &str) -> Option<String> {
+    let (mantissa, exponent) = cell.split_once(['d', 'D'])?;
+    let is_exponent = exponent.parse::<i32>().is_ok() && mantissa.bytes().any(|byte| byte.is_ascii_digit());
+    is_exponent.then(|| format!("{mantissa}e{exponent}"))
 }
 
 /// A number as its digits are written, without the rounding of a double: `digits` times ten to the power of minus
@@ -53,7 +66,7 @@ impl Decimal {
             DecimalMark::Point => b'.',
             DecimalMark::Comma => b',',
         };
-        let (mantissa, exponent) = match cell.find(['e', 'E']) {
+        let (mantissa, exponent) = match cell.find(['e', 'E', 'd', 'D']) {
             Some(at) => (cell.get(..at)?, cell.get(at + 1..)?.parse::<i32>().ok()?),
             None => (cell, 0),
         };
@@ -130,21 +143,58 @@ fn no_number(cell: &str, decimal: DecimalMark) -> NoNumber {
     let is_other = !cell.contains(mark) && cell.contains(other) && with_point.parse::<f64>().is_ok();
     match (is_other, decimal) {
         (true, DecimalMark::Point) => NoNumber {
-            reason: "a number with a decimal comma",
+            reason: "a number with a decimal comma".into(),
             remedy: Some("set decimal = \",\" in the layout if all numbers have it, or export with points"),
         },
         (true, DecimalMark::Comma) => NoNumber {
-            reason: "a number with a decimal point, and the layout says decimal = \",\"",
+            reason: "a number with a decimal point, and the layout says decimal = \",\"".into(),
             remedy: Some(
                 "take decimal = \",\" out of the layout if all numbers have points, or export with commas",
             ),
         },
         _ if is_grouped(cell, mark) => NoNumber {
-            reason: "a number with separators of thousands",
+            reason: "a number with separators of thousands".into(),
             remedy: Some("export without separators of thousands"),
         },
-        _ => NoNumber { reason: "not a number", remedy: None },
+        _ => match cell.chars().find(|c| !c.is_ascii()) {
+            Some(character) => NoNumber {
+                reason: format!("not a number: the cell contains {}", unicode_name(character)).into(),
+                remedy: Some("export numbers with ASCII characters alone: digits, -, a decimal mark, e"),
+            },
+            None => NoNumber { reason: "not a number".into(), remedy: None },
+        },
     }
+}
+
+/// A character by its number, with its name in Unicode if it looks like one of a number or like nothing.
+pub(super) fn unicode_name(character: char) -> String {
+    let name = match character {
+        '\u{a0}' => " NO-BREAK SPACE",
+        '\u{ad}' => " SOFT HYPHEN",
+        '\u{66b}' => " ARABIC DECIMAL SEPARATOR",
+        '\u{660}'..='\u{669}' => " ARABIC-INDIC DIGIT",
+        '\u{2007}' => " FIGURE SPACE",
+        '\u{2009}' => " THIN SPACE",
+        '\u{200b}' => " ZERO WIDTH SPACE",
+        '\u{200e}' => " LEFT-TO-RIGHT MARK",
+        '\u{200f}' => " RIGHT-TO-LEFT MARK",
+        '\u{2010}' => " HYPHEN",
+        '\u{2011}' => " NON-BREAKING HYPHEN",
+        '\u{2012}' => " FIGURE DASH",
+        '\u{2013}' => " EN DASH",
+        '\u{2014}' => " EM DASH",
+        '\u{202f}' => " NARROW NO-BREAK SPACE",
+        '\u{2060}' => " WORD JOINER",
+        '\u{2212}' => " MINUS SIGN",
+        '\u{3000}' => " IDEOGRAPHIC SPACE",
+        '\u{feff}' => " ZERO WIDTH NO-BREAK SPACE",
+        '\u{ff0b}' => " FULLWIDTH PLUS SIGN",
+        '\u{ff0d}' => " FULLWIDTH HYPHEN-MINUS",
+        '\u{ff0e}' => " FULLWIDTH FULL STOP",
+        '\u{ff10}'..='\u{ff19}' => " FULLWIDTH DIGIT",
+        _ => "",
+    };
+    format!("U+{:04X}{name}", u32::from(character))
 }
 
 /// Whether a cell is digits in groups of three, as in `1.234.567,8`, `1'234.5` or `1 234`.
@@ -266,7 +316,9 @@ mod tests {
     }
 
     #[test]
-    fn the_other_mark_and_thousands_are_named() {
+    fn the_other_mark_thousands_and_odd_characters_are_named() {
+        const MINUS: &str = "not a number: the cell contains U+2212 MINUS SIGN";
+        const NO_BREAK_SPACE: &str = "not a number: the cell contains U+00A0 NO-BREAK SPACE";
         let reason = |cell, decimal| number(cell, decimal).expect_err(cell).reason;
         for (cell, point, comma) in [
             ("0,25", "a number with a decimal comma", ""),
@@ -278,6 +330,10 @@ mod tests {
             ("1\u{a0}234", "a number with separators of thousands", "a number with separators of thousands"),
             ("abc", "not a number", "not a number"),
             ("1,2,3", "not a number", "not a number"),
+            ("\u{2212}0000", MINUS, MINUS),
+            ("0\u{a0}", NO_BREAK_SPACE, NO_BREAK_SPACE),
+            ("0\u{200b}", "not a number: the cell contains U+200B ZERO WIDTH SPACE", ""),
+            ("12°", "not a number: the cell contains U+00B0", ""),
         ] {
             if !point.is_empty() {
                 assert_eq!(reason(cell, DecimalMark::Point), point, "{cell}");
@@ -285,6 +341,25 @@ mod tests {
             if !comma.is_empty() {
                 assert_eq!(reason(cell, DecimalMark::Comma), comma, "{cell}");
             }
+        }
+    }
+
+    #[test]
+    fn exponents_of_fortran_are_read() {
+        for (cell, value) in [
+            ("1.0D+03", 1e3),
+            ("-0.15d-2", -0.15e-2),
+            ("2D5", 2e5),
+            (".5D0", 0.5),
+            ("1.D+00", 1.0),
+            ("+12.5D10", 12.5e10),
+        ] {
+            assert_eq!(number(cell, DecimalMark::Point), Ok(value), "{cell}");
+            assert_eq!(number(&cell.replace('.', ","), DecimalMark::Comma), Ok(value), "{cell}");
+            assert_eq!(Decimal::read(cell, DecimalMark::Point).map(Decimal::to_f64), Some(value), "{cell}");
+        }
+        for cell in ["D3", "1D", "1D+", "1D3.5", "1D2D3", "0xD", "d", "1 D3", "nanD1", "1.5+103"] {
+            assert!(number(cell, DecimalMark::Point).is_err(), "{cell}");
         }
     }
 

@@ -390,7 +390,7 @@ fn began_anew(before: f64, after: f64) -> Option<u64> {
 fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
     match (role, map.time) {
         (Role::Time, TimeColumn::Stamped { origin, .. }) => stamped(cell, origin).ok_or(cell::NoNumber {
-            reason: "not a date and time",
+            reason: "not a date and time".into(),
             remedy: Some("export times as 2026-03-01T08:00:00.004, or give [time] another unit"),
         }),
         (Role::Time, TimeColumn::Recorded(_)) => match map.time_origin {

@@ -385,15 +385,12 @@ impl Search<'_> {
     fn needed(&self, column: &Column) -> Result<usize, Rejection> {
         self.optional(Some(column))?.ok_or_else(|| {
             let remedy = match column {
-                Column::Name(name) => {
-                    let nearest =
-                        self.nearest(name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
-                    format!(
-                        "{nearest}correct the export or layout \"{}\"; the export has {}",
-                        self.layout.name,
-                        self.listed()
-                    )
-                }
+                Column::Name(name) => format!(
+                    "{}correct the export or layout \"{}\"; the export has {}",
+                    self.suggestion(name),
+                    self.layout.name,
+                    self.listed()
+                ),
                 Column::Number(_) => format!(
                     "correct the numbers of columns in layout \"{}\"; the export has {} columns",
                     self.layout.name,
@@ -424,10 +421,10 @@ impl Search<'_> {
     fn stage(&self, column: &Column) -> Result<usize, Rejection> {
         self.optional(Some(column))?.ok_or_else(|| {
             let name = column.to_string();
-            let nearest = self.nearest(&name).map(|n| format!("did you mean {n}? ")).unwrap_or_default();
             let remedy = format!(
-                "{nearest}name the column that tells excitation, friction and warming apart, and its values, \
+                "{}name the column that tells excitation, friction and warming apart, and its values, \
                  as the stage signal of layout \"{}\"; the export has {}",
+                self.suggestion(&name),
                 self.layout.name,
                 self.listed()
             );
@@ -441,6 +438,15 @@ impl Search<'_> {
             let name = column.to_string();
             self.find(&column).is_some() || self.nearest(&name).is_some_and(|n| edit_distance(n, &name) <= 1)
         })
+    }
+
+    /// A question about the column whose name is nearest to `name`, with the character in it that looks like another or like
+    /// nothing.
+    fn suggestion(&self, name: &str) -> String {
+        let Some(nearest) = self.nearest(name) else { return String::new() };
+        let odd = nearest.chars().find(|c| !c.is_ascii() && !c.is_alphanumeric());
+        let odd = odd.map(|c| format!(" (with {})", cell::unicode_name(c))).unwrap_or_default();
+        format!("did you mean {nearest}{odd}? ")
     }
 
     /// The spelling nearest to `name` among columns that the layout does not name itself.
@@ -536,6 +542,14 @@ mod tests {
             assert_eq!(&*rejection.reason, "missing column");
             assert_eq!(rejection.column, Some(format!("pos_{joint}").into()));
         }
+    }
+
+    #[test]
+    fn a_character_without_width_in_a_name_is_named() {
+        let header = HEADER.replacen("time", "time\u{200b}", 1);
+        let rejection = map_columns(&header, &native(), &er3a(), Path::new("a.csv")).unwrap_err();
+        let suggestion = "did you mean time\u{200b} (with U+200B ZERO WIDTH SPACE)? ";
+        assert!(rejection.remedy.starts_with(suggestion), "{rejection}");
     }
 
     #[test]

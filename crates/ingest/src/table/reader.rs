@@ -17,6 +17,7 @@ use crate::rejection::Rejection;
 use armwatch_config::Layout;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::RawSamples;
+use armwatch_model::text;
 
 /// Lines below a line that is no header in which a header is looked for, to say how many to skip.
 const MOST_LINES_ABOVE_HEADER: usize = 100;
@@ -400,7 +401,7 @@ impl<R: Read> ExportReader<R> {
     }
 
     fn leave_out(&mut self, line: u64, reason: &'static str) {
-        tracing::warn!(path = %self.path.display(), line, "the last line {reason}; the row is left out");
+        tracing::warn!(path = %text::of_path(&self.path), line, "the last line {reason}; the row is left out");
         self.left_out = Some(LeftOut { line, reason });
     }
 
@@ -428,7 +429,7 @@ impl<R: Read> ExportReader<R> {
 
     fn remark_passed_over(&self) {
         let first = self.passed_over.first.as_ref().map(|first| first.sentence()).unwrap_or_default();
-        let (path, rows) = (self.path.display(), self.passed_over.rows);
+        let (path, rows) = (text::of_path(&self.path), self.passed_over.rows);
         tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
     }
 

@@ -64,7 +64,7 @@ pub struct UnfinishedSource {
     /// The run.
     pub run_id: i64,
     /// Where the file lay.
-    pub path: String,
+    pub path: PathBuf,
     /// Its size, bytes.
     pub bytes: u64,
     /// Time of its last modification, to the microsecond.
@@ -179,7 +179,9 @@ impl Store {
         let mut found = self.checked(unfinished(&self.readers).await)?;
         let of_others = self.runs_of_others().await?;
         found.retain_mut(|source| {
-            let Some(path) = self.local_path(&source.path) else { return false };
+            let Some(path) = source.path.to_str().and_then(|located| self.local_path(located)) else {
+                return false;
+            };
             source.path = from_root(path);
             !of_others.contains(&source.run_id)
         });
@@ -342,7 +344,7 @@ pub(crate) async fn unfinished(
     .try_map(|row: EngineRow| {
         Ok(UnfinishedSource {
             run_id: row.try_get("run_id")?,
-            path: row.try_get("path")?,
+            path: row.try_get::<String, _>("path")?.into(),
             bytes: size(&row, "bytes")?,
             modified: time(&row, "modified")?,
             growing: row.try_get("growing")?,
@@ -354,9 +356,8 @@ pub(crate) async fn unfinished(
 
 /// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
 /// in the same folder.
-fn from_root(path: PathBuf) -> String {
-    let absolute = std::path::absolute(&path).unwrap_or(path);
-    absolute.to_string_lossy().into_owned()
+fn from_root(path: PathBuf) -> PathBuf {
+    std::path::absolute(&path).unwrap_or(path)
 }
 
 pub(crate) async fn remember(

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use armwatch_config::ClusterSettings;
 use armwatch_model::run::FileId;
+use armwatch_model::text;
 
 /// What of a cluster says where files are.
 #[derive(Debug, Clone, Default)]
@@ -40,9 +41,9 @@ impl Place {
     /// The file on this host that a path of the ledger names; `None` for one of another host.
     pub(crate) fn local_path(&self, located: &str) -> Option<PathBuf> {
         match (located.split_once(":/"), &self.host) {
-            (Some((host, path)), Some(own)) if host == own => Some(Path::new("/").join(path)),
+            (Some((host, path)), Some(own)) if host == own => Some(Path::new("/").join(text::to_path(path))),
             (Some((host, _)), _) if !host.is_empty() && !host.contains('/') => None,
-            _ => Some(PathBuf::from(located)),
+            _ => Some(text::to_path(located)),
         }
     }
 

@@ -192,9 +192,13 @@ async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
     assert_eq!(store.end_shelving(soon).await.expect("a look"), [], "said once");
     assert_eq!(state().await, "open");
 
-    act(&store, id, Shelve(soon)).await.expect("possible");
+    let in_days = |days: i64| soon + SignedDuration::from_hours(24 * days);
+    act(&store, id, Shelve(in_days(3000))).await.expect("possible: a rise of its severity ends it");
     let critical = Anomaly { severity: Severity::Critical, ..robot.drift(1, 7) };
     assert_eq!(robot.events(vec![critical.clone()]).await, [Unshelved, Worse]);
+    assert_eq!(act(&store, id, Shelve(in_days(90))).await, Err(NotDone::TooLong(id)));
+    assert_eq!(state().await, "open");
+    act(&store, id, Shelve(in_days(89))).await.expect("possible");
 
     act(&store, id, FalseAlarm).await.expect("possible");
     for found in [critical.clone(), ended(critical.clone()), critical.clone()] {

@@ -100,7 +100,8 @@ impl DesignReport<'_> {
             search.map_or(0, |search| search.starts),
             search.map_or(0, |search| search.evaluations),
         ));
-        output::line("\nHow near the motion comes to the limits");
+        output::line("");
+        output::line("How near the motion comes to the limits");
         print_nearness(robot, series);
         self.judged.print();
         if let Some((beside, precision)) = self.beside {
@@ -108,8 +109,9 @@ impl DesignReport<'_> {
         }
         let Some(predicted) = &self.prediction else { return };
         let Predicted { recording, found: prediction, against_own, .. } = predicted;
+        output::line("");
         output::line(&format!(
-            "\nStandard deviations that a recording of one period at {} Hz will have under white noise",
+            "Standard deviations that a recording of one period at {} Hz will have under white noise",
             recording.sample_rate_hz
         ));
         let nominal = nominal_base(robot, base);
@@ -129,8 +131,9 @@ impl DesignReport<'_> {
             .collect();
         output::print_table(&["parameter", "unit", "standard deviation", "nominal value"], &rows, &[]);
         if let Some([smallest, median, largest]) = against_own {
+            output::line("");
             output::line(&format!(
-                "\nThey are {median:.2} of those of the description's own excitation at equal time (median; {smallest:.2} \
+                "They are {median:.2} of those of the description's own excitation at equal time (median; {smallest:.2} \
                  to {largest:.2})"
             ));
         }
@@ -140,8 +143,9 @@ impl DesignReport<'_> {
     /// What one period shows of the faults that are asked for.
     fn print_changes(&self, predicted: &Predicted<'_>) {
         let Predicted { recording, found, budget, .. } = predicted;
+        output::line("");
         output::line(&format!(
-            "\nWhat one period shows where noise is all that differs, with {} of a robot and year, shared among {:.0} tests of {} \
+            "What one period shows where noise is all that differs, with {} of a robot and year, shared among {:.0} tests of {} \
              channels (probability {:.1e} each): the smallest change that is seen with probability {DETECTION}, and how \
              likely a given one is seen in one test",
             output::counted(budget.per_robot_year, "false alarm"),

@@ -9,12 +9,16 @@ use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::epoch::not_compared;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
 
+/// Largest standard deviation of friction from test to test, as a fraction of the baseline, at which a change is reported as
+/// such a fraction. Healthy joints have 0.01 to 0.05. Above this limit friction is small against measurement noise.
+const MOST_SCATTER: f64 = 0.1;
+
 /// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
 /// anomalies.
 pub(super) fn health(history: &[RunSummary], series: &JointSeries<'_>, found: &[Anomaly]) -> JointHealth {
     let has_result = |summary: &Option<&JointSummary>| summary.is_some_and(JointSummary::has_result);
     let last_result = series.runs.iter().rposition(has_result);
-    let friction = friction_of_latest(series);
+    let friction = friction_of_latest(series).filter(|observed| deviation(series, observed) <= MOST_SCATTER);
     let (knowledge, reason) = knowledge(history, series, found, last_result);
     JointHealth {
         joint: series.joint,
@@ -82,7 +86,8 @@ fn knowledge(
         );
         return (Knowledge::Unsettled, Some(words));
     }
-    let words: Vec<String> = refused_part(latest).into_iter().chain(not_watched(observed)).collect();
+    let words = [refused_part(latest), not_watched(observed), not_told(series, observed)];
+    let words: Vec<String> = words.into_iter().flatten().collect();
     (Knowledge::Compared, Some(words.join("; ")).filter(|words| !words.is_empty()))
 }
 
@@ -95,20 +100,35 @@ fn not_watched(latest: &Observed) -> Option<String> {
     })
 }
 
+/// The reason for reporting no change of a joint with hardly any friction.
+fn not_told(series: &JointSeries<'_>, latest: &Observed) -> Option<String> {
+    let scatter = deviation(series, latest);
+    (scatter > MOST_SCATTER).then(|| {
+        format!(
+            "friction is too small for a change in per cent: it scatters from test to test by {:.0} % of itself",
+            100.0 * scatter
+        )
+    })
+}
+
 /// Change of friction from which on the latest run alone is odd, as a fraction of the baseline: more than
 /// chance does to one healthy run (Shewhart chart). A single run moves the EWMA of [`friction_drift`] by its
 /// weight only, so it needs this limit of its own. Infinite within the baseline.
 fn single_run_limit(series: &JointSeries<'_>, latest: &Observed) -> f64 {
-    let friction = &series.friction;
-    if friction.is_learnt_from(latest) {
+    if series.friction.is_learnt_from(latest) {
         return f64::INFINITY;
     }
+    friction_drift::judged(series).limit.limits().threshold(deviation(series, latest))
+}
+
+/// Standard deviation of the latest run's friction against the baseline, as a fraction of the baseline.
+fn deviation(series: &JointSeries<'_>, latest: &Observed) -> f64 {
+    let friction = &series.friction;
     // a baseline of a few runs may scatter less than healthy runs do
     let before: Vec<f64> = friction.runs.iter().rev().skip(1).map(|observed| observed.ratio).collect();
     let usual_scatter = robust_deviation(&before).unwrap_or(0.0).max(friction.spread);
     let own = friction.variance(latest).max(latest.uncertainty().powi(2));
-    let variance = own.max(usual_scatter * usual_scatter) + friction.baseline_variance;
-    friction_drift::judged(series).limit.limits().threshold(variance.sqrt())
+    (own.max(usual_scatter * usual_scatter) + friction.baseline_variance).sqrt()
 }
 
 /// Whether the latest run shows a drift or step of friction. It is an anomaly then, and needs no confirmation.

@@ -1,6 +1,6 @@
 //! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
 
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life};
@@ -12,12 +12,15 @@ use crate::values::{joint, named, time, time_text};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::JointIndex;
 
+/// Longest time for which a critical anomaly is shelved, days. Its severity cannot rise any more, which would end that.
+const MOST_DAYS_CRITICAL: i64 = 90;
+
 /// What a person does with an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlarmAction {
     /// Says that it is known. Also takes back that it is shelved, in maintenance, resolved or a false alarm.
     Acknowledge,
-    /// Wants to hear nothing of it until then, unless its severity rises.
+    /// Wants to hear nothing of it until then, unless its severity rises. A critical one is shelved for 90 days at most.
     Shelve(Timestamp),
     /// Says that the robot was worked on, and no run has shown since then whether it is gone.
     Maintain,
@@ -72,6 +75,11 @@ pub enum NotDone {
     /// The history has it no longer.
     #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
     Withdrawn(i64),
+    /// A critical anomaly is not shelved for so long.
+    #[error(
+        "anomaly {0} is critical and can be shelved for {MOST_DAYS_CRITICAL} days at most; give an earlier time"
+    )]
+    TooLong(i64),
     /// It cannot be done to an anomaly in this state.
     #[error("anomaly {anomaly_id} is {} already: {}", standing(*state), remedy(*state, *ended))]
     NotFrom {
@@ -249,6 +257,12 @@ async fn act(
         if !action.is_possible(state, ended) {
             return Ok(Err(NotDone::NotFrom { anomaly_id, state, ended }));
         }
+        let longest = Timestamp::now() + SignedDuration::from_hours(24 * MOST_DAYS_CRITICAL);
+        if matches!(action, AlarmAction::Shelve(until) if until > longest)
+            && known.severity == Severity::Critical
+        {
+            return Ok(Err(NotDone::TooLong(anomaly_id)));
+        }
         let mut life = Life::of(action.state());
         match action {
             AlarmAction::Shelve(until) => life.shelved_until = Some(until),
@@ -265,17 +279,19 @@ struct Known {
     state: AlarmState,
     ended: bool,
     withdrawn: bool,
+    severity: Severity,
     last_seen_at: Timestamp,
 }
 
 async fn find(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<Option<Known>, sqlx::Error> {
-    sqlx::query("SELECT state, ended, withdrawn, last_seen_at FROM anomaly WHERE anomaly_id = $1")
+    sqlx::query("SELECT state, ended, withdrawn, severity, last_seen_at FROM anomaly WHERE anomaly_id = $1")
         .bind(anomaly_id)
         .try_map(|row: EngineRow| {
             Ok(Known {
                 state: named(&row, "state", &AlarmState::ALL, AlarmState::name)?,
                 ended: row.try_get("ended")?,
                 withdrawn: row.try_get("withdrawn")?,
+                severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
                 last_seen_at: time(&row, "last_seen_at")?,
             })
         })

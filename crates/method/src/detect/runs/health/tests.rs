@@ -81,3 +81,19 @@ fn one_test_far_off_is_neither_an_alarm_nor_well() {
     history.push(indexed(9, Some(1.0)));
     assert_eq!(found(&history).health[1].knowledge, Knowledge::Compared);
 }
+
+#[test]
+fn a_change_of_friction_that_hardly_is_there_is_not_told_in_per_cent() {
+    // scatters by a quarter of itself
+    let noisy = |run: usize| [1.0, 1.3, 0.8, 1.2, 0.7, 1.1, 1.25, 0.75, 0.95, 1.15, 0.85, 0.6][run];
+    let mut history = healthy(12);
+    for (run, summary) in history.iter_mut().enumerate() {
+        summary.joints[1].friction_index = Some(Estimate { value: noisy(run), std_error: 0.2 });
+    }
+    let found = found(&history);
+    let health = &found.health[1];
+    assert_eq!((health.knowledge, health.friction_index), (Knowledge::Compared, None), "{:?}", health.reason);
+    let reason = health.reason.as_deref().expect("a reason");
+    assert!(reason.starts_with("friction is too small for a change in per cent: it scatters"), "{reason}");
+    assert!(found.health[0].friction_index.is_some() && found.health[2].friction_index.is_some());
+}
