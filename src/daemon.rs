@@ -21,6 +21,7 @@ mod signals;
 pub mod snapshots;
 mod stale;
 mod start;
+mod suspects;
 mod turn;
 mod vanished;
 
@@ -51,6 +52,7 @@ use armwatch_store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
 use start::{begun_before, patiently, reweight};
+use suspects::Suspects;
 use turn::{ReadMode, robot_of};
 use vanished::Missing;
 
@@ -145,8 +147,11 @@ pub async fn watch(
     }
     let unfinished = patiently(&stop, async || Ok(pipeline.store().unfinished_sources().await?)).await?;
     let Some(unfinished) = unfinished else { return Ok(()) };
-    let begun = begun_before(&unfinished);
-    let mut work = Work::new(pipeline, reread, stop.child_token(), begun);
+    let began = Instant::now();
+    let failed = patiently(&stop, async || Ok(pipeline.store().take_over_attempts().await?)).await?;
+    let Some(failed) = failed else { return Ok(()) };
+    let mut work = Work::new(pipeline, reread, stop.child_token(), begun_before(&unfinished));
+    work.suspect(began, failed);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.run_loop(reload, &mut report).await;
     // after a failure the others finish their cycles too
@@ -203,6 +208,17 @@ impl<'r> Work<'r> {
             concluded_robot: None,
             open_tests: OpenTests::default(),
         }
+    }
+
+    /// Lets files that the program did not survive be read one at a time.
+    fn suspect(&mut self, began: Instant, failed: Vec<(PathBuf, u32)>) {
+        for (path, attempts) in &failed {
+            tracing::warn!(
+                file = %path.display(), attempts,
+                "the program ended while this export was read; such exports are read one at a time, three times at most"
+            );
+        }
+        self.schedule.suspect(Suspects::new(began, failed));
     }
 
     /// The settings in force, folders from the root on, as paths are stored.
@@ -287,6 +303,7 @@ impl<'r> Work<'r> {
     }
 
     async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
+        self.pipeline.store().check_files()?;
         let (owned, began) = (folders.to_vec(), Instant::now());
         let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
         self.pipeline.metrics().scanned(scan.files.len(), began.elapsed());
@@ -297,6 +314,8 @@ impl<'r> Work<'r> {
         self.schedule.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
         // files are taken also while the database is busy
         retries?;
+        let is_there = |path: &Path| !vanished::is_missing(path, folders, &scan);
+        self.pipeline.store().unblock_vanished(is_there).await?;
         self.give_up_vanished(folders, &scan).await?;
         let stale = self.pipeline.store().stale_robots().await?;
         self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());

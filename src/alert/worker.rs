@@ -13,7 +13,9 @@ use super::receiver::{Receiver, SendError};
 use super::receivers::open::open;
 use super::route::{judge, quiet_until};
 use armwatch_config::{AlertSettings, ReceiverSettings, Route};
-use armwatch_store::{Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Store, StoreError};
+use armwatch_store::{
+    Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Sending, Store, StoreError, wait_for_quiet,
+};
 
 /// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
 const LOOK: Duration = Duration::from_secs(2);
@@ -169,6 +171,14 @@ impl Worker {
                 self.store.hold_message(entry, &due, until, Held::Quiet).await?;
                 continue;
             }
+            if self.store.is_last_attempt(&due).await?
+                && let Some(rest) = wait_for_quiet()
+            {
+                tokio::select! {
+                    () = self.end.cancelled() => break,
+                    () = tokio::time::sleep(rest) => {}
+                }
+            }
             self.attempt(begun, entry, &due, state.failures).await?;
             if self.end.is_cancelled() && state.failures > 0 {
                 break;
@@ -205,9 +215,29 @@ impl Worker {
     ) -> Result<(), StoreError> {
         let route = self.route.name.clone();
         let message = self.due_message(begun, due);
-        if !self.store.begin_attempt(entry, due, Timestamp::now()).await? {
-            tracing::debug!(route, key = message.key, "not sent: it does not wait any more");
-            return Ok(());
+        let key = &message.key;
+        match self.store.begin_attempt(entry, due, Timestamp::now()).await? {
+            Sending::Begun => {}
+            Sending::NotWaiting => {
+                tracing::debug!(route, key, "not sent: it does not wait any more");
+                return Ok(());
+            }
+            Sending::GivenUp => {
+                tracing::error!(
+                    route,
+                    key,
+                    "given up: sending it has ended the program three times; the view deliveries lists what failed"
+                );
+                return Ok(());
+            }
+            Sending::TakenApart => {
+                tracing::warn!(
+                    route,
+                    key,
+                    "sending this digest has ended the program three times: its alarms are sent one by one"
+                );
+                return Ok(());
+            }
         }
         let sent = self.send(&message).await;
         let now = Timestamp::now();

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use tokio_util::sync::CancellationToken;
 
 use crate::pipeline::context::PipelineError;
-use armwatch_config::{Config, ConfigErrors, shown_database};
+use armwatch_config::{Config, ConfigErrors, KINDS_OF_DATABASE, foreign_scheme, shown_database};
 use armwatch_store::{Store, StoreError};
 
 /// All done.
@@ -63,10 +63,16 @@ impl Global {
     /// The configuration, with the command line's database.
     ///
     /// # Errors
-    /// [`CliError::Config`] of a configuration that cannot be read.
+    /// [`CliError::Config`] of a configuration that cannot be read, [`CliError::Usage`] of an address of another kind of
+    /// server.
     pub fn read_config(&self) -> Result<Config, CliError> {
         let (mut config, _) = Config::find(self.config.as_deref())?;
         if let Some(db) = &self.db {
+            if let Some(scheme) = foreign_scheme(db) {
+                return Err(CliError::Usage(format!(
+                    "--db cannot be an address of {scheme}; {KINDS_OF_DATABASE}"
+                )));
+            }
             config.database.clone_from(db);
         }
         Ok(config)
@@ -131,6 +137,12 @@ pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
 /// write can ask.
 pub(super) async fn open_to_read(config: &Config) -> Result<Store, CliError> {
     let store = Store::open_existing_as(&config.database, &config.cluster).await?;
+    store.ok_or_else(|| no_database(config))
+}
+
+/// As [`open_to_read`], also where the schema is that of an earlier version.
+pub(super) async fn open_any_schema(config: &Config) -> Result<Store, CliError> {
+    let store = Store::open_any_schema(&config.database, &config.cluster).await?;
     store.ok_or_else(|| no_database(config))
 }
 

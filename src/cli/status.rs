@@ -13,8 +13,8 @@ use super::shared::output;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
-    AlarmState, AnomalyRow, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
-    QuarantineRow, RunRow, Store, time_in_views,
+    AlarmState, AnomalyRow, BlockedFile, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow,
+    HostState, QuarantineRow, RunRow, Store, time_in_views,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -42,6 +42,8 @@ struct Fleet {
     /// How many alarms are in each of the states [`ANSWERED`].
     answered: [usize; ANSWERED.len()],
     quarantine: Vec<QuarantineRow>,
+    /// Growing files that cannot be read on.
+    blocked: Vec<BlockedFile>,
     runs: Vec<RunRow>,
     /// Daemons of a database on a server that have a name.
     hosts: Vec<HostRow>,
@@ -92,6 +94,7 @@ impl Fleet {
             open,
             answered,
             quarantine,
+            blocked: store.blocked_files().await?,
             runs: store.runs().await?,
         })
     }
@@ -139,6 +142,9 @@ impl Fleet {
         if !self.quarantine.is_empty() {
             let count = output::counted(self.quarantine.len(), "export");
             output::line(&format!("quarantine  {count}: `armwatch quarantine list` says why"));
+        }
+        for file in &self.blocked {
+            output::line(&format!("blocked     {} {}; {}", file.source_name, file.message, file.remedy));
         }
         for run in self.live() {
             let (robot, cycles) = (&run.robot, output::counted(run.cycles, "cycle"));
@@ -222,6 +228,13 @@ impl Fleet {
             .live()
             .map(|run| json!({"robot": run.robot, "run_id": run.run_id, "source_name": run.source_name, "cycles": run.cycles}))
             .collect();
+        let blocked = |file: &BlockedFile| {
+            json!({
+                "robot": file.robot, "source_name": file.source_name, "run_id": file.run_id, "line": file.line,
+                "message": file.message, "remedy": file.remedy, "blocked_at": time_in_views(file.blocked_at),
+            })
+        };
+        let blocked: Vec<Value> = self.blocked.iter().map(blocked).collect();
         let Counts { complete_runs, cycles, .. } = self.counts;
         let host = |row: &HostRow| {
             json!({
@@ -233,7 +246,7 @@ impl Fleet {
             "hosts": self.hosts.iter().map(host).collect::<Vec<_>>(),
             "robots": robots,
             "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
-            "quarantined": self.quarantine.len(), "live": live, "complete_runs": complete_runs, "cycles": cycles,
+            "quarantined": self.quarantine.len(), "blocked": blocked, "live": live, "complete_runs": complete_runs, "cycles": cycles,
         })
     }
 }

@@ -251,6 +251,7 @@ pub(super) fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing
     match (followed, way) {
         (Followed::GaveWay, _) => Closing::GaveWay(read),
         (Followed::UntilSettled, _) => Closing::UntilSettled,
+        (Followed::Blocked(_), _) => Closing::Blocked,
         (Followed::NotYet, _) => Closing::Again,
         (Followed::Outcome(Outcome::Changed | Outcome::InWork { .. } | Outcome::Interrupted), _) => {
             Closing::Again

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use jiff::Timestamp;
 
+use super::suspects::Suspects;
 use armwatch_ingest::find::settle::{Observation, Settling};
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
@@ -17,6 +18,10 @@ const LONGEST_PATIENCE: Duration = Duration::from_secs(600);
 
 /// Longest time between two attempts at a file that the system refuses to read.
 const LONGEST_REST: Duration = Duration::from_secs(60);
+
+/// A growing file that cannot be read on is tried again after this time, because somebody may have corrected it where it
+/// lies; the time doubles up to [`LONGEST_PATIENCE`].
+const FIRST_LOOK_AGAIN: Duration = Duration::from_secs(60);
 
 /// How a file that the database knows is taken up when it is seen for the first time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,6 +57,8 @@ pub enum Closing {
     Done,
     /// Nothing can be said of it before it has settled.
     UntilSettled,
+    /// It cannot be read on before it has settled or is corrected.
+    Blocked,
     /// It is to be looked at again.
     Again,
     /// The system refuses to read it: it is to be taken again after a rest, which doubles each time.
@@ -82,6 +89,9 @@ struct Entry {
     grown: bool,
     /// It is to be read only when it has settled.
     waits: bool,
+    /// Or from then on, after so many attempts that came no further.
+    looks_again_at: Option<Instant>,
+    blocks: u32,
     /// It was done once.
     done: bool,
     patience: Duration,
@@ -117,6 +127,8 @@ pub struct FileSchedule {
     count: u64,
     /// At which of these counts a file of a lane was opened last, so that robots are served in turn.
     turns: HashMap<String, u64>,
+    /// Files that the program may not have survived.
+    suspects: Suspects,
 }
 
 impl FileSchedule {
@@ -133,7 +145,13 @@ impl FileSchedule {
             open: HashSet::new(),
             count: 0,
             turns: HashMap::new(),
+            suspects: Suspects::new(Instant::now(), []),
         }
+    }
+
+    /// Takes over files that the program may not have survived in earlier lives.
+    pub fn suspect(&mut self, suspects: Suspects) {
+        self.suspects = suspects;
     }
 
     /// Lets files settle in `settle` from now on; those whose writers were found to be slow keep their longer time.
@@ -174,11 +192,14 @@ impl FileSchedule {
         self.settled.clear();
         self.count += 1;
         let mut longest_wait = self.count;
+        let open = |path: &Path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file));
+        let mut is_suspect_read = self.suspects.any(open);
         for file in files {
             let seen = Observation { size: file.size, modified: file.modified, at: now };
             self.look_at(file, seen, &lane_of);
             let Some(entry) = self.entries.get_mut(&file.path) else { continue };
-            let rests = entry.rests_until.is_some_and(|end| now < end);
+            let rests = entry.rests_until.is_some_and(|end| now < end)
+                || !self.suspects.admit(&file.path, is_suspect_read, now);
             if rests || self.open.contains(&entry.file) {
                 entry.queued = None;
                 continue;
@@ -186,12 +207,13 @@ impl FileSchedule {
             if entry.settling.is_settled(entry.patience) || is_marked(&file.path) {
                 let name = file.path.file_name().map(Into::into);
                 self.settled.entry(entry.lane.clone()).or_default().insert((name, file.path.clone()));
-            } else if entry.grown && !entry.waits {
+            } else if entry.grown && (!entry.waits || entry.looks_again_at.is_some_and(|at| at <= now)) {
                 self.growing.insert(file.path.clone());
             } else {
                 entry.queued = None;
                 continue;
             }
+            is_suspect_read |= self.suspects.has(&file.path);
             longest_wait = longest_wait.min(*entry.queued.get_or_insert(self.count));
         }
         // turns from before the oldest waiting file was queued cannot change the order any more
@@ -292,6 +314,7 @@ impl FileSchedule {
         let entry = self.entries.get_mut(path)?;
         let (seen, file, patience) = (entry.seen, entry.file, entry.patience);
         entry.queued = None;
+        entry.waits = false;
         if !self.open.insert(file) {
             return None;
         }
@@ -310,6 +333,7 @@ impl FileSchedule {
     /// Notes what became of a file that was open.
     pub fn close(&mut self, due: &NextAttempt, closing: Closing) {
         self.open.remove(&due.file);
+        self.suspects.survived(&due.path);
         // looks while it was open have queued it again; the next one knows better
         self.growing.remove(&due.path);
         let lane = self.entries.get(&due.path).map(|entry| &entry.lane);
@@ -328,7 +352,8 @@ impl FileSchedule {
             Closing::Taken => {}
             // what was read of it is compared with what lies there when it has settled
             Closing::Done => entry.done = true,
-            Closing::UntilSettled => entry.waits = true,
+            Closing::UntilSettled => (entry.waits, entry.looks_again_at) = (true, None),
+            Closing::Blocked => entry.block(),
             Closing::Again => entry.settling = Settling::first(entry.seen),
             Closing::Unreadable => entry.rest(),
             Closing::GaveWay(read) => entry.grown = entry.file == due.file && entry.seen.size > read,
@@ -351,6 +376,8 @@ impl Entry {
             settling: Settling::first(seen),
             grown: false,
             waits: false,
+            looks_again_at: None,
+            blocks: 0,
             done: false,
             patience,
             rests_until: None,
@@ -394,6 +421,12 @@ impl Entry {
         self.rests_until = Some(self.seen.at + rest);
     }
 
+    fn block(&mut self) {
+        let rest = FIRST_LOOK_AGAIN.saturating_mul(1 << self.blocks.min(16)).min(LONGEST_PATIENCE);
+        self.blocks += 1;
+        (self.waits, self.looks_again_at) = (true, Some(self.seen.at + rest));
+    }
+
     fn see(&mut self, seen: Observation, file: FileId) {
         let before = std::mem::replace(&mut self.seen, seen);
         let same_file = std::mem::replace(&mut self.file, file) == file;
@@ -408,7 +441,7 @@ impl Entry {
         // a touched file has not grown, and one that was cut has not grown yet
         self.grown = same_file && seen.size > before.size;
         if !same_file || seen.size < before.size {
-            self.waits = false;
+            (self.waits, self.blocks) = (false, 0);
         }
     }
 }

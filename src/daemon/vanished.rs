@@ -11,6 +11,13 @@ use armwatch_store::UnfinishedSource;
 /// folder to folder takes to be seen.
 const SETTLES: u32 = 20;
 
+/// Whether a file is missing from folders that were looked into.
+pub fn is_missing(path: &Path, folders: &[PathBuf], scan: &Scan) -> bool {
+    folders.iter().any(|folder| path.starts_with(folder))
+        && !scan.unreadable.iter().any(|place| path.starts_with(&place.path))
+        && !scan.files.iter().any(|file| file.path == path)
+}
+
 /// Unfinished runs none of whose files is to be seen, and since when.
 #[derive(Debug, Default)]
 pub struct Missing(HashMap<i64, Instant>);
@@ -27,12 +34,7 @@ impl Missing {
         settle: Duration,
         now: Instant,
     ) -> Vec<i64> {
-        let found: HashSet<&Path> = scan.files.iter().map(|file| file.path.as_path()).collect();
-        let is_missing = |source: &UnfinishedSource| {
-            let path = source.path.as_path();
-            let hidden = scan.unreadable.iter().any(|place| path.starts_with(&place.path));
-            folders.iter().any(|folder| path.starts_with(folder)) && !hidden && !found.contains(path)
-        };
+        let is_missing = |source: &UnfinishedSource| is_missing(&source.path, folders, scan);
         let there: HashSet<i64> =
             unfinished.iter().filter(|source| !is_missing(source)).map(|source| source.run_id).collect();
         let missing: HashSet<i64> = unfinished.iter().map(|source| source.run_id).collect();

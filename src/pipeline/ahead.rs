@@ -164,6 +164,13 @@ impl Pipeline {
         if known.is_some_and(|known| decide::is_decided(&known, retry)) {
             return Ok(None);
         }
+        // a command reads several exports ahead; one that the program did not survive is read in its turn, alone
+        if hashing.once {
+            if self.is_suspect(&name).await? {
+                return Ok(None);
+            }
+            self.begin_attempt(&name, Some(state)).await?;
+        }
         let hashed = match state.bytes <= hashing.first_up_to {
             true => match self.new_content_of(path, retry).await? {
                 None => return Ok(None),

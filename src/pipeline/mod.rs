@@ -192,13 +192,23 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        let ahead = match reading {
-            Reading::NotBegun => self.read_ahead(path, retry, stop).await?,
-            Reading::Begun(ahead) => ahead,
+        let is_spent = match &reading {
+            // counted before it was read ahead
+            Reading::Begun(Some(_)) => false,
+            Reading::NotBegun | Reading::Begun(None) => self.begin_attempt(name, state).await?.is_spent(),
         };
-        let outcome = self.take(path, ahead, retry, stop, progress).await?;
-        if let (Some(run_id), Some(state)) = (outcome.run_id(), state) {
-            self.store.remember_source(name, state, run_id).await?;
+        let outcome = if is_spent {
+            self.quarantine_unread(path, name, state).await?
+        } else {
+            let ahead = match reading {
+                Reading::NotBegun => self.read_ahead(path, retry, stop).await?,
+                Reading::Begun(ahead) => ahead,
+            };
+            self.take(path, ahead, retry, stop, progress).await?
+        };
+        match (outcome.run_id(), state) {
+            (Some(run_id), Some(state)) => self.store.remember_source(name, state, run_id).await?,
+            _ => self.end_attempt(name, Some(&outcome)).await?,
         }
         Ok(outcome)
     }

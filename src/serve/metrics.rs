@@ -18,8 +18,11 @@ use prometheus_client::registry::Registry;
 use super::answer::Refusal;
 use super::shared::Shared;
 use crate::metrics::Metrics;
+use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::text;
-use armwatch_store::{Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError};
+use armwatch_store::{
+    BlockedFile, Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError,
+};
 
 /// States of an anomaly that is not settled.
 const STATES: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
@@ -51,6 +54,7 @@ struct Stored {
     /// By severity and state.
     anomalies: BTreeMap<(&'static str, &'static str), u64>,
     quarantined: Vec<(String, u64)>,
+    blocked: Vec<BlockedFile>,
     routes: Vec<RouteCounts>,
     size: Option<DatabaseSize>,
 }
@@ -73,6 +77,7 @@ impl Stored {
             to_conclude: store.stale_robots().await?.len(),
             anomalies,
             quarantined: store.quarantined_by_robot().await?,
+            blocked: store.blocked_files().await?,
             routes: store.deliveries_by_route().await?,
             size: store.size().await,
         })
@@ -194,6 +199,17 @@ fn of_robots(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
         "armwatch_robot_quarantined_exports",
         "Exports in quarantine that somebody has to look at, by the robot of their names.",
         stored.quarantined.iter().map(|(robot, exports)| ([("robot", &**robot)], *exports)),
+    )?;
+    // 0 for each robot with a result, so that a rule sees the end
+    let mut blocked: BTreeMap<&str, u64> = stored.health.iter().map(|row| (&*row.robot, 0)).collect();
+    for file in &stored.blocked {
+        *blocked.entry(file.robot.as_deref().unwrap_or(UNKNOWN_ROBOT)).or_default() += 1;
+    }
+    gauges(
+        to,
+        "armwatch_robot_blocked_files",
+        "Growing files that cannot be read on before they are corrected or have settled, by the robot of their names.",
+        blocked.into_iter().map(|(robot, files)| ([("robot", robot)], files)),
     )
 }
 
@@ -259,6 +275,16 @@ mod tests {
             to_conclude: 0,
             anomalies: BTreeMap::new(),
             quarantined: vec![("a\"b\\c".into(), 3), ("d\n\u{1b}[2J\u{202e}".into(), 4)],
+            blocked: vec![BlockedFile {
+                robot: None,
+                source_name: "log.csv".into(),
+                source_path: "/data/log.csv".into(),
+                run_id: None,
+                line: Some(12),
+                remedy: "correct the row".into(),
+                blocked_at: Timestamp::UNIX_EPOCH,
+                message: "cannot be read".into(),
+            }],
             routes: vec![RouteCounts {
                 route: "shift".into(),
                 pending: 2,
@@ -274,6 +300,7 @@ mod tests {
         for line in [
             "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\"} 3",
             "armwatch_robot_quarantined_exports{robot=\"d\\\\u{a}\\\\u{1b}[2J\\\\u{202e}\"} 4",
+            "armwatch_robot_blocked_files{robot=\"unknown\"} 1",
             "armwatch_deliveries{route=\"shift\",state=\"failed\"} 1",
             "armwatch_delivery_route_failures{route=\"shift\"} 4",
             "armwatch_delivery_oldest_due_timestamp_seconds{route=\"shift\"} 1767602820.0",

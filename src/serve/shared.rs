@@ -47,8 +47,9 @@ impl Shared {
     /// The handle of those who only look.
     ///
     /// # Errors
-    /// 500 where the database cannot be opened.
+    /// 500 where the database cannot be opened, or is no longer the file at its path.
     pub async fn looking(&self) -> Result<&Store, Refusal> {
+        self.store.check_files().map_err(|error| Refusal::internal(&error))?;
         let open = async || match self.store.open_for_looking().await {
             Ok(Some(store)) => Ok(store),
             Ok(None) => Err(Refusal::internal(&"the database file is gone")),
@@ -65,7 +66,8 @@ pub(super) const STATEMENTS: usize = 2;
 #[derive(Debug, Clone, Copy)]
 pub struct Readiness {
     pub(super) at: Instant,
-    pub(super) database: bool,
+    /// Why the database cannot be used.
+    pub(super) database: Result<(), &'static str>,
     pub(super) spool: bool,
 }
 

@@ -16,7 +16,7 @@ use super::answer::{Problem, Refusal, Refused};
 use super::shared::Shared;
 use crate::serve::shared::{Readiness, Uploads};
 use armwatch_model::run::ContentHash;
-use armwatch_store::ViewRows;
+use armwatch_store::{StoreError, ViewRows};
 
 /// What became of an export
 #[derive(Debug, Serialize, ToSchema)]
@@ -51,6 +51,8 @@ pub struct Ready {
     spool: bool,
     /// Whether it is about to stop
     stopping: bool,
+    /// Why it cannot; null if it can
+    reason: Option<&'static str>,
 }
 
 /// What became of an export
@@ -196,9 +198,15 @@ const READY_HOLDS: Duration = Duration::from_secs(1);
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     let stopping = shared.stop.is_cancelled();
     let Readiness { database, spool, .. } = readiness(&shared).await;
-    let is_ready = database && spool && !stopping;
-    let status = if is_ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    (status, Json(Ready { ready: is_ready, database, spool, stopping })).into_response()
+    let reasons = [
+        database.err(),
+        (!spool).then_some("the spool of uploads cannot be written to"),
+        stopping.then_some("it stops"),
+    ];
+    let reason = reasons.into_iter().flatten().next();
+    let status = if reason.is_none() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    let ready = Ready { ready: reason.is_none(), database: database.is_ok(), spool, stopping, reason };
+    (status, Json(ready)).into_response()
 }
 
 async fn readiness(shared: &Shared) -> Readiness {
@@ -207,7 +215,11 @@ async fn readiness(shared: &Shared) -> Readiness {
     if let Some(known) = last.filter(|known| known.at.elapsed() < READY_HOLDS) {
         return known;
     }
-    let database = shared.store.probe().await.is_ok();
+    let database = shared.store.probe().await.map_err(|error| match error {
+        // anybody may ask, and the whole sentence names paths
+        StoreError::Displaced { .. } => "the open database is no longer the file at its path",
+        _ => "the database does not answer",
+    });
     let spool = match &shared.uploads {
         Some(uploads) => uploads.is_writable().await,
         None => true,

@@ -101,6 +101,39 @@ fn a_recording_that_takes_a_place_and_begins_otherwise_is_warned_of_and_the_othe
     );
 }
 
+#[test]
+fn a_recording_without_any_result_does_not_replace_one_with_results() {
+    let workshop = small::workshop();
+    let good = export("A", 1, 5).named("A_20260105_0847_one.csv");
+    take(&workshop, &good);
+    // the drive was off: no torque in any row
+    let dead = good.with(|text| {
+        let header = text.lines().next().expect("a header");
+        let is_torque: Vec<bool> = header.split(',').map(|name| name.starts_with("trq_")).collect();
+        let still = |line: &str| -> String {
+            let cells = line.split(',').zip(&is_torque).map(|(cell, still)| if *still { "0" } else { cell });
+            cells.collect::<Vec<_>>().join(",") + "\n"
+        };
+        format!("{header}\n{}", text.lines().skip(1).map(still).collect::<String>())
+    });
+    let runs = "SELECT status, superseded_by_run_id, reason FROM runs ORDER BY run_id";
+    let loser = "superseded|1|does not replace run 1, which is the same recording: no cycle has a result";
+    for name in ["A_20260105_0847_two.csv", "A_20260105_0847_two.csv"] {
+        fs::write(workshop.inbox(name), &dead.bytes).expect("written");
+        let output = workshop.run(&["ingest", "inbox"]);
+        let said = text(&output.stderr);
+        assert_eq!(workshop.query(runs), ["complete|1|".replace("|1|", "||"), loser.into()], "{said}");
+    }
+    // the same at the path of the first, whose content is gone then
+    fs::write(workshop.inbox(&good.name), dead.with(|text| format!("{text}\n")).bytes).expect("written");
+    workshop.run(&["ingest", "inbox"]);
+    assert_eq!(workshop.query(runs), ["complete||".into(), loser.to_owned(), loser.to_owned()]);
+    // one with results takes the place
+    take(&workshop, &export("A", 2, 5).named("A_20260105_0847_three.csv"));
+    let status = "SELECT status, superseded_by_run_id FROM runs ORDER BY run_id";
+    assert_eq!(workshop.query(status), ["superseded|4", "superseded|1", "superseded|1", "complete|"]);
+}
+
 /// The same file explained and then taken: what is said is done.
 fn explained(workshop: &Workshop, export: &Export) -> serde_json::Value {
     fs::write(workshop.inbox(&export.name), &export.bytes).expect("an export");

@@ -44,6 +44,7 @@ mod memory;
 mod estimators;
 mod no_result;
 mod overdue;
+mod poison;
 #[cfg(target_os = "linux")]
 mod postgres;
 mod excitation_only;
@@ -53,6 +54,8 @@ mod fairness;
 mod isolation;
 mod exports;
 mod identity;
+#[cfg(target_os = "linux")]
+mod in_place;
 mod production;
 mod production_alarms;
 mod stage_signals;

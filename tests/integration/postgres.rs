@@ -351,6 +351,16 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     assert!(told(&["sql", "--db", &fleet, "DELETE FROM run RETURNING run_id"], 2).contains("read-only"));
     assert!(told(&["sql", "--db", &fleet, "SELECT 1; SELECT 2"], 2).contains("more than one statement"));
     assert!(told(&["sql", "--db", &fleet, "/* nothing */ ;"], 2).contains("there is no statement"));
+    for statement in [
+        "SELECT set_config('transaction_read_only', 'off', false)",
+        "SELECT set_config('transaction_isolation', 'serializable', false) FROM runs",
+        "SELECT CAST('x' AS integer)",
+        "SELECT 1 / 0",
+        "SELECT repeat('x', 2000000000)",
+    ] {
+        let said = told(&["sql", "--db", &fleet, statement], 2);
+        assert!(!said.contains("start again"), "{statement}: {said}");
+    }
     assert!(
         told(&["sql", "--db", &fleet, "COPY runs TO '/tmp/armwatch-runs'"], 2).contains("does not only read")
     );
@@ -369,6 +379,64 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     server.sql("CREATE DATABASE latin TEMPLATE template0 ENCODING 'LATIN1' LOCALE 'C'");
     let latin = server.fleet().replace("/fleet?", "/latin?");
     assert!(told(&["ingest", "inbox", "--db", &latin], 74).contains("UTF8"));
+}
+
+/// An administrator makes a schema for a user who may not make any; one with something in it is left alone.
+#[test]
+fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
+    let Some(server) = Server::start() else { return };
+    let workshop = small::workshop();
+    let export = export("A", 1, 5);
+    fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    server.sql("CREATE ROLE plant LOGIN");
+    let cases = [
+        ("owned", "CREATE SCHEMA armwatch AUTHORIZATION plant", true),
+        (
+            "granted",
+            "CREATE SCHEMA armwatch; GRANT USAGE, CREATE ON SCHEMA armwatch TO plant;
+             ALTER DEFAULT PRIVILEGES IN SCHEMA armwatch GRANT SELECT ON TABLES TO plant",
+            true,
+        ),
+        (
+            "used",
+            "CREATE SCHEMA armwatch AUTHORIZATION plant; CREATE TABLE armwatch.notes (text text)",
+            false,
+        ),
+        (
+            "function",
+            "CREATE SCHEMA armwatch AUTHORIZATION plant;
+             CREATE FUNCTION armwatch.one() RETURNS integer LANGUAGE sql AS 'SELECT 1'",
+            false,
+        ),
+    ];
+    for (database, statement, is_taken) in cases {
+        server.sql(&format!("CREATE DATABASE {database}"));
+        server.sql_in(database, statement);
+        let address = server.fleet().replace("/fleet?", &format!("/{database}?"));
+        let address = address.replace("user=armwatch", "user=plant");
+        let output = workshop.run(&["ingest", "inbox", "--db", &address]);
+        let said = text(&output.stderr);
+        match is_taken {
+            true => {
+                assert_eq!(output.status.code(), Some(0), "{database}: {said}");
+                assert!(is_made(&server, database), "{database}");
+                // in letters of any size
+                let again = address.replace("postgres://", "PostgreSQL://");
+                assert_eq!(workshop.stdout(&["runs", "--db", &again], 0).lines().count(), 2);
+            }
+            false => {
+                assert_eq!(output.status.code(), Some(74), "{database}: {said}");
+                assert!(said.contains("of another program"), "{database}: {said}");
+            }
+        }
+    }
+    server.sql("CREATE DATABASE closed");
+    server.sql_in("closed", "CREATE SCHEMA armwatch; GRANT USAGE ON SCHEMA armwatch TO plant");
+    let closed = server.fleet().replace("/fleet?", "/closed?").replace("user=armwatch", "user=plant");
+    let output = workshop.run(&["ingest", "inbox", "--db", &closed]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(74), "{said}");
+    assert!(said.contains("permission denied") && said.contains("may create in"), "{said}");
 }
 
 /// Tables, columns and types are those of the file, but what only one engine needs.

@@ -244,7 +244,7 @@ fn a_backup_is_the_whole_database_and_takes_the_place_of_a_backup_only() {
     let factors = "SELECT count(*), sum(length(factor)) FROM torque_factor";
     let own = workshop.query(factors);
     let said = workshop.stdout(&["backup", "out/armwatch.db"], 0);
-    assert!(said.starts_with("out/armwatch.db: ") && said.contains("as many as in the database"), "{said}");
+    assert!(said.starts_with("out/armwatch.db: ") && said.contains("each as in the database"), "{said}");
     let copy = workshop.path("out/armwatch.db");
     assert_eq!(query(&copy, factors), own);
     assert_eq!(query(&copy, "PRAGMA auto_vacuum"), ["2"]);

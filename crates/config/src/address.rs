@@ -2,33 +2,56 @@
 
 use std::path::Path;
 
-/// How addresses of a PostgreSQL server begin.
-const SCHEMES: [&str; 2] = ["postgres://", "postgresql://"];
+/// Schemes of addresses of a PostgreSQL server.
+const SCHEMES: [&str; 2] = ["postgres", "postgresql"];
 
-/// Whether a database is on a server: `postgres://user@host/name`.
+/// Remedy for a database that is neither a file nor on PostgreSQL.
+pub const KINDS_OF_DATABASE: &str =
+    "name a file, or a PostgreSQL server as in postgres://user@host:5432/name";
+
+/// Whether a database is on a server: `postgres://user@host/name`, in letters of any size.
 #[must_use]
 pub fn is_on_server(database: &Path) -> bool {
-    database.to_str().is_some_and(|text| SCHEMES.iter().any(|scheme| text.starts_with(scheme)))
+    scheme(database).is_some_and(is_of_postgres)
 }
 
-/// The database as it is told to people: an address without its password.
+/// The scheme of an address that is none of PostgreSQL, such as `mysql`. It is no file either: its name could have a
+/// password in it.
+#[must_use]
+pub fn foreign_scheme(database: &Path) -> Option<&str> {
+    scheme(database).filter(|scheme| !is_of_postgres(scheme))
+}
+
+/// The text before `://`; for PostgreSQL also before `:`, in case slashes are missing.
+fn scheme(database: &Path) -> Option<&str> {
+    let (scheme, rest) = database.to_str()?.trim_start().split_once(':')?;
+    let is_scheme = scheme.starts_with(|first: char| first.is_ascii_alphabetic())
+        && scheme.chars().all(|of| of.is_ascii_alphanumeric() || "+-.".contains(of));
+    (is_scheme && (rest.starts_with("//") || is_of_postgres(scheme))).then_some(scheme)
+}
+
+fn is_of_postgres(scheme: &str) -> bool {
+    SCHEMES.iter().any(|known| known.eq_ignore_ascii_case(scheme))
+}
+
+/// The database as people see it: an address without its password.
 #[must_use]
 pub fn shown_database(database: &Path) -> String {
     let text = database.to_string_lossy();
-    let Some((scheme, rest)) = text.split_once("://").filter(|_| is_on_server(database)) else {
+    let (Some(scheme), Some((_, rest))) = (scheme(database), text.split_once(':')) else {
         return text.into_owned();
     };
+    let rest = rest.strip_prefix("//").unwrap_or(rest.trim_start_matches('/'));
     let (place, parameters) = rest.split_once('?').map_or((rest, None), |(place, rest)| (place, Some(rest)));
-    let (authority, name) = place.split_once('/').map_or((place, None), |(of, name)| (of, Some(name)));
-    let authority = match authority.rsplit_once('@') {
-        Some((user, host)) => format!("{}@{host}", user.split(':').next().unwrap_or_default()),
-        None => authority.to_owned(),
-    };
-    let name = name.map_or_else(String::new, |name| format!("/{name}"));
-    let told = parameters.unwrap_or_default().split('&');
-    let told: Vec<&str> = told.filter(|one| !one.is_empty() && !one.starts_with("password=")).collect();
-    let parameters = if told.is_empty() { String::new() } else { format!("?{}", told.join("&")) };
-    format!("{scheme}://{authority}{name}{parameters}")
+    // a password may hold a slash that is not escaped
+    let (user, place) = place.rsplit_once('@').map_or((None, place), |(user, place)| (Some(user), place));
+    let user = user
+        .map_or_else(String::new, |user| format!("{}@", user.split([':', '/']).next().unwrap_or_default()));
+    let shown = parameters.unwrap_or_default().split('&');
+    let shown: Vec<&str> =
+        shown.filter(|one| !one.is_empty() && !one.to_ascii_lowercase().contains("pass")).collect();
+    let parameters = if shown.is_empty() { String::new() } else { format!("?{}", shown.join("&")) };
+    format!("{}://{user}{place}{parameters}", scheme.to_ascii_lowercase())
 }
 
 #[cfg(test)]
@@ -37,11 +60,23 @@ mod tests {
 
     #[test]
     fn an_address_is_no_file() {
-        for address in ["postgres://armwatch@db/fleet", "postgresql:///fleet?host=/run/postgresql"] {
+        for address in [
+            "postgres://armwatch@db/fleet",
+            "postgresql:///fleet?host=/run/postgresql",
+            "POSTGRES://armwatch:secret@db/fleet",
+            " PostgreSQL://db/fleet",
+            "postgres:/armwatch:secret@db/fleet",
+        ] {
             assert!(is_on_server(Path::new(address)), "{address}");
+            assert_eq!(foreign_scheme(Path::new(address)), None, "{address}");
         }
-        for file in ["armwatch.db", "/var/lib/armwatch/armwatch.db", "postgres.db", "sqlite://a.db", ""] {
+        for file in ["armwatch.db", "/var/lib/armwatch/armwatch.db", "postgres.db", "a:b.db", "/a://b", ""] {
             assert!(!is_on_server(Path::new(file)), "{file}");
+            assert_eq!(foreign_scheme(Path::new(file)), None, "{file}");
+        }
+        for (address, scheme) in [("mysql://a:b@db/fleet", "mysql"), ("SQLite://a.db", "SQLite")] {
+            assert!(!is_on_server(Path::new(address)), "{address}");
+            assert_eq!(foreign_scheme(Path::new(address)), Some(scheme));
         }
     }
 
@@ -52,6 +87,9 @@ mod tests {
             ("postgres://armwatch@db/fleet?sslmode=require", "postgres://armwatch@db/fleet?sslmode=require"),
             ("postgresql:///fleet?user=a&password=b&host=/run", "postgresql:///fleet?user=a&host=/run"),
             ("postgres://db", "postgres://db"),
+            ("POSTGRES://a:se/cret@db/fleet?sslPassword=x", "postgres://a@db/fleet"),
+            ("postgres:a:secret@db/fleet", "postgres://a@db/fleet"),
+            ("mysql://a:secret@db/fleet", "mysql://a@db/fleet"),
             ("/data/fleet.db", "/data/fleet.db"),
         ] {
             assert_eq!(shown_database(Path::new(address)), told);

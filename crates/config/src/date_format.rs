@@ -150,7 +150,9 @@ fn digits_of_clock(text: &str) -> Result<Time, String> {
     let [hour, minute, second] = digits(text, [2, 2, 2])
         .or_else(|| digits(text, [2, 2]).map(|[hour, minute]| [hour, minute, 0]))
         .ok_or("the time needs four or six digits; for another form set time_format under [recognition], such as \"%H-%M-%S\"")?;
-    Time::new(small(hour)?, small(minute)?, small(second)?, 0)
+    // a leap second, which no clock of this program has; strptime takes it likewise
+    let shown = if second == 60 { 59 } else { second };
+    Time::new(small(hour)?, small(minute)?, small(shown)?, 0)
         .map_err(|_| format!("there is no time {hour:02}:{minute:02}:{second:02}"))
 }
 

@@ -18,13 +18,13 @@ mod snapshot;
 mod source;
 mod summary;
 
-pub use self::address::{is_on_server, shown_database};
+pub use self::address::{KINDS_OF_DATABASE, foreign_scheme, is_on_server, shown_database};
 pub use self::alerts::settings::{
     Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
     HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
 };
 pub use self::cluster::{ClusterSettings, host_name};
-pub use self::daemon::recognition::{RecogniseError, Recognised};
+pub use self::daemon::recognition::{RecogniseError, Recognised, UNKNOWN_ROBOT};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{
     Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,

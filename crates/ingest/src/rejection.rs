@@ -102,6 +102,14 @@ impl Rejection {
         if places.is_empty() { self.fault() } else { format!("{places}: {}", self.fault()) }
     }
 
+    /// The fault with its column and value, without line and remedy.
+    #[must_use]
+    pub fn problem(&self) -> String {
+        let column = self.column.as_ref().map(|column| format!("column {column}: "));
+        let value = self.value.as_ref().map(|value| format!("\"{}\" is ", value.escape_debug()));
+        format!("{}{}{}", column.unwrap_or_default(), value.unwrap_or_default(), self.reason)
+    }
+
     fn places(&self) -> String {
         let line = self.line.map(|line| format!("line {line}"));
         let column = self.column.as_ref().map(|column| format!("column {column}"));

@@ -1,34 +1,44 @@
-//! A copy of the whole database for the day when it is lost, made while everything goes on.
+//! A copy of the whole database for the day when it is lost, made while programs work with it.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
+use rusqlite::Connection;
+use rusqlite::backup::{Backup as PageCopy, StepResult};
+use rusqlite::types::ValueRef;
 
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
-use super::snapshot::{copy_error, is_ours, partial_of, place, remove, remove_abandoned};
+use super::partial::Partial;
+use super::small_blocks::free_bytes_beside;
+use super::snapshot::{copy_error, is_ours};
+use super::{question, write_ahead_log};
 
-/// What a backup holds, after it was looked through.
+/// Pause before a locked page is tried again.
+const LOCK_RETRY: Duration = Duration::from_millis(20);
+
+/// Free space that a migration needs for its log, in addition to the copy, as a multiple of the database.
+const ROOM_OF_MIGRATION: u64 = 1;
+
+/// Content of a verified backup.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Backup {
     /// Size of the file, bytes.
     pub bytes: u64,
-    /// Rows of each table, by name.
+    /// Rows of each table, by name. Their content is that of the database.
     pub rows: Vec<(String, u64)>,
-    /// Whether these are the numbers of the database too. They are compared if nothing was written to it meanwhile.
-    pub is_compared: bool,
 }
 
 impl Store {
-    /// Writes a copy of everything that is stored to `target`, as of one moment, in place of an earlier one. It is written
-    /// beside it, looked through (integrity, references, rows of every table) and renamed, so that what is there stays
-    /// until the new one is known to be whole.
+    /// Writes a copy of everything that is stored to `target`, as of one moment, in place of an earlier one. The pages of
+    /// the database are checked first. The copy is written next to its target, verified (integrity, references, a hash of all
+    /// values of every table) and renamed, so that an earlier copy stays until the new one is verified.
     ///
     /// # Errors
-    /// [`StoreError::NotABackup`] where something else lies at `target`, or a database that is in use;
-    /// [`StoreError::NoFactorsInSnapshot`] for a copy for readers; [`StoreError::Corrupt`] where the database or the copy is
+    /// [`StoreError::NotABackup`] if `target` is something else, or a database that is in use;
+    /// [`StoreError::NoFactorsInSnapshot`] for a copy for readers; [`StoreError::Corrupt`] if the database or the copy is
     /// damaged; [`StoreError`] of the database or of the copy.
     pub async fn backup(&self, target: &Path) -> Result<Backup, StoreError> {
         if self.dialect() == Dialect::Postgres {
@@ -37,114 +47,211 @@ impl Store {
                 format!("write it with `pg_dump --schema armwatch --format custom --file {file} {address}`");
             return Err(self.on_server("a backup", instead));
         }
-        let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
+        self.check_files()?;
         self.refuse_snapshot("a backup of it would not be whole")?;
         self.refuse_target(target)?;
-        if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(failed)?;
-        }
-        let partial = partial_of(target);
-        remove_abandoned(target);
-        let found = self.written_and_checked(&partial, target).await;
-        if found.is_err() {
-            // what is half is of no use
-            let _ = remove(&partial);
-        }
-        let (rows, is_compared) = found?;
-        let target = target.to_owned();
-        let placed = tokio::task::spawn_blocking(move || {
-            // a copy that has no place is of no use either
-            place(&partial, &target).inspect_err(|_| drop(remove(&partial)))
-        })
-        .await;
-        let bytes = placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)?;
-        Ok(Backup { bytes, rows, is_compared })
+        write_beside(&self.path, target).await
     }
 
     fn refuse_target(&self, target: &Path) -> Result<(), StoreError> {
         let refused =
             |detail: &str| StoreError::NotABackup { path: target.to_owned(), detail: detail.into() };
-        if target.canonicalize().is_ok_and(|path| self.path.canonicalize().is_ok_and(|own| own == path)) {
+        if is_same_file(target, &self.path) {
             return Err(refused("it is the database itself"));
         }
-        let mut log: PathBuf = target.to_owned();
-        log.as_mut_os_string().push("-wal");
         match is_ours(target) {
             Ok(None) => Ok(()),
-            Ok(Some(true)) if log.exists() => Err(refused("it is a database that is in use")),
+            Ok(Some(true)) if write_ahead_log::path_of(target).exists() => {
+                Err(refused("it is a database that is in use"))
+            }
             Ok(Some(true)) => Ok(()),
             Ok(Some(false)) => Err(refused("it is no armwatch database")),
-            Err(error) => Err(StoreError::from_sqlx(target, &sqlx::Error::Io(error))),
-        }
-    }
-
-    async fn written_and_checked(
-        &self,
-        partial: &Path,
-        target: &Path,
-    ) -> Result<(Vec<(String, u64)>, bool), StoreError> {
-        let (broken, of_copy) =
-            (|e: sqlx::Error| StoreError::from_sqlx(&self.path, &e), |e| StoreError::from_sqlx(target, &e));
-        // one connection of its own, so that it can tell whether others write
-        let reading = SqliteConnectOptions::new().filename(&self.path).read_only(true);
-        let mut source = reading.disable_statement_logging().connect().await.map_err(broken)?;
-        let version = data_version(&mut source).await.map_err(broken)?;
-        sqlx::query("VACUUM INTO ?")
-            .bind(partial.to_string_lossy())
-            .execute(&mut source)
-            .await
-            .map_err(|error| copy_error(&self.path, target, &error))?;
-        let of_source = rows(&mut source).await.map_err(broken)?;
-        let is_compared = data_version(&mut source).await.map_err(broken)? == version;
-        source.close().await.map_err(broken)?;
-
-        let reading = SqliteConnectOptions::new().filename(partial).read_only(true);
-        let mut copy = reading.disable_statement_logging().connect().await.map_err(of_copy)?;
-        let damaged = |error: sqlx::Error| copy_error(&self.path, target, &error);
-        let fault = fault_of(&mut copy).await.map_err(damaged)?;
-        let rows = rows(&mut copy).await.map_err(damaged)?;
-        copy.close().await.map_err(of_copy)?;
-        let fault = fault.or_else(|| {
-            let differs = is_compared && rows != of_source;
-            differs.then(|| "its tables have other numbers of rows than the database".to_owned())
-        });
-        match fault {
-            None => Ok((rows, is_compared)),
-            Some(detail) => Err(StoreError::Corrupt {
-                path: self.path.to_path_buf(),
-                detail: format!("its copy: {detail}"),
-            }),
+            Err(error) => Err(not_written(target, error)),
         }
     }
 }
 
-async fn data_version(connection: &mut SqliteConnection) -> Result<i64, sqlx::Error> {
-    sqlx::query_scalar("PRAGMA data_version").fetch_one(connection).await
-}
-
-/// What is wrong with a database, if anything is.
-async fn fault_of(connection: &mut SqliteConnection) -> Result<Option<String>, sqlx::Error> {
-    let integrity: String =
-        sqlx::query_scalar("PRAGMA integrity_check(1)").fetch_one(&mut *connection).await?;
-    if integrity != "ok" {
-        return Ok(Some(integrity));
+/// Copies a database into its folder before its schema `schema` is changed, if there is room for the copy and the change.
+///
+/// # Errors
+/// [`StoreError::Corrupt`] for a damaged database, which must not be changed. Any other reason for having no copy is logged.
+pub(super) async fn before_migration(database: &Path, schema: i64) -> Result<(), StoreError> {
+    let name_of = |schema: i64| {
+        let mut name = database.as_os_str().to_owned();
+        name.push(format!(".schema-{schema}"));
+        PathBuf::from(name)
+    };
+    let target = name_of(schema);
+    let bytes = [database, &write_ahead_log::path_of(database)]
+        .map(|file| std::fs::metadata(file).map_or(0, |metadata| metadata.len()))
+        .iter()
+        .sum::<u64>();
+    let needed = bytes.saturating_mul(1 + ROOM_OF_MIGRATION);
+    let free = free_bytes_beside(database).unwrap_or(u64::MAX);
+    if free < needed {
+        tracing::warn!(
+            path = %database.display(), free_mb = free >> 20, needed_mb = needed >> 20,
+            "there is no room for a copy of the database before its schema is changed; changing it without"
+        );
+        return Ok(());
     }
-    let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_optional(connection).await?;
-    Ok(dangling.map(|_| "rows refer to rows that are not there".to_owned()))
+    // a file of a user stays
+    let written = match is_ours(&target) {
+        Ok(None | Some(true)) => write_beside(database, &target).await,
+        _ => {
+            Err(StoreError::NotABackup { path: target.clone(), detail: "it is no armwatch database".into() })
+        }
+    };
+    match written {
+        Ok(_) => {
+            tracing::info!(
+                copy = %target.display(),
+                "the database was copied before its schema is changed; delete the copy when you do not need it any more"
+            );
+            for earlier in
+                (1..schema).map(name_of).filter(|copy| is_ours(copy).is_ok_and(|is| is == Some(true)))
+            {
+                let _ = std::fs::remove_file(earlier);
+            }
+            Ok(())
+        }
+        Err(error @ StoreError::Corrupt { .. }) => Err(error),
+        Err(error) => {
+            tracing::warn!(%error, "the database was not copied before its schema is changed; changing it without");
+            Ok(())
+        }
+    }
 }
 
-/// Rows of each table, by name.
-async fn rows(connection: &mut SqliteConnection) -> Result<Vec<(String, u64)>, sqlx::Error> {
-    let names: Vec<String> = sqlx::query_scalar(
-        "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~' ORDER BY name",
+pub(super) fn is_same_file(one: &Path, other: &Path) -> bool {
+    let id = |path: &Path| std::fs::metadata(path).ok().map(|of| (of.dev(), of.ino()));
+    id(one).is_some_and(|one| id(other) == Some(one))
+}
+
+pub(super) fn not_written(target: &Path, error: std::io::Error) -> StoreError {
+    StoreError::from_sqlx(target, &sqlx::Error::Io(error))
+}
+
+async fn write_beside(source: &Path, target: &Path) -> Result<Backup, StoreError> {
+    let (from, to) = (source.to_owned(), target.to_owned());
+    let written = tokio::task::spawn_blocking(move || write(&from, &to)).await;
+    written.unwrap_or_else(|error| Err(not_written(target, std::io::Error::other(error))))
+}
+
+fn write(source: &Path, target: &Path) -> Result<Backup, StoreError> {
+    let partial = Partial::of(target).map_err(|error| not_written(target, error))?;
+    let of_source = copy(source, partial.path(), target)?;
+    let copied = check(partial.path());
+    let copied = copied.map_err(|error| copy_error(source, StoreError::from_rusqlite(target, &error)))?;
+    let fault = copied.fault.or_else(|| {
+        let differing = of_source.iter().find(|table| !copied.tables.contains(table));
+        differing.map(|table| format!("the table {} differs from that of the database", table.name))
+    });
+    if let Some(fault) = fault {
+        let detail = format!("its copy: {fault}");
+        return Err(StoreError::Corrupt { path: source.to_owned(), detail });
+    }
+    let bytes = partial.place().map_err(|error| not_written(target, error))?;
+    let rows = copied.tables.into_iter().map(|table| (table.name, table.rows)).collect();
+    Ok(Backup { bytes, rows })
+}
+
+/// A table as it is compared.
+#[derive(Debug, PartialEq, Eq)]
+struct TableContent {
+    name: String,
+    rows: u64,
+    /// Hash of all values.
+    hash: blake3::Hash,
+}
+
+/// Checks the pages of the database and copies one moment of it; gives the content of its tables at that moment.
+fn copy(source: &Path, partial: &Path, target: &Path) -> Result<Vec<TableContent>, StoreError> {
+    let broken = |error: rusqlite::Error| StoreError::from_rusqlite(source, &error);
+    let connection = question::connect(source).map_err(broken)?;
+    connection.execute_batch("BEGIN").map_err(broken)?;
+    if let Some(detail) = first_fault(&connection, "quick_check").map_err(broken)? {
+        return Err(StoreError::Corrupt { path: source.to_owned(), detail });
+    }
+    copy_pages(&connection, partial)
+        .map_err(|error| copy_error(source, StoreError::from_rusqlite(target, &error)))?;
+    tables(&connection).map_err(broken)
+}
+
+fn copy_pages(source: &Connection, partial: &Path) -> Result<(), rusqlite::Error> {
+    let mut copy = Connection::open(partial)?;
+    // the file is synced as a whole before it gets its name
+    copy.execute_batch(
+        "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA locking_mode = EXCLUSIVE",
+    )?;
+    let pages = PageCopy::new(source, &mut copy)?;
+    loop {
+        match pages.step(-1)? {
+            StepResult::Done => break,
+            _ => std::thread::sleep(LOCK_RETRY),
+        }
+    }
+    drop(pages);
+    drop(copy);
+    // readers of the copy then need no log
+    let copy = Connection::open(partial)?;
+    copy.execute_batch(
+        "PRAGMA locking_mode = EXCLUSIVE; PRAGMA synchronous = OFF; PRAGMA journal_mode = DELETE",
     )
-    .fetch_all(&mut *connection)
-    .await?;
-    let mut counts = Vec::with_capacity(names.len());
-    for name in names {
-        let sql = AssertSqlSafe(format!("SELECT count(*) FROM \"{name}\""));
-        let count: i64 = sqlx::query_scalar(sql).fetch_one(&mut *connection).await?;
-        counts.push((name, u64::try_from(count).unwrap_or(0)));
+}
+
+/// Result of checking a copy.
+struct Checked {
+    fault: Option<String>,
+    tables: Vec<TableContent>,
+}
+
+fn check(copy: &Path) -> Result<Checked, rusqlite::Error> {
+    let copy = question::connect(copy)?;
+    let fault = match first_fault(&copy, "integrity_check")? {
+        None => {
+            let is_dangling = copy.prepare("PRAGMA foreign_key_check")?.exists([])?;
+            is_dangling.then(|| "rows refer to rows that are not there".to_owned())
+        }
+        fault => fault,
+    };
+    Ok(Checked { fault, tables: tables(&copy)? })
+}
+
+/// First finding of SQLite's `check`, such as `quick_check`.
+pub(super) fn first_fault(connection: &Connection, check: &str) -> Result<Option<String>, rusqlite::Error> {
+    let found: String = connection.query_row(&format!("PRAGMA {check}(1)"), [], |row| row.get(0))?;
+    Ok((found != "ok").then(|| found.trim().to_owned()))
+}
+
+/// Content of all tables, by name.
+fn tables(connection: &Connection) -> Result<Vec<TableContent>, rusqlite::Error> {
+    let mut listed = connection.prepare(
+        "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite~_%' ESCAPE '~' ORDER BY name",
+    )?;
+    let names: Vec<String> = listed.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+    names.into_iter().map(|name| content(connection, name)).collect()
+}
+
+fn content(connection: &Connection, name: String) -> Result<TableContent, rusqlite::Error> {
+    let mut statement = connection.prepare(&format!("SELECT * FROM \"{name}\""))?;
+    let columns = statement.column_count();
+    let (mut hash, mut count) = (blake3::Hasher::new(), 0);
+    let mut rows = statement.query([])?;
+    while let Some(row) = rows.next()? {
+        count += 1;
+        for column in 0..columns {
+            let mut add = |kind: u8, bytes: &[u8]| {
+                hash.update(&[kind]).update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
+            };
+            match row.get_ref(column)? {
+                ValueRef::Null => add(0, &[]),
+                ValueRef::Integer(number) => add(1, &number.to_le_bytes()),
+                ValueRef::Real(number) => add(2, &number.to_le_bytes()),
+                ValueRef::Text(text) => add(3, text),
+                ValueRef::Blob(bytes) => add(4, bytes),
+            }
+        }
     }
-    Ok(counts)
+    Ok(TableContent { name, rows: count, hash: hash.finalize() })
 }

@@ -1,13 +1,21 @@
-//! One daemon a database in a file, and one a host on a server: two would analyse every export twice.
+//! One daemon per database in a file, and one per host on a server: two would analyse every export twice.
 
-use std::fs::{File, TryLockError};
-use std::io::Write;
-use std::path::Path;
+use std::fs::{File, Permissions, TryLockError};
+use std::io::{ErrorKind, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt, fchown};
+use std::path::{Path, PathBuf};
+
+use nix::fcntl::OFlag;
 
 use super::engine::host_lock::HostLock;
 use super::engine::{Dialect, EnginePool};
 use super::error::StoreError;
+use super::inode_lock::{InodeLock, Taken};
+use super::partial;
 use crate::handle::Store;
+
+/// Mode of the lock file: a user who can open it can keep the daemon from starting.
+const PRIVATE: u32 = 0o600;
 
 /// A daemon's claim on a database. The operating system releases it with the process, however that
 /// ends; the file beside the database, which holds the number of the process, stays. A server releases it with the
@@ -19,7 +27,7 @@ pub struct DaemonClaim {
 
 #[derive(Debug)]
 enum Held {
-    File { _locked: File },
+    File { _locked: File, _inode: Option<InodeLock> },
     Server(HostLock, EnginePool),
 }
 
@@ -35,10 +43,15 @@ impl Store {
     /// Claims the database for one daemon, until the claim is dropped or the process ends.
     ///
     /// # Errors
-    /// [`StoreError::Claimed`] while another process holds the claim.
+    /// [`StoreError::Claimed`] while another process holds the claim, [`StoreError::LockFile`].
     pub async fn claim(&self) -> Result<DaemonClaim, StoreError> {
         match self.dialect() {
-            Dialect::Sqlite => claim(&self.path),
+            Dialect::Sqlite => {
+                let claim = claim(&self.path)?;
+                // an earlier daemon may have been killed while it copied the database
+                partial::remove_left(&self.path);
+                Ok(claim)
+            }
             Dialect::Postgres => {
                 let lock = self.own_host.lock();
                 if !self.checked(lock.claim(&self.writer).await)? {
@@ -59,12 +72,7 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn has_daemon(&self) -> Result<bool, StoreError> {
         match self.dialect() {
-            Dialect::Sqlite => match claim(&self.path) {
-                Err(StoreError::Claimed { .. }) => Ok(true),
-                Err(error) => Err(error),
-                // not kept: a daemon that starts now takes over
-                Ok(_) => Ok(false),
-            },
+            Dialect::Sqlite => Ok(is_claimed(&self.path)),
             Dialect::Postgres => {
                 let daemon = "SELECT EXISTS (SELECT 1 FROM host_session
                                              WHERE kind = 'daemon' AND ended_at IS NULL AND alive_until > clock_us())";
@@ -74,23 +82,91 @@ impl Store {
     }
 }
 
-pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
-    let mut name = database.as_os_str().to_owned();
+/// The lock file of a daemon, next to the database file that links lead to.
+#[must_use]
+pub fn lock_file_of(database: &Path) -> PathBuf {
+    let real = database.canonicalize().unwrap_or_else(|_| database.to_path_buf());
+    let mut name = real.into_os_string();
     name.push(".daemon");
-    let not_writable =
-        |error: std::io::Error| StoreError::NotWritable { path: database.into(), detail: error.to_string() };
-    let file = File::options().create(true).truncate(false).write(true).open(&name).map_err(not_writable)?;
+    name.into()
+}
+
+pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
+    let lock = lock_file_of(database);
+    let failed = |error: std::io::Error| StoreError::LockFile {
+        path: database.into(),
+        lock: lock.clone(),
+        detail: error.to_string(),
+    };
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .mode(PRIVATE)
+        // a link of another user must not lead a daemon of root to a file of the system
+        .custom_flags(OFlag::O_NOFOLLOW.bits())
+        .open(&lock)
+        .map_err(failed)?;
+    make_private(&file, database);
+    let claimed = || {
+        let said = std::fs::read_to_string(&lock).unwrap_or_default();
+        Err(StoreError::Claimed { path: database.into(), process: said.trim().parse().ok() })
+    };
     match file.try_lock() {
-        Ok(()) => {
-            leave_number(&file);
-            Ok(DaemonClaim { _held: Held::File { _locked: file } })
-        }
-        Err(TryLockError::WouldBlock) => {
-            let said = std::fs::read_to_string(&name).unwrap_or_default();
-            Err(StoreError::Claimed { path: database.into(), process: said.trim().parse().ok() })
-        }
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => return claimed(),
         // a file system without locks, such as some network shares, cannot tell two daemons apart
-        Err(TryLockError::Error(error)) => Err(not_writable(error)),
+        Err(TryLockError::Error(error)) => return Err(failed(error)),
+    }
+    let inode = match InodeLock::take(database) {
+        Taken::Held(lock) => Some(lock),
+        // it opened the file by another name
+        Taken::ByDaemon => return Err(StoreError::Claimed { path: database.into(), process: None }),
+        Taken::Unavailable => {
+            tracing::warn!(
+                database = %database.display(),
+                "the database file cannot be locked; a second daemon by another name of the file would not be noticed"
+            );
+            None
+        }
+    };
+    leave_number(&file);
+    Ok(DaemonClaim { _held: Held::File { _locked: file, _inode: inode } })
+}
+
+/// True if a daemon in another process has claimed the database.
+fn is_claimed(database: &Path) -> bool {
+    if InodeLock::is_of_daemon(database) {
+        return true;
+    }
+    let lock =
+        File::options().write(true).custom_flags(OFlag::O_NOFOLLOW.bits()).open(lock_file_of(database));
+    match lock.map(|lock| lock.try_lock()) {
+        Ok(tried) => matches!(tried, Err(TryLockError::WouldBlock)),
+        Err(error) => {
+            if error.kind() != ErrorKind::NotFound {
+                tracing::debug!(%error, "the lock file of the daemon belongs to another user");
+            }
+            false
+        }
+    }
+}
+
+/// Makes the lock file private. If root makes it, it belongs to the owner of the database, as SQLite's files do.
+fn make_private(file: &File, database: &Path) {
+    let set = || {
+        let own = file.metadata()?;
+        if own.mode() & 0o777 != PRIVATE {
+            file.set_permissions(Permissions::from_mode(PRIVATE))?;
+        }
+        let of = std::fs::metadata(database)?;
+        match nix::unistd::geteuid().is_root() && own.uid() != of.uid() {
+            true => fchown(file, Some(of.uid()), Some(of.gid())),
+            false => Ok(()),
+        }
+    };
+    if let Err(error) = set() {
+        tracing::warn!(lock = %lock_file_of(database).display(), %error, "other users can hold the lock of the daemon");
     }
 }
 

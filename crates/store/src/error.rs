@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::engine::sqlstate::{ServerFault, fault_of};
+use super::write_ahead_log;
 use armwatch_config::is_on_server;
 
 /// Why the database could not be used. Every message names the file and a remedy.
@@ -134,6 +135,43 @@ pub enum StoreError {
         /// What SQLite said.
         detail: String,
     },
+    /// The open database is no longer the file at its path.
+    #[error(
+        "database {} was moved, deleted or replaced while it was open ({detail}); nothing more is stored: start again to use \
+         the file that is there now, and stop every program that uses a database before you move or restore it",
+        .path.display()
+    )]
+    Displaced {
+        /// Database file.
+        path: PathBuf,
+        /// Which of its files, and what became of it.
+        detail: String,
+    },
+    /// The log beside a database is that of another one.
+    #[error(
+        "{} belongs to another database than {}, as after a restore: delete it and {}, or move them away, and start again",
+        .log.display(), .path.display(), write_ahead_log::index_path_of(.path).display()
+    )]
+    ForeignLog {
+        /// Database file.
+        path: PathBuf,
+        /// The log.
+        log: PathBuf,
+    },
+    /// The lock file of the daemon cannot be opened.
+    #[error(
+        "cannot open the lock file {} of database {} ({detail}); give it to the user of the daemon with `chown`, or delete it \
+         while no daemon runs",
+        .lock.display(), .path.display()
+    )]
+    LockFile {
+        /// Database file.
+        path: PathBuf,
+        /// The lock file beside it.
+        lock: PathBuf,
+        /// What the system said.
+        detail: String,
+    },
     /// Another daemon works on the database.
     #[error(
         "another armwatch daemon{} works on database {}; stop it first, or name another database",
@@ -232,8 +270,8 @@ pub enum StoreError {
     },
     /// The user may not do what has to be done.
     #[error(
-        "the user of {} may not do this ({detail}); the first start needs `GRANT CREATE ON DATABASE`, and tables are \
-         written by the user that made them",
+        "the user of {} may not do this ({detail}); the first start needs `GRANT CREATE ON DATABASE`, or an empty schema \
+         armwatch that this user may create in, and tables are written by the user that made them",
         .path.display()
     )]
     Rights {
@@ -366,6 +404,12 @@ impl StoreError {
             (None, sqlx::Error::Configuration(_) | sqlx::Error::Tls(_)) => Self::Address { path, detail },
             _ => Self::Server { path, detail },
         }
+    }
+
+    /// The same for an error of the driver that blocks its thread.
+    pub(super) fn from_rusqlite(path: &Path, error: &rusqlite::Error) -> Self {
+        let code = error.sqlite_error().map_or(0, |of| of.extended_code);
+        Self::from_code(path.to_path_buf(), code, error.to_string())
     }
 
     /// The same for a migration that failed.

@@ -14,6 +14,7 @@ use super::robot::indices::friction::{self, CycleSpeedFits};
 use crate::engine::EngineTransaction;
 use crate::handle::Store;
 use crate::ledger::supersession;
+use crate::ledger::supersession::Contest;
 use armwatch_model::analysis::RunAnalysis;
 use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::run::{ContentHash, ContentPrefix};
@@ -29,6 +30,8 @@ pub struct FinishTransaction {
     pub(super) run_id: i64,
     pub(super) robot_id: i64,
     pub(super) replaced: Option<Replaced>,
+    /// The run of the same recording that keeps its place, because this one has no result.
+    pub(super) kept: Option<i64>,
 }
 
 /// A run whose place a run takes that is ending.
@@ -87,12 +90,16 @@ impl FinishTransaction {
         if owner == Owner::Ours {
             let replaced = supersession::replaced_by(&mut *self.transaction, self.run_id).await;
             if let Some(old) = self.checked(replaced)? {
-                let superseded =
-                    supersession::supersede_shorter(&mut self.transaction, self.run_id, old).await;
-                if self.checked(superseded)? {
-                    let otherwise = identity::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
-                    self.replaced =
-                        Some(Replaced { run_id: old, begins_otherwise: self.checked(otherwise)? });
+                let contest = supersession::supersede_worse(&mut self.transaction, self.run_id, old).await;
+                match self.checked(contest)? {
+                    Contest::New => {
+                        let otherwise =
+                            identity::begin_otherwise(&mut *self.transaction, self.run_id, old).await;
+                        self.replaced =
+                            Some(Replaced { run_id: old, begins_otherwise: self.checked(otherwise)? });
+                    }
+                    Contest::Old => self.kept = Some(old),
+                    Contest::Both => {}
                 }
             }
         }
@@ -114,14 +121,25 @@ impl FinishTransaction {
         self.replaced
     }
 
-    /// Marks the run complete; quarantined ones of the same recording are superseded by it.
+    /// The run of the same recording that keeps its place, as [`FinishTransaction::adopt`] has found, because no cycle of
+    /// this one has a result.
+    #[must_use]
+    pub fn kept(&self) -> Option<i64> {
+        self.kept
+    }
+
+    /// Marks the run complete; quarantined ones of the same recording are superseded by it. One that has lost its place to
+    /// a [better run](Self::kept) is superseded instead.
     ///
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
     pub async fn complete(&mut self, totals: RunTotals) -> Result<(), StoreError> {
         let result = runs::mark_complete(&mut *self.transaction, self.run_id, totals).await;
         self.checked(result)?;
-        let superseded = quarantine::supersede_faulty(&mut *self.transaction, self.run_id).await;
+        let superseded = match self.kept {
+            Some(old) => supersession::set_aside(&mut *self.transaction, self.run_id, old).await,
+            None => quarantine::supersede_faulty(&mut *self.transaction, self.run_id).await,
+        };
         self.checked(superseded)
     }
 
@@ -148,6 +166,13 @@ impl Store {
         let robot = runs::robot_of_run(&mut *transaction, run_id, self.session()).await;
         let robot = self.checked(robot)?;
         let robot_id = robot.ok_or_else(|| self.run_not_open(run_id))?;
-        Ok(FinishTransaction { transaction, path: Arc::clone(&self.path), run_id, robot_id, replaced: None })
+        Ok(FinishTransaction {
+            transaction,
+            path: Arc::clone(&self.path),
+            run_id,
+            robot_id,
+            replaced: None,
+            kept: None,
+        })
     }
 }

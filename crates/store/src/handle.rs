@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::error::StoreError;
+use super::open_files::OpenFiles;
 use super::own_host::OwnHost;
 use crate::engine::{Dialect, EnginePool, EngineTransaction, begin_writing, dialect};
 
@@ -17,6 +18,10 @@ pub struct Store {
     pub(super) probe: EnginePool,
     /// Whether it was opened to look into it.
     pub(super) is_read_only: bool,
+    /// Whether it is a copy for readers.
+    pub(super) is_snapshot: bool,
+    /// The files of a database that is written to here.
+    pub(super) files: Option<Arc<OpenFiles>>,
     /// The host that this program is on.
     pub(super) own_host: OwnHost,
 }
@@ -25,8 +30,9 @@ impl Store {
     /// Moves the write-ahead log into the database file and closes it, for all clones.
     ///
     /// # Errors
-    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same.
+    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same, except with [`StoreError::Displaced`].
     pub async fn close(self) -> Result<(), StoreError> {
+        let in_place = self.check_files();
         // Readers first: a checkpoint cannot empty the log while they look at it.
         self.probe.close().await;
         self.readers.close().await;
@@ -37,7 +43,7 @@ impl Store {
             Dialect::Sqlite => {
                 let checkpoint = sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&self.writer).await;
                 self.writer.close().await;
-                self.checked(checkpoint).map(|_| ())
+                in_place.and(self.checked(checkpoint).map(|_| ()))
             }
             Dialect::Postgres => {
                 self.control().close().await;
@@ -64,8 +70,9 @@ impl Store {
     /// A transaction that has the write lock.
     ///
     /// # Errors
-    /// [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
+    /// [`StoreError::Displaced`]; [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
     pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
+        self.check_files()?;
         let mut transaction = self.checked(begin_writing(&self.writer).await)?;
         if self.checked(self.own_host.is_alive(&mut *transaction).await)? {
             Ok(transaction)

@@ -1,5 +1,7 @@
 //! Opening a database: is it ours, is it current, and how its connections behave.
 
+use std::fs::File;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -10,11 +12,13 @@ use sqlx::{ConnectOptions, Connection, SqliteConnection};
 use super::engine::{Dialect, EngineConnectOptions, EnginePool, EnginePoolOptions, catalog};
 use super::error::StoreError;
 use super::handle::Store;
+use super::open_files::OpenFiles;
 use super::own_host::OwnHost;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
-use super::{server, view_columns, write_ahead_log};
-use armwatch_config::{ClusterSettings, is_on_server};
+use super::{descriptor, server, small_blocks, view_columns, write_ahead_log};
+use armwatch_config::{ClusterSettings, foreign_scheme, is_on_server, shown_database};
+use armwatch_model::run::FileId;
 
 /// How long a write waits for another process. Longer than any transaction of this program, shorter
 /// than a person waits for an answer.
@@ -59,6 +63,7 @@ impl Store {
         if is_on_server(path) {
             return server::open(path, cluster, BUSY_TIMEOUT).await;
         }
+        refuse_address(path)?;
         open(path, BUSY_TIMEOUT).await
     }
 
@@ -82,7 +87,21 @@ impl Store {
         if is_on_server(path) {
             return server::open_existing(path, cluster, BUSY_TIMEOUT).await;
         }
-        open_existing(path).await
+        refuse_address(path)?;
+        open_existing(path, latest_schema()).await
+    }
+
+    /// As [`Store::open_existing_as`], also with the schema of an earlier version: for [`Store::backup`] and
+    /// [`Store::damages`], which do not depend on it.
+    ///
+    /// # Errors
+    /// As [`Store::open_existing`], except [`StoreError::Older`].
+    pub async fn open_any_schema(path: &Path, cluster: &ClusterSettings) -> Result<Option<Self>, StoreError> {
+        if is_on_server(path) {
+            return server::open_existing(path, cluster, BUSY_TIMEOUT).await;
+        }
+        refuse_address(path)?;
+        open_existing(path, 0).await
     }
 
     /// A handle of its own for those who only look: its readers take no turn of this one's. `None` if the file is gone.
@@ -90,8 +109,9 @@ impl Store {
     /// # Errors
     /// As [`Store::open_existing`].
     pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
+        self.check_files()?;
         match self.dialect() {
-            Dialect::Sqlite => open_existing(&self.path).await,
+            Dialect::Sqlite => open_existing(&self.path, latest_schema()).await,
             Dialect::Postgres => server::open_again(self, BUSY_TIMEOUT).await,
         }
     }
@@ -109,10 +129,15 @@ impl Store {
     /// speed, not synced.
     ///
     /// # Errors
-    /// [`StoreError::NotWritable`] if the disk refuses.
+    /// [`StoreError::NotWritable`] if the disk refuses, [`StoreError::Displaced`].
     pub async fn sync(&self) -> Result<(), StoreError> {
         match self.dialect() {
-            Dialect::Sqlite => write_ahead_log::sync(&self.path).await,
+            Dialect::Sqlite => {
+                self.check_files()?;
+                write_ahead_log::sync(&self.path).await?;
+                // the files at these paths were synced; are they those that hold the commits?
+                self.check_files()
+            }
             // a server syncs with each commit, unless whoever looks after it says otherwise
             Dialect::Postgres => Ok(()),
         }
@@ -132,10 +157,12 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .busy_timeout(busy_timeout)
         .foreign_keys(true)
         .disable_statement_logging();
-    let found = inspect(&path, &options).await?;
-    if is_snapshot(&path, &options).await? {
+    small_blocks::refuse_full(&path, small_blocks::LEAST_TO_WRITE_BYTES)?;
+    let (found, is_snapshot) = inspect(&path, &options).await?;
+    if is_snapshot {
         return Err(StoreError::Snapshot { path: path.to_path_buf() });
     }
+    let opened = make_file(&path).map_err(|e| StoreError::not_writable(&path, &e))?;
 
     let mut writing = options.clone().create_if_missing(true);
     if found == 0 {
@@ -159,25 +186,41 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    // a reader that has the log open keeps it, whatever becomes of the writer's connection
+    let read = sqlx::query("SELECT count(*) FROM sqlite_schema").execute(&readers).await;
+    read.map_err(|e| StoreError::from_sqlx(&path, &e))?;
+    small_blocks::reserve(&path)?;
+    let files = Some(Arc::new(OpenFiles::at(&path, opened)?));
     Ok(Store {
         path,
         writer,
         readers,
         probe,
         is_read_only: false,
+        is_snapshot: false,
+        files,
         own_host: OwnHost::none(&ClusterSettings::default()),
     })
 }
 
+/// Makes an empty file if there is none, and gives the number of the file that SQLite is to open.
+fn make_file(path: &Path) -> std::io::Result<FileId> {
+    const MODE_OF_SQLITE: u32 = 0o644;
+    if !path.try_exists()? {
+        File::options().create(true).append(true).mode(MODE_OF_SQLITE).open(path)?;
+    }
+    descriptor::of(path)?.metadata().map(|metadata| descriptor::id_of(&metadata))
+}
+
 /// Opens what is there for reading only; see [`Store::open_existing`].
-pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreError> {
+async fn open_existing(path: &Path, oldest: i64) -> Result<Option<Store>, StoreError> {
     if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
         return Ok(None);
     }
     refuse_folder(path)?;
     let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
+    small_blocks::refuse_full(&path, small_blocks::LEAST_TO_READ_BYTES)?;
     let mut options = reading(&path);
-    let known = latest_schema();
     let found = match inspect(&path, &options).await {
         // SQLite makes files beside a database even to read it. Where that is not allowed and no program has it open,
         // the file is all there is.
@@ -187,12 +230,12 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
         }
         found => found,
     };
-    let found = found.map_err(|error| match error {
+    let (found, is_snapshot) = found.map_err(|error| match error {
         StoreError::NotWritable { path, detail } => StoreError::NotReadable { path, detail },
         error => error,
     })?;
-    if found < known {
-        return Err(StoreError::Older { path: path.to_path_buf(), found, known });
+    if found < oldest {
+        return Err(StoreError::Older { path: path.to_path_buf(), found, known: latest_schema() });
     }
     let probe = probe(options.clone());
     let readers = pool(READERS, options, BUSY_TIMEOUT).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
@@ -202,8 +245,18 @@ pub(super) async fn open_existing(path: &Path) -> Result<Option<Store>, StoreErr
         readers,
         probe,
         is_read_only: true,
+        is_snapshot,
+        files: None,
         own_host: OwnHost::none(&ClusterSettings::default()),
     }))
+}
+
+/// Refuses an address of anything but PostgreSQL, which would become the name of a file, with a password if it has one.
+fn refuse_address(path: &Path) -> Result<(), StoreError> {
+    foreign_scheme(path).map_or(Ok(()), |scheme| {
+        let detail = format!("it is an address of {scheme}");
+        Err(StoreError::Address { path: shown_database(path).into(), detail })
+    })
 }
 
 fn refuse_folder(path: &Path) -> Result<(), StoreError> {
@@ -271,20 +324,23 @@ impl Store {
     /// Whether the database answers: one row is read of it, by a reader that nothing else uses.
     ///
     /// # Errors
-    /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds.
+    /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds, [`StoreError::Displaced`].
     pub async fn probe(&self) -> Result<(), StoreError> {
+        self.check_files()?;
         let answer =
             sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first").execute(&self.probe);
         self.checked(answer.await).map(|_| ())
     }
 }
 
-/// Refuses a file that is not this program's, before anything about it is changed; gives its schema.
-async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, StoreError> {
+/// Refuses a file that is not this program's, before anything about it is changed; gives its schema, and whether it is a
+/// copy for readers.
+async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(i64, bool), StoreError> {
     // An empty file is a new database to SQLite too.
     if std::fs::metadata(path).map_or(true, |m| m.is_file() && m.len() == 0) {
-        return Ok(0);
+        return Ok((0, false));
     }
+    write_ahead_log::refuse_foreign(path)?;
     let result = match options.connect().await {
         Ok(mut connection) => {
             let identity = identity(&mut connection).await;
@@ -293,13 +349,13 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, Sto
         Err(error) => Err(error),
     };
     match result.map_err(|e| StoreError::from_sqlx(path, &e))? {
-        FileIdentity::New => Ok(0),
-        FileIdentity::Ours { schema } => {
+        FileIdentity::New => Ok((0, false)),
+        FileIdentity::Ours { schema, is_snapshot } => {
             let known = latest_schema();
             if schema > known {
                 return Err(StoreError::Newer { path: path.to_path_buf(), found: schema, known });
             }
-            Ok(schema)
+            Ok((schema, is_snapshot))
         }
         FileIdentity::Foreign => Err(StoreError::NotADatabase {
             path: path.to_path_buf(),
@@ -308,21 +364,9 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<i64, Sto
     }
 }
 
-/// Whether a file that is there is a copy for readers.
-async fn is_snapshot(path: &Path, options: &SqliteConnectOptions) -> Result<bool, StoreError> {
-    if std::fs::metadata(path).map_or(true, |metadata| metadata.len() == 0) {
-        return Ok(false);
-    }
-    let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
-    let mut connection = options.connect().await.map_err(broken)?;
-    let version: Result<i64, _> = sqlx::query_scalar("PRAGMA user_version").fetch_one(&mut connection).await;
-    connection.close().await.map_err(broken)?;
-    Ok(version.map_err(broken)? == SNAPSHOT)
-}
-
 enum FileIdentity {
     New,
-    Ours { schema: i64 },
+    Ours { schema: i64, is_snapshot: bool },
     Foreign,
 }
 
@@ -332,9 +376,11 @@ async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sql
         sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;
     match (application_id, tables) {
         (APPLICATION_ID, _) => {
-            let schema: Option<i64> =
-                sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations").fetch_one(connection).await?;
-            Ok(FileIdentity::Ours { schema: schema.unwrap_or(0) })
+            let schema: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
+                .fetch_one(&mut *connection)
+                .await?;
+            let version: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(connection).await?;
+            Ok(FileIdentity::Ours { schema: schema.unwrap_or(0), is_snapshot: version == SNAPSHOT })
         }
         (0, 0) => Ok(FileIdentity::New),
         _ => Ok(FileIdentity::Foreign),

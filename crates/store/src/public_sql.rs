@@ -4,6 +4,7 @@
 //! prepares the statement (<https://sqlite.org/c3ref/set_authorizer.html>), limits on what a statement may build, and a
 //! handler that ends it when its time is over. The rest of the program has other connections.
 
+mod long_texts;
 mod names;
 
 use std::collections::BTreeSet;
@@ -36,14 +37,14 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Instructions of SQLite's virtual machine between two looks at the clock, some ten microseconds.
 const STEPS_BETWEEN_LOOKS: i32 = 1000;
 
-/// What a statement may build: the length of one value, bytes, so that no function works for long on one, depth of
-/// expressions, arms of `UNION`, instructions, length of a pattern, no attached database, no further thread.
+/// What a statement may build: the length of one value, bytes, depth of expressions, arms of `UNION`, instructions, length of
+/// a pattern, which is compared with each place of a value while nothing stops it, no attached database, no further thread.
 const LIMITS: [(Limit, i32); 7] = [
     (Limit::SQLITE_LIMIT_LENGTH, 1 << 20),
     (Limit::SQLITE_LIMIT_EXPR_DEPTH, 200),
     (Limit::SQLITE_LIMIT_COMPOUND_SELECT, 100),
     (Limit::SQLITE_LIMIT_VDBE_OP, 1 << 20),
-    (Limit::SQLITE_LIMIT_LIKE_PATTERN_LENGTH, 1000),
+    (Limit::SQLITE_LIMIT_LIKE_PATTERN_LENGTH, 100),
     (Limit::SQLITE_LIMIT_ATTACHED, 0),
     (Limit::SQLITE_LIMIT_WORKER_THREADS, 0),
 ];
@@ -156,6 +157,7 @@ impl Asking<'_> {
         let set = || {
             connection.busy_timeout(BUSY_TIMEOUT)?;
             connection.pragma_update(None, "query_only", true)?;
+            long_texts::bound(&connection)?;
             LIMITS.iter().try_for_each(|(limit, value)| connection.set_limit(*limit, *value).map(|_| ()))
         };
         set().map_err(|error| self.broken(&error))?;

@@ -46,7 +46,7 @@ impl Store {
 }
 
 fn answer_of_file(path: &Path, question: &Question) -> Result<Answer, QuestionError> {
-    let connection = connect(path).map_err(|error| broken(path, &error))?;
+    let connection = connect(path).map_err(|error| StoreError::from_rusqlite(path, &error))?;
     let failed = |error: rusqlite::Error| of_statement(path, &question.statement, &error);
     let mut statement = connection.prepare(&question.statement).map_err(failed)?;
     check(&statement)?;
@@ -65,7 +65,8 @@ fn answer_of_file(path: &Path, question: &Question) -> Result<Answer, QuestionEr
     Ok(Answer { table, null_parameters })
 }
 
-fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
+/// A connection that reads a database in a file and changes nothing.
+pub(super) fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let opened = Connection::open_with_flags(path, flags).and_then(ready);
     // as in opening the store: where SQLite may not make files beside a database and no program has it open, the file is
@@ -140,15 +141,10 @@ fn of_statement(path: &Path, statement: &str, error: &rusqlite::Error) -> Questi
             | ErrorCode::ParameterOutOfRange => {
                 QuestionError::Statement(message.clone().unwrap_or_else(|| of.to_string()))
             }
-            _ => broken(path, error).into(),
+            _ => StoreError::from_rusqlite(path, error).into(),
         },
-        error => broken(path, error).into(),
+        error => StoreError::from_rusqlite(path, error).into(),
     }
-}
-
-fn broken(path: &Path, error: &rusqlite::Error) -> StoreError {
-    let code = error.sqlite_error().map_or(0, |of| of.extended_code);
-    StoreError::from_code(path.to_path_buf(), code, error.to_string())
 }
 
 #[cfg(test)]

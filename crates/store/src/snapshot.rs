@@ -4,18 +4,18 @@
 //! It leaves out what only going on with the work needs: the factors of cycles, which are most of a database, and where
 //! reading goes on. Views say the same as those of the database at one moment.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::time::Duration;
+use std::path::Path;
 
-use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
+use super::backup::{first_fault, is_same_file, not_written};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::open::{APPLICATION_ID, SNAPSHOT};
+use super::partial::Partial;
+use super::question;
 
 /// Tables whose rows are left out.
 const LEFT_OUT: [&str; 11] = [
@@ -35,21 +35,11 @@ const LEFT_OUT: [&str; 11] = [
 /// What a user needs who reads the views on a server.
 const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL TABLES IN SCHEMA armwatch";
 
-/// End of the name that a copy has until it is whole.
-const PARTIAL: &str = ".partial";
-/// A copy that nobody has written to for so long has lost its writer.
-const ABANDONED: Duration = Duration::from_secs(86_400);
-
 impl Store {
     /// Whether this is a copy for readers, which has no factors of cycles.
     #[must_use]
     pub fn is_snapshot(&self) -> bool {
-        match self.dialect() {
-            Dialect::Sqlite => {
-                header_of(&self.path).is_ok_and(|found| found == Some(Some([SNAPSHOT, APPLICATION_ID])))
-            }
-            Dialect::Postgres => false,
-        }
+        self.is_snapshot
     }
 
     /// Refuses a copy for readers where the factors of cycles are needed; `without` says what cannot be done.
@@ -63,80 +53,50 @@ impl Store {
         }
     }
 
-    /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has.
+    /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has. The pages
+    /// of the copy are checked before it gets its name; those of the database are not, since most of them are left out.
     ///
     /// # Errors
-    /// [`StoreError::NotASnapshot`] where something else lies at `target`, such as the database itself; [`StoreError`] of
+    /// [`StoreError::NotASnapshot`] if something else lies at `target`, such as the database itself; [`StoreError`] of
     /// the database or of the copy. What is there then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
         if self.dialect() == Dialect::Postgres {
             let instead = format!("readers ask it there, as a user who may only read: {READERS_GRANT}");
             return Err(self.on_server("a snapshot", instead));
         }
-        let partial = partial_of(target);
-        let failed = |error: std::io::Error| StoreError::from_sqlx(target, &sqlx::Error::Io(error));
-        if !is_free(target).map_err(failed)? {
+        self.check_files()?;
+        let failed = |error: std::io::Error| not_written(target, error);
+        if is_same_file(target, &self.path) || !is_free(target).map_err(failed)? {
             return Err(StoreError::NotASnapshot { path: target.to_owned() });
         }
-        if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(failed)?;
-        }
-        remove_abandoned(target);
-        let copied = copy(&self.path, &partial).await;
-        if let Err(error) = copied {
-            // what is half is of no use
-            let _ = remove(&partial);
-            return Err(copy_error(&self.path, target, &error));
-        }
-        let (partial, target) = (partial.clone(), target.to_owned());
+        let partial = Partial::of(target).map_err(failed)?;
+        let copied = copy(&self.path, partial.path()).await;
+        copied.map_err(|error| copy_error(&self.path, StoreError::from_sqlx(target, &error)))?;
+        let (source, named) = (self.path.clone(), target.to_owned());
         let placed = tokio::task::spawn_blocking(move || {
-            // a copy that has no place is of no use either
-            place(&partial, &target).inspect_err(|_| drop(remove(&partial)))
+            let fault = question::connect(partial.path()).and_then(|copy| first_fault(&copy, "quick_check"));
+            let fault =
+                fault.map_err(|error| copy_error(&source, StoreError::from_rusqlite(&named, &error)))?;
+            if let Some(fault) = fault {
+                let detail = format!("its copy: {fault}");
+                return Err(StoreError::Corrupt { path: source.to_path_buf(), detail });
+            }
+            partial.place().map_err(|error| not_written(&named, error))
         })
         .await;
-        placed.unwrap_or_else(|error| Err(std::io::Error::other(error))).map_err(failed)
+        placed.unwrap_or_else(|error| Err(failed(std::io::Error::other(error))))
     }
 }
 
-/// The error of copying from `source` to `target`: damage that is found while copying is that of the source, whatever the
-/// name of the copy is by then.
-pub(super) fn copy_error(source: &Path, target: &Path, error: &sqlx::Error) -> StoreError {
-    match StoreError::from_sqlx(target, error) {
+/// The error of copying from `source`: damage that is found while copying is that of the source, whatever the name of the
+/// copy is by then.
+pub(super) fn copy_error(source: &Path, error: StoreError) -> StoreError {
+    match error {
         StoreError::Corrupt { detail, .. }
         | StoreError::NotADatabase { detail, .. }
         // rows that break a rule of the schema which they were stored under
         | StoreError::Refused { detail, .. } => StoreError::Corrupt { path: source.to_owned(), detail },
         error => error,
-    }
-}
-
-/// Name of a copy until it is whole, beside the target: each writer has its own, so that two at once do not take each other's for
-/// theirs.
-pub(super) fn partial_of(target: &Path) -> PathBuf {
-    let mut partial = target.as_os_str().to_owned();
-    partial.push(format!(".{}-{}{PARTIAL}", std::process::id(), Timestamp::now().as_nanosecond()));
-    PathBuf::from(partial)
-}
-
-/// Removes copies for `target` whose writers ended before they were whole; those stay that this user may not remove.
-pub(super) fn remove_abandoned(target: &Path) {
-    let Some(name) = target.file_name() else { return };
-    let name = name.to_string_lossy();
-    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let other = entry.file_name();
-        let other = other.to_string_lossy();
-        let rest = other.strip_prefix(&*name).and_then(|rest| rest.strip_suffix(PARTIAL));
-        let is_partial = rest.is_some_and(|rest| {
-            rest.is_empty()
-                || rest.starts_with('.') && rest[1..].bytes().all(|of| of.is_ascii_digit() || of == b'-')
-        });
-        // one that goes meanwhile is as good as removed
-        let Ok(metadata) = entry.metadata() else { continue };
-        let is_old = metadata.modified().is_ok_and(|at| at.elapsed().is_ok_and(|age| age > ABANDONED));
-        if is_partial && is_old && metadata.is_file() {
-            let _ = remove(&entry.path());
-        }
     }
 }
 
@@ -172,25 +132,7 @@ fn header_of(target: &Path) -> std::io::Result<Option<Option<[i64; 2]>>> {
     Ok(Some(number(60).zip(number(68)).map(|(user, application)| [user, application])))
 }
 
-pub(super) fn remove(path: &Path) -> std::io::Result<()> {
-    match std::fs::remove_file(path) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
-        _ => Ok(()),
-    }
-}
-
-/// Gives a whole copy its name, so that a reader sees the earlier one or this one.
-pub(super) fn place(partial: &Path, target: &Path) -> std::io::Result<u64> {
-    let file = std::fs::File::open(partial)?;
-    file.sync_all()?;
-    let bytes = file.metadata()?.len();
-    std::fs::rename(partial, target)?;
-    let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::File::open(folder)?.sync_all()?;
-    Ok(bytes)
-}
-
-async fn copy(source: &Arc<Path>, partial: &Path) -> Result<(), sqlx::Error> {
+async fn copy(source: &Path, partial: &Path) -> Result<(), sqlx::Error> {
     let mut connection = SqliteConnectOptions::new()
         .filename(partial)
         .create_if_missing(true)

@@ -133,6 +133,7 @@ impl Store {
             (
                 Some(
                     ServerFault::Statement
+                    | ServerFault::Refused
                     | ServerFault::Cancelled
                     | ServerFault::ReadOnly
                     | ServerFault::Rights,

@@ -14,7 +14,13 @@ pub(super) async fn check(config: &Config, quick: bool) -> Vec<Finding> {
         Ok(Some(store)) => store,
         Ok(None) => return vec![Finding::ok(CHECK, format!("{path} is not there yet; the daemon makes it"))],
         Err(error @ StoreError::Older { .. }) => {
-            return vec![Finding::warning(CHECK, error, "back up first")];
+            let mut found = vec![Finding::warning(CHECK, error, "`armwatch backup FILE` copies it before")];
+            if let (false, Ok(Some(store))) =
+                (quick, Store::open_any_schema(&config.database, &config.cluster).await)
+            {
+                found.extend(looked_through(&store).await);
+            }
+            return found;
         }
         Err(error) => return vec![Finding::problem(CHECK, error, "docs/operations.md, Full disk")],
     };

@@ -7,6 +7,7 @@ use rustix::fs::{Access, access};
 use super::finding::Finding;
 use super::machine::{Machine, nearest};
 use armwatch_config::Config;
+use armwatch_store::lock_file_of;
 
 const CHECK: &str = "permissions";
 
@@ -18,6 +19,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
         found.extend(written(beside, "the folder of the database"));
         if database.exists() {
             found.extend(written(database, "the database"));
+            found.extend(lock_file(&lock_file_of(database)));
         }
     }
     for folder in &config.watch.folders {
@@ -50,6 +52,17 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
         ));
     }
     found
+}
+
+/// What keeps the daemon from opening its lock file, such as a first start as root.
+fn lock_file(lock: &Path) -> Option<Finding> {
+    let error = access(lock, Access::WRITE_OK).err().filter(|_| lock.exists())?;
+    let said = format!(
+        "the lock file {} may not be written to ({error}); the daemon does not start",
+        lock.display()
+    );
+    let remedy = "give it to the user of the service with `chown`, or delete it while no daemon runs";
+    Some(Finding::problem(CHECK, said, remedy))
 }
 
 /// What keeps a place from being written to; one that is not there is made in the nearest folder above it.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::{Begun, Closing, FileSchedule, NextAttempt};
+use crate::daemon::suspects::Suspects;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
 
@@ -293,4 +294,45 @@ fn a_file_to_be_judged_when_settled_is_not_followed_again_unless_it_is_another()
     folder.write("a1", 6);
     folder.look(4);
     assert_eq!(name(folder.growing().as_ref()), Some("a1"), "it was rewritten");
+}
+
+#[test]
+fn a_growing_file_that_cannot_be_read_on_is_tried_again_ever_later() {
+    let mut folder = WatchedFolder::new();
+    folder.write("a1", 10);
+    folder.look(0);
+    let mut tries = Vec::new();
+    for second in 1..=2_000 {
+        folder.write("a1", 10 + second);
+        folder.look(second);
+        if let Some(due) = folder.growing() {
+            tries.push(second);
+            folder.schedule.close(&due, Closing::Blocked);
+        }
+    }
+    assert_eq!(tries, [1, 61, 181, 421, 901, 1501]);
+    folder.look(2_010);
+    assert_eq!(name(folder.settled(&[]).as_ref()), Some("a1"), "it is judged when it has settled");
+}
+
+#[test]
+fn files_that_the_program_may_not_have_survived_are_opened_one_at_a_time() {
+    let mut folder = WatchedFolder::new();
+    let start = folder.start;
+    folder.schedule.suspect(Suspects::new(start, ["a1", "b2"].map(|name| (PathBuf::from(name), 1))));
+    for name in ["a1", "b2", "c3"] {
+        folder.write(name, 10);
+    }
+    folder.look(0);
+    folder.look(4);
+    let first = folder.settled(&[]).expect("a suspect or another");
+    let second = folder.settled(&[]).expect("a suspect or another");
+    assert!(folder.settled(&[]).is_none(), "the other suspect waits");
+    let suspect = if first.path == Path::new("a1") { first } else { second };
+    assert_eq!(name(Some(&suspect)), Some("a1"));
+    folder.look(5);
+    assert!(folder.settled(&[]).is_none());
+    folder.schedule.close(&suspect, Closing::Taken);
+    folder.look(6);
+    assert_eq!(name(folder.settled(&[]).as_ref()), Some("b2"));
 }

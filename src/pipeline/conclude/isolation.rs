@@ -5,7 +5,7 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use armwatch_store::{ClaimKind, StoreError};
+use armwatch_store::{Attempt, AttemptOn, ClaimKind, StoreError, Work, wait_for_quiet};
 
 /// What came of drawing conclusions.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,23 +36,46 @@ impl Pipeline {
     }
 
     async fn conclude_claimed(&self, robot: &str) -> Result<Conclusion, PipelineError> {
-        let (pipeline, name) = (self.clone(), robot.to_owned());
-        let drawn = isolated(async move { pipeline.conclude_named(&name).await }).await?;
-        let reason = match drawn {
-            Ok(Some(concluded)) => return Ok(Conclusion::Drawn(concluded)),
-            Ok(None) => return Ok(Conclusion::UpToDate),
-            Err(reason) => reason,
+        let reason = if self.begin_conclusion(robot).await?.is_spent() {
+            SPENT.to_owned()
+        } else {
+            let (pipeline, name) = (self.clone(), robot.to_owned());
+            let drawn = isolated(async move { pipeline.conclude_named(&name).await }).await?;
+            self.store.end_attempt(Work::Conclusion, robot).await?;
+            match drawn {
+                Ok(Some(concluded)) => return Ok(Conclusion::Drawn(concluded)),
+                Ok(None) => return Ok(Conclusion::UpToDate),
+                Err(reason) => reason,
+            }
         };
         if self.store().note_conclusion_fault(robot, &reason).await? {
             tracing::error!(
                 robot,
-                "nothing new is concluded of this robot: {reason}; its stored results stay, other robots go on, and \
-                 it is tried again by itself; report it with the log (view conclusion_faults)"
+                "nothing new is concluded of this robot: {reason}; its stored results stay, and other robots go on; \
+                 report it with the log (view conclusion_faults)"
             );
         } else {
             tracing::debug!(robot, reason, "still nothing new is concluded");
         }
         Ok(Conclusion::Faulty(reason))
+    }
+}
+
+/// Why no conclusions are drawn that the program did not survive.
+const SPENT: &str = concat!(
+    "drawing conclusions has ended the program three times; version ",
+    env!("CARGO_PKG_VERSION"),
+    " does not try it again before maintenance of the robot is entered"
+);
+
+impl Pipeline {
+    /// Counts an attempt at conclusions before they are drawn. `subject` is the robot, or the test that is being written.
+    pub(super) async fn begin_conclusion(&self, subject: &str) -> Result<Attempt, PipelineError> {
+        let next = Attempt { number: self.store.failed_attempts(Work::Conclusion, subject).await? + 1 };
+        if let Some(rest) = wait_for_quiet().filter(|_| next.is_last()) {
+            tokio::time::sleep(rest).await;
+        }
+        Ok(self.store.begin_attempt_at(Work::Conclusion, subject, AttemptOn::default()).await?)
     }
 }
 

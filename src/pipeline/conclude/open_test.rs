@@ -18,7 +18,7 @@ use armwatch_method::partial_run::first_cycles;
 use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, RunSummary};
-use armwatch_store::OpenTest;
+use armwatch_store::{OpenTest, Work};
 
 /// Robots whose complete tests are kept for a test that is being written, a megabyte each at most.
 const MOST_KEPT: usize = 16;
@@ -50,6 +50,19 @@ impl Pipeline {
         if !test.is_concluded {
             return Ok(OpenConclusion::Waits);
         }
+        let subject = format!("run {run_id}");
+        if self.begin_conclusion(&subject).await?.is_spent() {
+            tracing::debug!(run_id, "not judged while it is written: that has ended the program three times");
+            return Ok(OpenConclusion::Quiet);
+        }
+        let judged = self.judge_open(test, begun).await;
+        self.store.end_attempt(Work::Conclusion, &subject).await?;
+        judged
+    }
+
+    /// Judges a test that is the latest of its robot.
+    async fn judge_open(&self, test: OpenTest, begun: Instant) -> Result<OpenConclusion, PipelineError> {
+        let run_id = test.run_id;
         let usual = self.usual_of(&test).await?;
         let measured = self.store.run_measurements(run_id).await?;
         let (judged, settings) = (test.clone(), self.config.detect);

@@ -9,9 +9,6 @@ use armwatch_config::{Layout, WorkLimits};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RunHeader};
 
-/// Robot name of an export that names none.
-pub(in crate::pipeline) const UNKNOWN_ROBOT: &str = "unknown";
-
 /// An export that was let in.
 #[derive(Debug, Clone)]
 pub struct AdmittedExport {

@@ -6,6 +6,8 @@
 //! look wrong and become right. Cycles stored until then stay, and the run goes on.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
@@ -17,7 +19,7 @@ use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::Decision;
 use super::intake::Recognised;
-use super::{decide, intake, record, resume};
+use super::{attempt, decide, intake, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
@@ -29,8 +31,7 @@ use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions, Step};
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, RunKind};
-use armwatch_model::text;
-use armwatch_store::{Identity, SourceState, StoreError};
+use armwatch_store::{Block, Identity, SourceState, StoreError, Work};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
 /// cycle is promised to be stored; ten looks a second cost a local disk nothing.
@@ -45,6 +46,8 @@ pub enum Followed {
     NotYet,
     /// It is to be judged when it has settled.
     UntilSettled,
+    /// It cannot be read on, for this reason, until it is corrected or has settled; this is written down.
+    Blocked(Rejection),
     /// It gave its place to another file; its run goes on behind its last stored cycle.
     GaveWay,
 }
@@ -74,14 +77,62 @@ impl Pipeline {
         let Some(claimed) = self.claim_export(path).await? else {
             return Ok(Followed::Outcome(Outcome::InWork { run_id: None }));
         };
-        let followed = self.follow_claimed(path, settle, ends, progress).await;
+        let name = intake::ledger_path(&self.store, path);
+        let followed = self.follow_counted((path, &name), settle, ends, progress).await;
         self.release_export(claimed).await;
         followed
     }
 
+    /// Follows a file of which no other program reads; the ledger calls it `name`.
+    async fn follow_counted(
+        &self,
+        (path, name): (&Path, &str),
+        settle: Duration,
+        ends: &Ends,
+        progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
+    ) -> Result<Followed, PipelineError> {
+        if self.begin_attempt(name, intake::source_state(path)).await?.is_spent() {
+            // the count stays until the file has settled, which ends in quarantine
+            return self.blocked((path, name), attempt::spent(path)).await;
+        }
+        let followed = self.follow_claimed((path, name), settle, ends, progress).await?;
+        let outcome = match &followed {
+            Followed::Outcome(outcome) => Some(outcome),
+            _ => None,
+        };
+        self.end_attempt(name, outcome).await?;
+        match followed {
+            Followed::Blocked(rejection) => self.blocked((path, name), rejection).await,
+            followed => Ok(followed),
+        }
+    }
+
+    /// Writes down that a growing file cannot be read on. The log has it once.
+    async fn blocked(
+        &self,
+        (path, name): (&Path, &str),
+        rejection: Rejection,
+    ) -> Result<Followed, PipelineError> {
+        let rejection = intake::naming_cut(self, path, None, rejection).await?;
+        let source_name = intake::file_name(path);
+        let robot = self.config().recognition.recognise(&source_name).ok().map(|recognised| recognised.robot);
+        let block = Block {
+            path: name,
+            robot: robot.as_deref(),
+            source_name: &source_name,
+            line: rejection.line,
+            problem: &rejection.problem(),
+            remedy: &rejection.remedy,
+        };
+        if self.store.block_file(block).await? {
+            tracing::warn!("cannot be read on until it is corrected or has settled: {rejection}");
+        }
+        Ok(Followed::Blocked(rejection))
+    }
+
     async fn follow_claimed(
         &self,
-        path: &Path,
+        (path, name): (&Path, &str),
         settle: Duration,
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
@@ -90,7 +141,7 @@ impl Pipeline {
             Ok(recognised) => recognised,
             // the row that says the start may not be written yet
             Err(rejection) if rejection.is_passing => return Ok(Followed::NotYet),
-            Err(_) => return Ok(Followed::UntilSettled),
+            Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
         let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;
@@ -98,14 +149,14 @@ impl Pipeline {
             Ok(Opening::Open(opened)) => *opened,
             Ok(Opening::NotYet) => return Ok(Followed::NotYet),
             Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
-            Err(rejection) => return Ok(until_settled(&rejection)),
+            Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
         let intake = match self.begin_growing(path, &recognised, opened.state).await? {
             Ok(intake) => intake,
             Err(followed) => return Ok(followed),
         };
         let open = self.open(intake.run_id);
-        let followed = self.follow_begun((opened, intake), settle, ends, progress).await;
+        let followed = self.follow_begun((opened, intake), name, settle, ends, progress).await;
         open.close(&self.store).await;
         followed
     }
@@ -114,6 +165,7 @@ impl Pipeline {
     async fn follow_begun(
         &self,
         (opened, intake): (Opened, AdmittedExport),
+        name: &str,
         settle: Duration,
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
@@ -122,18 +174,24 @@ impl Pipeline {
         progress(Progress::Begun);
         let method = match self.method(&intake, None).await? {
             Ok(method) => method,
-            Err(rejection) => return Ok(until_settled(&rejection)),
+            Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
+        let stored = Arc::new(AtomicU32::new(intake.cycles_stored));
         let reading = {
             let (intake, ends, progress) = (intake.clone(), ends.clone(), progress.clone());
+            let survived =
+                Survived { pipeline: self.clone(), name: name.to_owned(), stored: Arc::clone(&stored) };
             move |cycles: mpsc::Sender<CutCycle>| {
-                read_growing(opened, &intake, &cycles, settle, &ends, progress)
+                read_growing(opened, &intake, &cycles, settle, (&ends, survived), progress)
             }
         };
         let grown = {
             let (progress, run_id) = (progress.clone(), intake.run_id);
             let is_test = intake.layout.stage.kind().run_kind() == RunKind::Test;
             move |of| {
+                if let Progress::Cycle(cycle) = of {
+                    stored.fetch_max(cycle, Ordering::Relaxed);
+                }
                 progress(of);
                 if is_test && matches!(of, Progress::Cycle(_)) {
                     progress(Progress::Grown(run_id));
@@ -165,7 +223,7 @@ impl Pipeline {
                 }
                 Ok(Followed::Outcome(outcome))
             }
-            ReadEnd::Rejected(rejection) => Ok(until_settled(&rejection)),
+            ReadEnd::Rejected(rejection) => Ok(Followed::Blocked(rejection)),
             ReadEnd::Interrupted if ends.stop.is_cancelled() => Ok(Followed::Outcome(Outcome::Interrupted)),
             ReadEnd::Interrupted => Ok(Followed::GaveWay),
             ReadEnd::Changed => {
@@ -184,7 +242,7 @@ impl Pipeline {
         let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
         let facts = match facts {
             Ok(facts) => facts,
-            Err(rejection) => return Ok(Err(until_settled(&rejection))),
+            Err(rejection) => return Ok(Err(Followed::Blocked(rejection))),
         };
         intake::forget_unreadable(self, path).await?;
         let start = match decide::decide(&facts) {
@@ -193,10 +251,7 @@ impl Pipeline {
                 return Ok(Err(Followed::Outcome(Outcome::InWork { run_id: Some(run_id) })));
             }
             // of a content that is known as a whole
-            Decision::Known { .. } => {
-                let rejection = Rejection::of_file(path, "an export that is stored already", "");
-                return Ok(Err(until_settled(&rejection)));
-            }
+            Decision::Known { .. } => return Ok(Err(Followed::UntilSettled)),
         };
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
@@ -259,7 +314,7 @@ fn read_growing(
     intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
-    ends: &Ends,
+    ends: (&Ends, Survived),
     progress: impl Fn(Progress),
 ) -> GrownEnd {
     let Opened { mut export, mut growth, .. } = opened;
@@ -276,7 +331,7 @@ fn read(
     intake: &AdmittedExport,
     cycles: &mpsc::Sender<CutCycle>,
     settle: Duration,
-    Ends { stop, give_way }: &Ends,
+    (Ends { stop, give_way }, mut survived): (&Ends, Survived),
     progress: impl Fn(Progress),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
@@ -307,10 +362,23 @@ fn read(
                 Fate::Growing if give_way.is_cancelled() => return Ok(ReadEnd::Interrupted),
                 Fate::Growing => {
                     progress(Progress::CaughtUp);
+                    survived.note(cutting.cycle_count());
                     pause(stop);
                 }
                 Fate::Done => {}
-                Fate::Rewritten => return Ok(ReadEnd::Changed),
+                Fate::Rewritten => match shortened_to(growth) {
+                    // as where it is deleted: what was read of it is the recording
+                    Some(bytes) if cutting.cycle_count() > 0 => {
+                        tracing::warn!(
+                            file = %intake.path.display(), run_id = intake.run_id,
+                            "the file was shortened from {} to {bytes} bytes while it was read: its run ends with what \
+                             was read, and what is written from now on is another recording",
+                            growth.hash().bytes()
+                        );
+                        return cutting.end(export.rows(), export.passed_over().rows);
+                    }
+                    _ => return Ok(ReadEnd::Changed),
+                },
             },
             Step::End => break,
         }
@@ -322,6 +390,40 @@ fn read(
         return Ok(ReadEnd::Changed);
     }
     cutting.end(export.rows(), export.passed_over().rows)
+}
+
+/// The size of a file that is shorter than what was read of it, bytes.
+fn shortened_to(growth: &Growth) -> Option<u64> {
+    let (_, bytes, _) = growth.state().ok()?;
+    (bytes < growth.hash().bytes()).then_some(bytes)
+}
+
+/// Ends the attempt at a growing file once all that is written was read and is stored: a file that is written for days is
+/// no suspect all the time. What is written later and ends the program is counted from the next start on.
+struct Survived {
+    pipeline: Pipeline,
+    name: String,
+    /// Cycles that are stored.
+    stored: Arc<AtomicU32>,
+}
+
+impl Survived {
+    /// Notes that all that is written was read, which are so many whole cycles.
+    fn note(&mut self, cycles: u32) {
+        if self.name.is_empty() || self.stored.load(Ordering::Relaxed) < cycles {
+            return;
+        }
+        let name = std::mem::take(&mut self.name);
+        let store = self.pipeline.store();
+        let ended = Handle::current().block_on(async {
+            store.end_attempt(Work::Export, &name).await?;
+            store.unblock_file(&name).await
+        });
+        if let Err(error) = ended {
+            tracing::debug!(%error, "noted at the next look that a file is read as far as it is written");
+            self.name = name;
+        }
+    }
 }
 
 /// Waits until the next look, shorter if a stop is asked for.
@@ -337,11 +439,6 @@ fn state_of(growth: &Growth) -> Option<SourceState> {
 
 /// Read once more as a whole when it has settled, it goes into quarantine if the database still refuses it.
 fn refused_by_database(path: &Path, detail: &str) -> Followed {
-    tracing::warn!(file = %text::of_path(path), detail, "results that the database refuses");
-    Followed::UntilSettled
-}
-
-fn until_settled(rejection: &Rejection) -> Followed {
-    tracing::warn!("not understood so far, to be judged when the file has settled: {rejection}");
-    Followed::UntilSettled
+    let reason = format!("results that the database refuses: {detail}");
+    Followed::Blocked(Rejection::of_file(path, reason, "report it with this file"))
 }

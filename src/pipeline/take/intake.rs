@@ -15,8 +15,7 @@ use super::decide::{Compared, Decision, Facts, Start, Unfinished};
 use super::{decide, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::cycle_memory::Turn;
-use crate::pipeline::take::admitted::UNKNOWN_ROBOT;
-use armwatch_config::{Config, FleetEntry};
+use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::fingerprint;
 use armwatch_ingest::bytes::{fingerprint, source};
@@ -258,13 +257,48 @@ fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun)
     same_moment && same_kind && entry.is_none_or(|entry| std::ptr::eq(entry, file.entry))
 }
 
+/// A rejection at the beginning of a file, which also says that the file was shortened, if it held more of a run before
+/// than it has bytes now: a tool that copies a file and cuts it leaves its writer to go on without a header. `run_id` is the
+/// file's own run, if it has one.
+pub(in crate::pipeline) async fn naming_cut(
+    pipeline: &Pipeline,
+    path: &Path,
+    run_id: Option<i64>,
+    rejection: Rejection,
+) -> Result<Rejection, PipelineError> {
+    let Some(state) = source_state(path).filter(|_| rejection.line.is_none_or(|line| line <= 2)) else {
+        return Ok(rejection);
+    };
+    let ledger_path = ledger_path(pipeline.store(), path);
+    let earlier = pipeline.store().earlier_runs(&ledger_path, state.file, None).await?;
+    let name = file_name(path);
+    // numbers of files are given again, mostly to files of another name
+    let is_cut = |of: &&EarlierRun| {
+        Some(of.run.run_id) != run_id && of.same_file && of.source_name == name && of.read.bytes > state.bytes
+    };
+    let Some(cut) = earlier.iter().filter(is_cut).max_by_key(|of| of.run.run_id) else {
+        return Ok(rejection);
+    };
+    let (before, earlier) = (cut.read.bytes, cut.run.run_id);
+    Ok(Rejection {
+        reason: format!(
+            "{}; the file was shortened from {before} bytes or more, which run {earlier} has",
+            rejection.reason
+        )
+        .into(),
+        remedy: "let the tool that cuts it move it away instead, so that its writer begins a new file with a header".into(),
+        ..rejection
+    })
+}
+
 /// Takes away what was written down of a file while it could not be read.
 pub(in crate::pipeline) async fn forget_unreadable(
     pipeline: &Pipeline,
     path: &Path,
 ) -> Result<(), PipelineError> {
     let known = pipeline.store().lookup(&path_identity(pipeline.store(), path)).await?;
-    if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined) {
+    // one with cycles is known by what they were read from
+    if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined && run.cycles_stored == 0) {
         pipeline.store().discard_run(run.run_id).await?;
     }
     Ok(())
@@ -489,7 +523,7 @@ pub fn header(
 }
 
 /// Name of an export; of one in an archive, the name that it had before.
-fn file_name(path: &Path) -> String {
+pub(in crate::pipeline) fn file_name(path: &Path) -> String {
     original_name(&text::of_file_name(path)).into_owned()
 }
 
@@ -500,7 +534,7 @@ pub fn ledger_path(store: &Store, path: &Path) -> String {
 }
 
 /// Identity of a file whose content cannot be read: its path stands in.
-fn path_identity(store: &Store, path: &Path) -> ContentHash {
+pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentHash {
     let text = source::path_text(path);
     let located = store.located(text.clone());
     let bytes = if located == text { path.as_os_str().as_encoded_bytes() } else { located.as_bytes() };

@@ -5,6 +5,7 @@ pub mod cycles;
 pub mod resume_point;
 pub mod admitted;
 mod claimed;
+pub(super) mod attempt;
 pub mod resume;
 pub mod cutting;
 pub mod record;

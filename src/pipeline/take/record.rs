@@ -6,11 +6,12 @@ use std::time::{Duration, Instant};
 use jiff::Timestamp;
 use tokio::sync::mpsc;
 
-use super::admitted::{AdmittedExport, UNKNOWN_ROBOT};
+use super::admitted::AdmittedExport;
 use super::cutting::ReadTotals;
 use crate::metrics::Stage;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
+use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_ingest::excerpt;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_method::analyse::Method;
@@ -167,8 +168,14 @@ pub async fn finish(
         cycles: totals.cycles,
     };
     ending.complete(figures).await?;
-    let replaced = ending.replaced();
+    let (replaced, kept) = (ending.replaced(), ending.kept());
     ending.commit().await?;
+    if let Some(kept) = kept {
+        tracing::warn!(
+            file = %intake.path.display(), run_id = intake.run_id,
+            "does not replace run {kept}, which is the same recording, because no cycle has a result"
+        );
+    }
     pipeline.metrics().stage(Stage::Finish, began.elapsed());
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
         tracing::warn!(
@@ -227,6 +234,7 @@ pub async fn quarantine(
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
     // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's
+    let rejection = super::intake::naming_cut(pipeline, &intake.path, Some(intake.run_id), rejection).await?;
     let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
     let header = RunHeader { robot: robot.to_owned(), ..intake.header.clone() };
     let run_id = write_down(pipeline, &header, &rejection).await?;

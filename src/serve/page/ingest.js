@@ -29,6 +29,15 @@ function fault(one, soon) {
       fact("Run", h("a", { href: `#/run/${one.run_id}`, "data-key": `fault/${one.fault_id}` }, `run ${one.run_id}`))));
 }
 
+function blocked(one) {
+  return h("li", { class: "fault" },
+    h("div", { class: "fault-head" }, h("h3", null, one.source_name), h("span", { class: "tag" }, "still growing")),
+    h("p", { class: "lead" }, one.line === null ? "Cannot be read" : `Cannot be read beyond line ${count(one.line)}`, ` since ${moment(one.blocked_at)}: `, one.problem, "."),
+    one.remedy ? h("p", null, h("b", null, "What to do: "), one.remedy, ".") : null,
+    h("dl", { class: "facts" }, fact("Robot", one.robot),
+      fact("Run", one.run_id === null ? null : h("a", { href: `#/run/${one.run_id}`, "data-key": `blocked/${one.run_id}` }, `run ${one.run_id}`))));
+}
+
 export function mount({ main, title }) {
   title("Ingest");
   const refresh = () => Promise.all(parts.map((one) => one.refresh()));
@@ -41,6 +50,13 @@ export function mount({ main, title }) {
       h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` }, h("span", { class: "badge s-live" }, icon("live"), one.robot),
         h("span", null, `${plural(one.cycles, "cycle")} so far`), h("span", { class: "muted file" }, one.source_name), h("span", { class: "muted" }, "began ", ago(one.started_at))))))
       : h("p", { class: "page-note" }, "No file is being read now.")),
+  });
+
+  const stuck = part({
+    title: "Cannot be read on", note: "Growing files with a fault. They are tried again while they grow, and judged when they have settled.",
+    load: async (signal) => (await view("blocked_files", { order: "-blocked_at", limit: 300 }, signal)).rows,
+    draw: (rows) => (rows.length ? h("ul", { class: "faults" }, rows.map(blocked))
+      : h("p", { class: "calm bare-calm" }, icon("ok"), "Every growing file is read as far as it is written.")),
   });
 
   const quarantine = part({
@@ -63,7 +79,7 @@ export function mount({ main, title }) {
       : empty(h("p", null, "No export was read yet. Copy one into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."), h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."))),
   });
 
-  const parts = [live, quarantine, runs];
+  const parts = [live, stuck, quarantine, runs];
   main.replaceChildren(h("h1", { tabindex: -1 }, "Ingest"), ...parts.map((one) => one.element));
   return { refresh, destroy() { for (const one of parts) one.destroy(); } };
 }

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use super::recognition::{DEFAULT_FILE_NAME, time_zone};
 use super::work_limits::{archive_of, read_work_limits};
+use crate::address::{KINDS_OF_DATABASE, foreign_scheme};
 use crate::alerts::routes::read_alerts;
 use crate::alerts::settings::AlertSettings;
 use crate::cluster::read_cluster;
@@ -56,7 +57,7 @@ pub(crate) fn read(path: &Path, read_text: &ReadText<'_>) -> Result<Config, Conf
 }
 
 fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config> {
-    let database = root.text_or("database", DEFAULT_DATABASE);
+    let database = root.optional("database").map_or(Some(DEFAULT_DATABASE), |value| read_database(&value));
     let cluster = read_cluster(root.table("cluster").as_ref());
     let watch = read_watch(root.table("watch").as_ref());
     let limits = root.table("limits").map_or(Some(WorkLimits::default()), |t| read_work_limits(&t));
@@ -84,6 +85,14 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
         analysis: analysis?,
         detect: detect?,
     })
+}
+
+/// The database, which must not be the address of a server of another kind: that would become the name of a file.
+fn read_database<'d>(value: &Value<'d>) -> Option<&'d str> {
+    let database = value.text()?;
+    let Some(scheme) = foreign_scheme(Path::new(database)) else { return Some(database) };
+    value.refuse_secret(format!("cannot be an address of {scheme}"), Some(KINDS_OF_DATABASE.to_owned()));
+    None
 }
 
 /// Lets the folder that uploads go to be watched too.

@@ -9,6 +9,9 @@ use crate::settings::Recognition;
 /// Pattern of the native file names, `{robot}_{YYYYMMDD}_{HHMM}_...`.
 pub(crate) const DEFAULT_FILE_NAME: &str = r"^(?<robot>.+?)_(?<date>\d{8})_(?<time>\d{4}(?:\d{2})?)(?:_.*)?$";
 
+/// Robot of exports whose name says none. No robot may have this name.
+pub const UNKNOWN_ROBOT: &str = "unknown";
+
 /// Name that [`DEFAULT_FILE_NAME`] reads, shown to those whose files are not recognised.
 const EXAMPLE: &str = "R00_20260105_0847_Col23_20s_cycle5.csv.gz";
 
@@ -37,6 +40,14 @@ pub enum RecogniseError {
         file_name: String,
         /// The pattern.
         pattern: String,
+    },
+    /// The robot has the name that exports of no robot have.
+    #[error(
+        "the name {file_name} says the robot '{UNKNOWN_ROBOT}', which stands for exports of no known robot"
+    )]
+    Reserved {
+        /// The name without its folder.
+        file_name: String,
     },
     /// Date and time are no date and time.
     #[error("the name {file_name} says '{text}' where {wanted} should be: {reason}")]
@@ -76,8 +87,16 @@ impl Recognition {
     ///
     /// # Errors
     ///
-    /// When the pattern does not match, or date and time in the name cannot be.
+    /// When the pattern does not match, date and time in the name cannot be, or the robot is called [`UNKNOWN_ROBOT`].
     pub fn recognise(&self, file_name: &str) -> Result<Recognised, RecogniseError> {
+        let recognised = self.recognise_any(file_name)?;
+        if recognised.robot == UNKNOWN_ROBOT {
+            return Err(RecogniseError::Reserved { file_name: file_name.to_owned() });
+        }
+        Ok(recognised)
+    }
+
+    fn recognise_any(&self, file_name: &str) -> Result<Recognised, RecogniseError> {
         let no_match = || RecogniseError::NoMatch {
             file_name: file_name.to_owned(),
             pattern: self.file_name.as_str().to_owned(),
@@ -178,6 +197,8 @@ mod tests {
             ("Right_20200127_0847_Col25_3min_cycle24.csv", "Right", "2020-01-27T08:47:00Z"),
             ("Right_20200127_0847_Col25_3min_cycle24", "Right", "2020-01-27T08:47:00Z"),
             ("R00_20260105_084759.CSV.ZST", "R00", "2026-01-05T08:47:59Z"),
+            // a leap second
+            ("R00_20161231_235960.csv", "R00", "2016-12-31T23:59:59Z"),
             ("cell_4_left_20240229_2359_x.csv.zst", "cell_4_left", "2024-02-29T23:59:00Z"),
         ] {
             assert_eq!(recognised(name), (robot.to_owned(), start.to_owned()), "{name}");
@@ -213,6 +234,9 @@ mod tests {
             ("R00_20260230_0847.csv", "there is no day 30 of month 2 in 2026"),
             ("R00_20261301_0847.csv", "there is no day 1 of month 13 in 2026"),
             ("R00_20260105_2460.csv", "there is no time 24:60:00"),
+            ("R00_20260105_084761.csv", "there is no time 08:47:61"),
+            ("unknown_20260105_0847.csv", "which stands for exports of no known robot"),
+            ("unknown.csv", "which stands for exports of no known robot"),
             ("R00_00012345_0847.csv", "the year 1 is not between 1980 and 2199"),
         ] {
             let message = native().recognise(name).expect_err(name).to_string();

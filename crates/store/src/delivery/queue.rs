@@ -11,6 +11,7 @@ use super::routes::{Held, RouteEntry};
 use crate::engine::{EngineConnection, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
+use crate::ledger::attempts::{self, Attempt, Work};
 use crate::values::time;
 
 /// Most alarms of one digest: a mail of some pages.
@@ -43,6 +44,22 @@ pub struct RouteState {
     /// When the first of these was sent.
     pub first_sent_at: Option<Timestamp>,
 }
+
+/// Whether a message is sent now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sending {
+    /// It is: the attempt is written down.
+    Begun,
+    /// Something of it does not wait any more.
+    NotWaiting,
+    /// It is given up, because sending it has ended the program three times.
+    GivenUp,
+    /// It was a digest whose sending has ended the program three times: its alarms are sent one by one.
+    TakenApart,
+}
+
+/// Why a message is given up that the program did not survive.
+const SPENT: &str = "sending it has ended the program three times";
 
 /// What is to be done after an attempt that failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -162,8 +179,7 @@ impl Store {
     }
 
     /// Writes down that a message is being sent, before it is: a process that is killed then does not forget that it
-    /// may have arrived. `false`, and nothing written, if something of it does not wait any more: it is not to be sent
-    /// then.
+    /// may have arrived, and a message that kills the process is not sent for ever.
     ///
     /// # Errors
     /// As [`Store::next_message`]; it is not to be sent then either.
@@ -172,8 +188,9 @@ impl Store {
         route: RouteEntry,
         message: &DueMessage,
         now: Timestamp,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<Sending, StoreError> {
         let mut transaction = self.begin_on(route).await?;
+        let mut is_spent = false;
         for (delivery_id, alarm) in message.delivery_ids.iter().zip(&message.alarms) {
             let begun = sqlx::query(
                 "UPDATE delivery
@@ -188,11 +205,41 @@ impl Store {
             .bind(delivery_id);
             if self.checked(begun.execute(&mut *transaction).await)?.rows_affected() == 0 {
                 self.checked(transaction.rollback().await)?;
-                return Ok(false);
+                return Ok(Sending::NotWaiting);
             }
+            let attempt = attempts::begin_delivery(&mut transaction, *delivery_id).await;
+            is_spent |= self.checked(attempt)?.is_spent();
+        }
+        let sending = match (is_spent, message.digest) {
+            (false, _) => Sending::Begun,
+            (true, None) => Sending::GivenUp,
+            (true, Some(_)) => Sending::TakenApart,
+        };
+        if is_spent {
+            let set_aside = sqlx::query(
+                "UPDATE delivery
+                 SET state = CASE WHEN digest IS NULL THEN 'failed' ELSE state END, error = $1, digest = NULL, held = NULL
+                 WHERE delivery_id IN (SELECT CAST(value AS BIGINT) FROM json_each($2))",
+            );
+            let set_aside = set_aside.bind(SPENT).bind(ids(message)).execute(&mut *transaction).await;
+            self.checked(set_aside)?;
+            self.checked(attempts::end_deliveries(&mut *transaction, &ids(message)).await)?;
         }
         self.commit(transaction).await?;
-        Ok(true)
+        Ok(sending)
+    }
+
+    /// Whether one more attempt at a message is the last one, since earlier ones have ended the program.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn is_last_attempt(&self, message: &DueMessage) -> Result<bool, StoreError> {
+        let mut failed = 0;
+        for delivery_id in &message.delivery_ids {
+            let of = self.failed_attempts(Work::Delivery, &delivery_id.to_string()).await?;
+            failed = failed.max(of);
+        }
+        Ok(Attempt { number: failed + 1 }.is_last())
     }
 
     /// Writes down that a message has arrived.
@@ -213,6 +260,7 @@ impl Store {
         .bind(now.as_microsecond())
         .bind(ids(message));
         self.checked(sent.execute(&mut *transaction).await)?;
+        self.checked(attempts::end_deliveries(&mut *transaction, &ids(message)).await)?;
         let reached = sqlx::query(
             "UPDATE delivery_route SET failures = 0, retry_at = NULL WHERE delivery_route_id = $1",
         );
@@ -251,6 +299,7 @@ impl Store {
         .bind(begun_before)
         .bind(ids(message));
         self.checked(failed.execute(&mut *transaction).await)?;
+        self.checked(attempts::end_deliveries(&mut *transaction, &ids(message)).await)?;
         let after = match again {
             Again::Route(at) => sqlx::query(
                 "UPDATE delivery_route SET failures = failures + 1, retry_at = $1 WHERE delivery_route_id = $2",

@@ -6,7 +6,7 @@ use jiff::{SignedDuration, Timestamp};
 use tempfile::TempDir;
 
 use super::alarm::AlarmEvent;
-use super::queue::{Again, DueMessage, RouteState};
+use super::queue::{Again, DueMessage, RouteState, Sending};
 use super::routes::{Fate, Held, RouteEntry};
 use crate::handle::Store;
 use crate::tests::support::{assert_sound, day, fresh};
@@ -82,7 +82,10 @@ impl Outbox {
     async fn take(&self, route: RouteEntry, now: Timestamp) -> Vec<Vec<i64>> {
         let mut taken = Vec::new();
         while let Some(message) = self.next(route, now).await {
-            assert!(self.store.begin_attempt(route, &message, now).await.expect("an attempt"));
+            assert_eq!(
+                self.store.begin_attempt(route, &message, now).await.expect("an attempt"),
+                Sending::Begun
+            );
             self.store.mark_sent(route, &message, now).await.expect("a mark");
             taken.push(message.alarms.iter().map(|alarm| alarm.event_id).collect());
         }
@@ -90,7 +93,7 @@ impl Outbox {
     }
 
     async fn fail(&self, route: RouteEntry, message: &DueMessage, again: Again, now: Timestamp) -> bool {
-        assert!(self.store.begin_attempt(route, message, now).await.expect("an attempt"));
+        assert_eq!(self.store.begin_attempt(route, message, now).await.expect("an attempt"), Sending::Begun);
         self.store.mark_failed(route, message, "no answer", again, (now, 3 * DAY)).await.expect("a mark")
     }
 
@@ -223,7 +226,10 @@ async fn what_a_flood_holds_becomes_one_message_that_stays_the_same() {
     let of = |message: &DueMessage| message.alarms.iter().map(|alarm| alarm.event_id).collect::<Vec<_>>();
     assert_eq!((of(&digest), digest.digest), (events[2..].to_vec(), Some(events[4])));
     // one that comes later is not in it, whatever became of the first attempt
-    assert!(outbox.store.begin_attempt(route, &digest, day(0) + hour).await.expect("an attempt"));
+    assert_eq!(
+        outbox.store.begin_attempt(route, &digest, day(0) + hour).await.expect("an attempt"),
+        Sending::Begun
+    );
     let anomaly = outbox.anomaly().await;
     let late = outbox.event(anomaly, "opened", day(0)).await;
     outbox.hand_on(route, day(0) + hour, |_| now_(day(0))).await;
@@ -328,7 +334,10 @@ async fn a_message_that_waits_no_more_is_not_begun() {
     outbox.hand_on(route, day(0), |_| now_(day(0))).await;
     let message = outbox.next(route, day(0)).await.expect("a message");
     outbox.store.mark_sent(route, &message, day(0)).await.expect("a mark");
-    assert!(!outbox.store.begin_attempt(route, &message, day(1)).await.expect("an answer"));
+    assert_eq!(
+        outbox.store.begin_attempt(route, &message, day(1)).await.expect("an answer"),
+        Sending::NotWaiting
+    );
     let attempts: i64 = sqlx::query_scalar("SELECT attempts FROM deliveries")
         .fetch_one(&outbox.store.readers)
         .await
@@ -399,6 +408,44 @@ async fn what_waits_as_long_as_anything_may_goes_on_waiting() {
     assert_eq!(waiting, 2, "the night and the digest");
 }
 
+/// Lets the attempts that are written down be those of a process that was killed.
+async fn killed(outbox: &Outbox) {
+    sqlx::query("UPDATE attempt SET process = 0")
+        .execute(&outbox.store.writer)
+        .await
+        .expect("another process");
+}
+
+#[tokio::test]
+async fn a_message_that_ends_the_program_three_times_is_given_up_and_the_next_one_goes_out() {
+    let outbox = Outbox::new().await;
+    let route = outbox.route("shift", day(0)).await;
+    for _ in 0..2 {
+        let anomaly = outbox.anomaly().await;
+        outbox.event(anomaly, "opened", day(0)).await;
+    }
+    outbox.hand_on(route, day(0), |_| now_(day(0))).await;
+    let poison = outbox.next(route, day(0)).await.expect("a message");
+    for attempt in 1..=3 {
+        assert_eq!(outbox.store.is_last_attempt(&poison).await.expect("a count"), attempt == 3);
+        let sending = outbox.store.begin_attempt(route, &poison, day(0)).await.expect("an attempt");
+        assert_eq!(sending, Sending::Begun);
+        killed(&outbox).await;
+    }
+    let sending = outbox.store.begin_attempt(route, &poison, day(0)).await.expect("an attempt");
+    assert_eq!(sending, Sending::GivenUp);
+    assert_eq!(outbox.states().await, ["failed", "pending"]);
+    let next = outbox.next(route, day(0)).await.expect("the next message");
+    assert_ne!(next.delivery_ids, poison.delivery_ids);
+    assert_eq!(outbox.store.begin_attempt(route, &next, day(0)).await.expect("an attempt"), Sending::Begun);
+    outbox.store.mark_sent(route, &next, day(0)).await.expect("a mark");
+    let left: i64 = sqlx::query_scalar("SELECT count(*) FROM attempt WHERE work = 'delivery'")
+        .fetch_one(&outbox.store.readers)
+        .await
+        .expect("a count");
+    assert_eq!(left, 0);
+}
+
 /// Sessions of daemons, and what they have claimed, in a file that stands in for a server.
 mod sessions {
     use super::*;
@@ -446,7 +493,7 @@ mod sessions {
         outbox.hand_on(entered, day(0), |_| now_(day(0))).await;
         let route = first.claimed(entered);
         let message = outbox.next(route, day(0)).await.expect("a message");
-        assert!(first.begin_attempt(route, &message, day(0)).await.expect("an attempt"));
+        assert_eq!(first.begin_attempt(route, &message, day(0)).await.expect("an attempt"), Sending::Begun);
         first.mark_sent(route, &message, day(0)).await.expect("a mark");
         let message = outbox.next(route, day(0)).await.expect("the next message");
 
@@ -463,7 +510,7 @@ mod sessions {
         let same =
             second.next_message(of_second, day(0)).await.expect("the queue").expect("the same message");
         assert_eq!(same.delivery_ids, message.delivery_ids);
-        assert!(second.begin_attempt(of_second, &same, day(0)).await.expect("an attempt"));
+        assert_eq!(second.begin_attempt(of_second, &same, day(0)).await.expect("an attempt"), Sending::Begun);
 
         first.own_host.set_session(3);
         // what was begun under the first session, and what is begun without the claim

@@ -52,7 +52,11 @@ fn of_code(code: &str) -> ServerFault {
         code => match code.get(..2) {
             Some("08") => ServerFault::Unreachable,
             Some("22" | "23") => ServerFault::Refused,
-            Some("42") => ServerFault::Statement,
+            // a statement that the server does not take: of its form, of its state, or of what it asks for
+            Some(
+                "0A" | "0L" | "0P" | "20" | "21" | "24" | "25" | "26" | "2B" | "2F" | "34" | "38" | "39"
+                | "3B" | "3F" | "42" | "44" | "54" | "55" | "P0",
+            ) => ServerFault::Statement,
             Some("53") => ServerFault::Full,
             _ => ServerFault::Other,
         },
@@ -76,6 +80,12 @@ mod tests {
             ("08006", ServerFault::Unreachable),
             ("28P01", ServerFault::Login),
             ("42601", ServerFault::Statement),
+            ("25001", ServerFault::Statement),
+            ("25006", ServerFault::ReadOnly),
+            ("0A000", ServerFault::Statement),
+            ("54001", ServerFault::Statement),
+            ("55000", ServerFault::Statement),
+            ("P0001", ServerFault::Statement),
             ("42501", ServerFault::Rights),
             ("F0000", ServerFault::Other),
             ("", ServerFault::Other),

@@ -20,12 +20,15 @@ use armwatch_model::run::FileId;
 #[derive(Debug)]
 pub struct HostSession {
     joined: Option<session::Joined>,
+    store: Store,
 }
 
 impl HostSession {
     /// Gives back what was claimed and says that the program has ended. The lease ends by itself where that cannot be
-    /// said any more.
+    /// said any more. What was being done is not what ended the program.
     pub async fn leave(self) {
+        // where it cannot be written down, the program has not ended in good order either
+        let _ = self.store.break_off_attempts().await;
         if let Some(joined) = self.joined {
             joined.leave().await;
         }
@@ -43,7 +46,7 @@ impl Store {
             Dialect::Sqlite => None,
             Dialect::Postgres => Some(session::join(self, kind).await?),
         };
-        Ok(HostSession { joined })
+        Ok(HostSession { joined, store: self.clone() })
     }
 
     /// The number of this program's session, under which it writes; `None` on a file, and before it has joined.

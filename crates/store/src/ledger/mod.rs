@@ -8,3 +8,5 @@ pub(super) mod sources;
 pub(super) mod quarantine;
 pub(super) mod resume;
 pub(super) mod file_names;
+pub(super) mod attempts;
+pub(super) mod blocked;

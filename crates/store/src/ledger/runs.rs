@@ -179,6 +179,22 @@ impl Store {
         Ok(found)
     }
 
+    /// Lets a run of a file that was read while it grew be known by `identity`, since its content is not read. Others keep
+    /// theirs.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn identify_growing_by(&self, run_id: i64, identity: &ContentHash) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let done = sqlx::query("UPDATE run SET content_hash = $1 WHERE run_id = $2 AND growing")
+            .bind(&identity.0[..])
+            .bind(run_id)
+            .execute(&mut *transaction)
+            .await;
+        self.checked(done)?;
+        self.commit(transaction).await
+    }
+
     /// Writes down what a run is a recording of.
     ///
     /// # Errors

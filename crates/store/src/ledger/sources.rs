@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::runs;
+use super::attempts::Work;
 use super::runs::{Begun, Identity, KnownRun, RunStart, known_run};
+use super::{attempts, blocked, runs};
 use crate::engine::{EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -141,7 +142,7 @@ impl Store {
         self.checked(find_all(&self.readers, paths).await)
     }
 
-    /// Writes down that the file at `path`, in this state, holds the export of a run.
+    /// Writes down that the file at `path`, in this state, holds the export of a run. This ends the attempt at it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -153,6 +154,8 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(remember(&mut *transaction, path, state, run_id).await)?;
+        self.checked(attempts::end(&mut *transaction, Work::Export, path).await)?;
+        self.checked(blocked::forget(&mut *transaction, path).await)?;
         self.commit(transaction).await
     }
 

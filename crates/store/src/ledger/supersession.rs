@@ -1,5 +1,7 @@
 //! Which run takes the place of which.
 
+use sqlx::Row;
+
 use crate::engine::{EngineConnection, EngineExecutor};
 
 pub(crate) async fn set_replaced(
@@ -27,20 +29,41 @@ pub(crate) async fn replaced_by(
     Ok(found.flatten())
 }
 
-async fn is_as_long_or_here(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    old: i64,
-) -> Result<bool, sqlx::Error> {
-    sqlx::query_scalar(
-        "SELECT new.kind = old.kind AND (new.source_path = old.source_path OR new.cycles_stored >= old.cycles_stored)
+/// The outcome for two runs of one recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Contest {
+    /// The new run takes its place.
+    New,
+    /// It keeps its place, because the new run has no result.
+    Old,
+    /// Both stand: they are recordings of two kinds, or the new one is a part of a copy.
+    Both,
+}
+
+/// Compares two runs of a recording by their cycles with a result. If the file was written over, its old content is gone, so
+/// one result is enough. A file under another path must have as many results, since a part of a copy is no correction.
+async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> Result<Contest, sqlx::Error> {
+    let row = sqlx::query(
+        "SELECT new.kind = old.kind AS same_kind, new.source_path = old.source_path AS same_path,
+                new.cycles_stored AS new_cycles, old.cycles_stored AS old_cycles,
+                (SELECT count(*) FROM cycle WHERE cycle.run_id = $1 AND cycle.status <> 'refused') AS new_good,
+                (SELECT count(*) FROM cycle WHERE cycle.run_id = $2 AND cycle.status <> 'refused') AS old_good
          FROM run AS new, run AS old
          WHERE new.run_id = $1 AND old.run_id = $2",
     )
     .bind(run_id)
     .bind(old)
     .fetch_one(executor)
-    .await
+    .await?;
+    let (new_good, old_good): (i64, i64) = (row.try_get("new_good")?, row.try_get("old_good")?);
+    let (same_kind, same_path): (bool, bool) = (row.try_get("same_kind")?, row.try_get("same_path")?);
+    let (new_cycles, old_cycles): (i64, i64) = (row.try_get("new_cycles")?, row.try_get("old_cycles")?);
+    Ok(match (same_kind, new_good) {
+        (false, _) => Contest::Both,
+        (true, 0) if old_good > 0 => Contest::Old,
+        (true, _) if same_path || (new_good, new_cycles) >= (old_good, old_cycles) => Contest::New,
+        (true, _) => Contest::Both,
+    })
 }
 
 /// Marks `old` as superseded by `run_id`. Its rows stay.
@@ -80,17 +103,34 @@ pub(crate) async fn hand_on(
     Ok(())
 }
 
-/// Marks `old` as superseded by `run_id`, which is read to its end; not if that is of another path and has
-/// fewer cycles, since a part of a copy is no correction, nor if it is a recording of another kind. Returns whether it
-/// was done.
-pub(crate) async fn supersede_shorter(
+/// Lets `run_id`, which is read to its end, take the place of `old` if it wins the [contest](Contest), which is returned.
+pub(crate) async fn supersede_worse(
     connection: &mut EngineConnection,
     run_id: i64,
     old: i64,
-) -> Result<bool, sqlx::Error> {
-    let is_in_its_place = is_as_long_or_here(&mut *connection, run_id, old).await?;
-    if is_in_its_place {
+) -> Result<Contest, sqlx::Error> {
+    let contest = contest(&mut *connection, run_id, old).await?;
+    if contest == Contest::New {
         supersede(connection, run_id, old).await?;
     }
-    Ok(is_in_its_place)
+    Ok(contest)
+}
+
+/// Sets a run aside that is complete and has no result, since `old` is the same recording and has results. Its rows stay.
+pub(crate) async fn set_aside(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    old: i64,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'quarantined', superseded_by_run_id = $1,
+             reason = 'does not replace run ' || $1 || ', which is the same recording: no cycle has a result'
+         WHERE run_id = $2",
+    )
+    .bind(old)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
 }

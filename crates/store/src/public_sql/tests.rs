@@ -139,3 +139,41 @@ async fn an_answer_has_its_limits() {
     let doubled = format!("WITH a0 AS (SELECT 1 AS c), {} SELECT * FROM a39", names.join(", "));
     assert!(matches!(ask(&store, &doubled), Err(SqlError::Forbidden(_))));
 }
+
+/// No function may work on long values for longer than a statement may take: nothing stops it meanwhile.
+#[tokio::test]
+async fn functions_of_long_values_are_bounded_and_give_what_sqlite_gives() {
+    let (_folder, store) = database().await;
+    let begun = Instant::now();
+    for long in [
+        "instr(printf('%.*c', 900000, 'a'), printf('%.*c', 450000, 'a') || 'b')",
+        "replace(printf('%.*c', 900000, 'a'), printf('%.*c', 450000, 'a') || 'b', 'c')",
+        "trim(printf('%.*c', 900000, 'b'), printf('%.*c', 900000, 'a') || 'b')",
+        "ltrim(printf('%.*c', 900000, 'b'), printf('%.*c', 900000, 'a') || 'b')",
+        "rtrim(printf('%.*c', 900000, 'b'), printf('%.*c', 900000, 'a') || 'b')",
+        "printf('%.*c', 900000, 'a') LIKE '%' || printf('%.*c', 800, 'a') || 'b'",
+        "printf('%.*c', 900000, 'a') GLOB '*' || printf('%.*c', 800, 'a') || 'b'",
+    ] {
+        let refused = ask(&store, &format!("SELECT {long}"));
+        assert!(matches!(refused, Err(SqlError::Statement { .. })), "{long}: {refused:?}");
+    }
+    assert!(begun.elapsed() < LIMITS_OF_TEST.time, "{:?}", begun.elapsed());
+    // each of them alone has worked for minutes, and that of ordinary length is as ever
+    let usual = "SELECT instr('äöü', 'ü'), instr(x'00ff', x'ff'), instr(12.5, '.'), instr(NULL, 'a'), replace('a-b', '-', '+'),
+                        replace('abc', '', 'x'), trim('xxaxx', 'x'), ltrim('xa', 'x'), rtrim(1.50, '0'), trim(' a '),
+                        typeof(replace(1, '1', '2'))";
+    let expected = [
+        json!(3),
+        json!(2),
+        json!(3),
+        Value::Null,
+        json!("a+b"),
+        json!("abc"),
+        json!("a"),
+        json!("a"),
+        json!("1.5"),
+        json!("a"),
+        json!("text"),
+    ];
+    assert_eq!(ask(&store, usual).unwrap(), [expected]);
+}

@@ -12,6 +12,7 @@ use super::alarms::anomalies::Person;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
+use crate::ledger::attempts::{self, Work};
 use crate::values::{joint, joint_number, json_list, time};
 use armwatch_model::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use armwatch_model::robot::JointIndex;
@@ -83,6 +84,9 @@ impl Store {
         let entered = enter(&mut transaction, of).await;
         let entered = self.checked(entered)?;
         if entered.is_ok() {
+            // what the program did not survive may be tried again, of a history that a person has changed
+            let forgotten = attempts::end(&mut *transaction, Work::Conclusion, &of.robot).await;
+            self.checked(forgotten)?;
             self.commit(transaction).await?;
         }
         Ok(entered)

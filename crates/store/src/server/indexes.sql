@@ -64,3 +64,5 @@ CREATE INDEX run_production ON run (robot_id, status, started_at, run_id) WHERE 
 CREATE INDEX anomaly_by_state ON anomaly (state, robot_id, severity) WHERE NOT withdrawn;
 CREATE INDEX anomaly_in_force ON anomaly (robot_id, joint)
 WHERE state NOT IN ('resolved', 'false_alarm') AND NOT withdrawn;
+CREATE INDEX blocked_file_by_run ON blocked_file (run_id);
+CREATE INDEX blocked_file_by_robot ON blocked_file (robot);

@@ -60,7 +60,8 @@ pub(super) async fn open(
     let own_host = OwnHost::new(cluster, lock, Some(control));
     view_columns::fill(&writer).await.map_err(|error| StoreError::from_sqlx(&path, &error))?;
     let (readers, probe) = readers(&options, busy_timeout);
-    Ok(Store { path, writer, readers, probe, is_read_only: false, own_host })
+    let is_read_only = false;
+    Ok(Store { path, writer, readers, probe, is_read_only, is_snapshot: false, files: None, own_host })
 }
 
 /// Opens what is there for reading only; see [`Store::open_existing`].
@@ -96,7 +97,9 @@ async fn look(
         return Ok(None);
     }
     let (readers, probe) = readers(&options, timeout);
-    Ok(Some(Store { path, writer: readers.clone(), readers, probe, is_read_only: true, own_host }))
+    let writer = readers.clone();
+    let is_read_only = true;
+    Ok(Some(Store { path, writer, readers, probe, is_read_only, is_snapshot: false, files: None, own_host }))
 }
 
 fn options(path: &Path, address: &Path) -> Result<PgConnectOptions, StoreError> {

@@ -879,3 +879,28 @@ CREATE TABLE friction_plan (
     basis bigint NOT NULL,
     numbers bytea NOT NULL
 );
+
+-- Work whose attempts are counted before they begin, so that what ends the program is not tried for ever.
+CREATE TABLE attempt (
+    work text COLLATE "C" NOT NULL CHECK (work IN ('program', 'export', 'conclusion', 'delivery')),
+    subject text COLLATE "C" NOT NULL,
+    attempts bigint NOT NULL CHECK (attempts >= 1),
+    process bigint,
+    version text COLLATE "C" NOT NULL,
+    inode bigint NOT NULL DEFAULT 0,
+    bytes bigint NOT NULL DEFAULT 0,
+    cycles bigint NOT NULL DEFAULT 0,
+    PRIMARY KEY (work, subject)
+);
+
+-- Growing files that cannot be read on before they have settled or are corrected.
+CREATE TABLE blocked_file (
+    path text COLLATE "C" PRIMARY KEY,
+    run_id bigint REFERENCES run ON DELETE CASCADE,
+    robot text COLLATE "C",
+    source_name text COLLATE "C" NOT NULL,
+    line bigint CHECK (line >= 1),
+    problem text COLLATE "C" NOT NULL,
+    remedy text COLLATE "C" NOT NULL,
+    blocked_at text COLLATE "C" NOT NULL DEFAULT time_text(clock_us())
+);

@@ -257,6 +257,20 @@ JOIN cycle USING (cycle_id)
 JOIN run USING (run_id)
 JOIN robot USING (robot_id);
 
+CREATE VIEW blocked_files AS
+SELECT blocked_file.robot,
+       blocked_file.source_name,
+       blocked_file.path AS source_path,
+       blocked_file.run_id,
+       blocked_file.line,
+       blocked_file.problem,
+       blocked_file.remedy,
+       blocked_file.blocked_at,
+       CASE WHEN blocked_file.line IS NULL THEN 'cannot be read since '
+            ELSE 'cannot be read beyond line ' || blocked_file.line || ' since ' END
+           || blocked_file.blocked_at || ': ' || blocked_file.problem AS message
+FROM blocked_file;
+
 CREATE VIEW runs AS
 SELECT run.run_id,
        robot.name AS robot,
@@ -267,15 +281,19 @@ SELECT run.run_id,
        run.sample_rate_hz,
        run.cycles_stored AS cycles,
        CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
-       run.reason,
-       run.reason_line,
+       coalesce(run.reason, (SELECT blocked_files.message FROM blocked_files
+                             WHERE blocked_files.run_id = run.run_id AND run.status = 'streaming')) AS reason,
+       coalesce(run.reason_line, (SELECT blocked_file.line FROM blocked_file
+                                  WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming')) AS reason_line,
        run.reason_column,
        run.model,
        run.superseded_by_run_id,
        run.kind,
        run.rows_skipped,
        (SELECT nullif(host_session.host, '') FROM host_session
-        WHERE host_session.host_session_id = run.host_session_id) AS host
+        WHERE host_session.host_session_id = run.host_session_id) AS host,
+       (SELECT blocked_file.blocked_at FROM blocked_file
+        WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming') AS blocked_at
 FROM run
 JOIN robot USING (robot_id);
 
@@ -630,6 +648,14 @@ faulty AS (
         LIMIT 1
     )
 ),
+-- a growing export of which nothing can be read behind a line
+blocked AS (
+    SELECT latest.robot_id, blocked_files.source_name, blocked_files.message
+    FROM latest
+    JOIN blocked_files ON blocked_files.robot = latest.robot
+    WHERE NOT EXISTS (SELECT 1 FROM blocked_file AS later
+                      WHERE later.robot = latest.robot AND later.path > blocked_files.source_path)
+),
 member AS (
     SELECT latest.robot_id, run_joint_summary.joint FROM latest JOIN run_joint_summary USING (run_id)
     UNION
@@ -668,12 +694,14 @@ judged AS (
            faulty.source_name AS faulty_name,
            faulty.reason AS faulty_reason,
            conclusion_fault.reason AS not_concluded,
+           blocked.source_name AS blocked_name,
+           blocked.message AS blocked_message,
            CASE
                WHEN faulty.robot_id IS NOT NULL OR conclusion_fault.robot_id IS NOT NULL
                     OR joint_health.knowledge = 'no_result' THEN 'unknown'
                WHEN trouble.critical = 1 THEN 'critical'
                WHEN trouble.warning = 1 THEN 'warning'
-               WHEN joint_health.knowledge = 'unsettled' THEN 'unknown'
+               WHEN blocked.robot_id IS NOT NULL OR joint_health.knowledge = 'unsettled' THEN 'unknown'
                WHEN latest.overdue THEN 'overdue'
                WHEN coalesce(joint_health.knowledge, 'learning') = 'learning' THEN 'learning'
                ELSE 'ok'
@@ -682,6 +710,7 @@ judged AS (
     JOIN latest ON latest.robot_id = member.robot_id
     LEFT JOIN faulty ON faulty.robot_id = member.robot_id
     LEFT JOIN conclusion_fault ON conclusion_fault.robot_id = member.robot_id
+    LEFT JOIN blocked ON blocked.robot_id = member.robot_id
     LEFT JOIN joint_health ON joint_health.robot_id = member.robot_id AND joint_health.joint = member.joint
     LEFT JOIN trouble ON trouble.robot_id = member.robot_id AND trouble.joint = member.joint
 )
@@ -698,6 +727,8 @@ SELECT judged.robot,
                THEN 'the latest export, ' || judged.faulty_name || ', is in quarantine: ' || judged.faulty_reason
            WHEN judged.not_concluded IS NOT NULL
                THEN 'nothing is concluded of the latest tests: ' || judged.not_concluded
+           WHEN judged.status = 'unknown' AND judged.blocked_name IS NOT NULL
+               THEN judged.blocked_name || ' ' || judged.blocked_message
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND coalesce(anomaly.joint, judged.joint) = judged.joint

@@ -8,6 +8,8 @@ use sqlx::ConnectOptions;
 use sqlx::sqlite::SqliteConnectOptions;
 
 use super::support::*;
+use crate::error::StoreError;
+use crate::handle::Store;
 
 fn files(folder: &Path) -> Vec<String> {
     let names = std::fs::read_dir(folder).expect("a folder");
@@ -64,6 +66,102 @@ async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
     }
     File::create(folder.path().join("copy.db.8-1790.partial")).expect("a file that is being written");
     store.backup(&target).await.expect("a copy");
-    let left = ["copy.db", "copy.db.8-1790.partial", "copy.db.notes.partial", "other.db.7-1789.partial"];
-    assert_eq!(files(folder.path()), left);
+    assert_eq!(files(folder.path()), ["copy.db", "copy.db.8-1790.partial", "copy.db.notes.partial"]);
+}
+
+/// A damaged page is found wherever it lies, and the backup before stays.
+#[tokio::test]
+async fn a_backup_of_a_damaged_database_is_refused() {
+    const PAGE: usize = 4096;
+    let (source, store) = fresh().await;
+    let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 4, logs: 0 };
+    store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
+    let folder = tempfile::tempdir().expect("a folder");
+    let target = folder.path().join("backup.db");
+    store.backup(&target).await.expect("a backup");
+    let good = std::fs::read(&target).expect("the backup");
+    store.close().await.expect("closed");
+    let sound = std::fs::read(source.path().join("fleet.db")).expect("the database");
+    let pages = sound.len() / PAGE;
+    assert!(pages > 100, "{pages}");
+    for place in 0..24 {
+        let page = 3 + place * (pages - 3) / 24;
+        let mut bytes = sound.clone();
+        bytes[page * PAGE..(page + 1) * PAGE].fill(0xff);
+        let database = folder.path().join(format!("{page}.db"));
+        std::fs::write(&database, bytes).expect("the damaged database");
+        let opened = Store::open_any_schema(&database, &armwatch_config::ClusterSettings::default()).await;
+        let error = match opened {
+            Ok(store) => store.expect("a database").backup(&target).await.expect_err("a refusal"),
+            Err(error) => error,
+        };
+        assert!(matches!(error, StoreError::Corrupt { .. }), "page {page}: {error:?}");
+        assert!(std::fs::read(&target).expect("the backup") == good, "page {page}");
+    }
+}
+
+/// The copy holds what the database held at one moment, while others write.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
+    let (folder, store) = fresh().await;
+    let writer = store.clone();
+    let writing = tokio::spawn(async move {
+        for number in 0.. {
+            if writer.begin_run(&header(&format!("R{number}"), 0)).await.is_err() {
+                break;
+            }
+        }
+    });
+    for _ in 0..5 {
+        store.backup(&folder.path().join("backup.db")).await.expect("a backup");
+    }
+    writing.abort();
+}
+
+/// A database as an earlier version left it is copied without being changed, and copied once more before its schema is.
+#[tokio::test]
+async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
+    const OLD: i64 = 20;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    super::open::make_schema(&path, OLD).await;
+    let before = std::fs::read(&path).expect("the database");
+    let cluster = armwatch_config::ClusterSettings::default();
+    let any = Store::open_any_schema(&path, &cluster).await.expect("opened").expect("a database");
+    let backup = folder.path().join("backup.db");
+    let done = any.backup(&backup).await.expect("a backup");
+    assert!(done.rows.iter().any(|(table, rows)| table == "run" && *rows == 4), "{done:?}");
+    any.close().await.expect("closed");
+    assert!(std::fs::read(&path).expect("the database") == before, "it was changed");
+    assert!(matches!(Store::open_existing(&backup).await, Err(StoreError::Older { found: OLD, .. })));
+
+    // an earlier upgrade left a copy, and a user a file that looks like one
+    std::fs::copy(&backup, folder.path().join("fleet.db.schema-19")).expect("a copy");
+    std::fs::write(folder.path().join("fleet.db.schema-18"), "notes").expect("a file");
+    let store = Store::open(&path).await.expect("brought up to date");
+    assert_eq!(store.runs().await.expect("runs").len(), 4);
+    let copy = folder.path().join("fleet.db.schema-20");
+    assert!(matches!(Store::open_existing(&copy).await, Err(StoreError::Older { found: OLD, .. })));
+    store.close().await.expect("closed");
+    assert_eq!(files(folder.path()), ["backup.db", "fleet.db", "fleet.db.schema-18", "fleet.db.schema-20"]);
+}
+
+/// A damaged database is not changed by a new version.
+#[tokio::test]
+async fn the_schema_of_a_damaged_database_stays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("fleet.db");
+    super::open::make_schema(&path, 20).await;
+    let asked = async |question: &'static str| -> i64 {
+        let mut connection = SqliteConnectOptions::new().filename(&path).connect().await.expect("opened");
+        sqlx::query_scalar(question).fetch_one(&mut connection).await.expect("a number")
+    };
+    let page = asked("SELECT rootpage FROM sqlite_schema WHERE name = 'cycle'").await;
+    let begin = 4096 * (usize::try_from(page).expect("a page") - 1);
+    let mut bytes = std::fs::read(&path).expect("the database");
+    bytes[begin..begin + 4096].fill(0xff);
+    std::fs::write(&path, &bytes).expect("the damaged database");
+    let error = Store::open(&path).await.expect_err("a refusal");
+    assert!(matches!(error, StoreError::Corrupt { .. }), "{error:?}");
+    assert_eq!(asked("SELECT max(version) FROM _sqlx_migrations").await, 20);
 }

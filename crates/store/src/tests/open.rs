@@ -11,7 +11,7 @@ use super::support::*;
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::open::{APPLICATION_ID, open};
-use crate::schema::MIGRATOR;
+use crate::schema::{MIGRATOR, latest_schema};
 use armwatch_testing::er3a;
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures/migrations");
@@ -19,6 +19,18 @@ const MIGRATIONS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../migrations"
 
 async fn plain(path: &Path) -> SqliteConnection {
     SqliteConnectOptions::new().filename(path).create_if_missing(true).connect().await.expect("a connection")
+}
+
+/// Makes a database as the version with this schema left it, with rows in every table.
+pub(super) async fn make_schema(path: &Path, schema: i64) {
+    let mut connection = plain(path).await;
+    for migration in MIGRATOR.iter().filter(|migration| migration.version <= schema) {
+        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
+        let data =
+            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
+        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
+    }
+    connection.close().await.expect("closed");
 }
 
 #[tokio::test]
@@ -268,15 +280,7 @@ async fn programs_that_start_together_on_a_new_file_all_come_up() {
 async fn migrations_keep_the_data_of_earlier_versions() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    let mut connection = plain(&path).await;
-    for migration in MIGRATOR.iter() {
-        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
-        let data =
-            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
-        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
-    }
-    connection.close().await.expect("closed");
-
+    make_schema(&path, latest_schema()).await;
     let store = Store::open(&path).await.expect("a store");
     let rows = dump(&store).await;
     for view in views(&store).await.into_iter().filter(|view| view != "view_columns") {
@@ -307,14 +311,7 @@ async fn a_change_of_the_schema_that_is_stopped_changes_nothing() {
     const OLD: i64 = 20;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    let mut connection = plain(&path).await;
-    for migration in MIGRATOR.iter().filter(|migration| migration.version <= OLD) {
-        MIGRATOR.run_to(migration.version, &mut connection).await.expect("a migration");
-        let data =
-            std::fs::read_to_string(format!("{FIXTURES}/{:04}.sql", migration.version)).expect("its data");
-        connection.execute(AssertSqlSafe(data)).await.expect("rows that the schema takes");
-    }
-    connection.close().await.expect("closed");
+    make_schema(&path, OLD).await;
     let latest = MIGRATOR.iter().map(|migration| migration.version).max();
     let mut stopped = 0;
     for milliseconds in [0, 1, 2, 5, 10, 20, 40, 80] {
@@ -369,4 +366,206 @@ async fn assert_times_are_text_too(store: &Store) {
 fn every_migration_is_compiled_in() {
     let files = std::fs::read_dir(MIGRATIONS).expect("the folder").count();
     assert_eq!(MIGRATOR.iter().count(), files, "build again: a migration file was added");
+}
+
+/// What becomes of the files of an open database, and what is said of it.
+#[tokio::test]
+async fn nothing_is_stored_once_the_open_file_is_not_at_its_path() {
+    type Change = fn(&Path);
+    let beside = |end: &str| format!("fleet.db{end}");
+    let ways: [(&str, Change); 7] = [
+        ("deleted", |data| std::fs::remove_file(data.join("fleet.db")).unwrap()),
+        ("replaced", |data| std::fs::rename(data.join("other.db"), data.join("fleet.db")).unwrap()),
+        ("folder renamed", |data| {
+            std::fs::rename(std::fs::canonicalize(data).unwrap(), data.with_file_name("gone")).unwrap();
+        }),
+        ("link elsewhere", |data| {
+            std::fs::remove_file(data).unwrap();
+            std::os::unix::fs::symlink(data.with_file_name("elsewhere"), data).unwrap();
+        }),
+        ("log deleted", |data| std::fs::remove_file(data.join("fleet.db-wal")).unwrap()),
+        ("log replaced", |data| {
+            std::fs::copy(data.join("fleet.db-wal"), data.join("new")).unwrap();
+            std::fs::rename(data.join("new"), data.join("fleet.db-wal")).unwrap();
+        }),
+        ("index deleted", |data| std::fs::remove_file(data.join("fleet.db-shm")).unwrap()),
+    ];
+    for (way, change) in ways {
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link) = (folder.path().join("real"), folder.path().join("link"));
+        std::fs::create_dir(&real).unwrap();
+        std::os::unix::fs::symlink(&real, &link).unwrap();
+        let store = Store::open(&link.join("fleet.db")).await.unwrap();
+        streaming_run(&store, "R00", 0, 1).await;
+        store.sync().await.unwrap();
+        for end in ["", "-wal", "-shm"] {
+            assert!(real.join(beside(end)).exists(), "{way}: {end}");
+        }
+        std::fs::create_dir(folder.path().join("elsewhere")).unwrap();
+        for other in [real.join("other.db"), folder.path().join("elsewhere/fleet.db")] {
+            Store::open(&other).await.unwrap().close().await.unwrap();
+        }
+        change(&link);
+        let displaced = |error: StoreError| {
+            let said = error.to_string();
+            assert!(matches!(error, StoreError::Displaced { .. }) && error.is_fatal(), "{way}: {said}");
+            assert!(said.contains("nothing more is stored") && said.contains("start again"), "{way}: {said}");
+        };
+        displaced(store.begin_run(&header("R01", 0)).await.unwrap_err());
+        // what may be removed once it is synced stays
+        let synced = store.sync().await.unwrap_err();
+        assert!(
+            matches!(synced, StoreError::Displaced { .. } | StoreError::NotWritable { .. }),
+            "{way}: {synced}"
+        );
+        displaced(store.probe().await.unwrap_err());
+        displaced(store.check_files().unwrap_err());
+        displaced(store.backup(&folder.path().join("backup.db")).await.unwrap_err());
+        displaced(store.snapshot(&folder.path().join("snapshot.db")).await.unwrap_err());
+        displaced(store.close().await.unwrap_err());
+    }
+}
+
+/// The log of a database that another one was put in the place of.
+#[tokio::test]
+async fn a_log_that_belongs_to_another_database_is_named_and_a_database_keeps_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fleet.db");
+    let at = |name: &str| folder.path().join(name);
+    let copy = |from: &str, to: &str| std::fs::copy(at(from), at(to)).map(drop).unwrap();
+    let store = Store::open(&path).await.unwrap();
+    streaming_run(&store, "R00", 0, 1).await;
+    store.backup(&at("backup.db")).await.unwrap();
+    store.close().await.unwrap();
+    copy("fleet.db", "earlier.db");
+    for robot in ["R01", "R02"] {
+        let store = Store::open(&path).await.unwrap();
+        streaming_run(&store, robot, 0, 1).await;
+        store.close().await.unwrap();
+    }
+    let store = Store::open(&path).await.unwrap();
+    streaming_run(&store, "R03", 0, 1).await;
+    // as a kill leaves them
+    copy("fleet.db", "killed.db");
+    copy("fleet.db-wal", "killed.db-wal");
+    for restored in ["backup", "earlier"] {
+        copy(&format!("{restored}.db"), &format!("{restored}-2.db"));
+        copy("fleet.db-wal", &format!("{restored}-2.db-wal"));
+        let database = at(&format!("{restored}-2.db"));
+        let bytes = std::fs::read(&database).unwrap();
+        let errors = [
+            Store::open(&database).await.map(drop).unwrap_err(),
+            Store::open_existing(&database).await.map(drop).unwrap_err(),
+        ];
+        for error in errors {
+            let said = error.to_string();
+            assert!(matches!(error, StoreError::ForeignLog { .. }), "{restored}: {said}");
+            let named = format!("{restored}-2.db-wal belongs to another database");
+            assert!(said.contains(&named) && said.contains("delete it"), "{said}");
+        }
+        assert!(std::fs::read(&database).unwrap() == bytes, "{restored}: it was changed");
+        // as it says
+        std::fs::remove_file(at(&format!("{restored}-2.db-wal"))).unwrap();
+        assert_sound(&Store::open(&database).await.unwrap()).await;
+    }
+    let killed = Store::open(&at("killed.db")).await.unwrap();
+    assert_eq!(killed.runs().await.unwrap().len(), 4);
+    assert_sound(&killed).await;
+    // two handles at work, with commits between
+    let second = Store::open(&path).await.unwrap();
+    streaming_run(&second, "R04", 0, 1).await;
+    streaming_run(&store, "R05", 0, 1).await;
+    assert_eq!(Store::open_existing(&path).await.unwrap().unwrap().runs().await.unwrap().len(), 6);
+}
+
+/// A log that is torn at any place is still that of its database.
+#[tokio::test]
+async fn a_torn_log_is_not_taken_for_that_of_another_database() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let store = Store::open(&at("fleet.db")).await.unwrap();
+    for run in 0..3 {
+        streaming_run(&store, &format!("R{run}"), 0, 1).await;
+    }
+    let log = std::fs::read(at("fleet.db-wal")).unwrap();
+    for (number, length) in (0..=log.len()).step_by(log.len() / 12).enumerate() {
+        let name = format!("torn-{number}.db");
+        std::fs::copy(at("fleet.db"), at(&name)).unwrap();
+        let mut torn = log.clone();
+        torn[length..].fill(0);
+        std::fs::write(at(&format!("{name}-wal")), torn).unwrap();
+        let opened = Store::open(&at(&name)).await;
+        assert!(!matches!(opened, Err(StoreError::ForeignLog { .. })), "{length} of {}", log.len());
+    }
+}
+
+mod claims {
+    use std::fs::{File, Permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+
+    use nix::fcntl::{FcntlArg, fcntl};
+    use nix::libc;
+
+    use super::*;
+    use crate::claim::lock_file_of;
+
+    /// One lock, whatever name leads to the file.
+    #[tokio::test]
+    async fn a_database_has_one_daemon_under_all_its_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("fleet.db");
+        let store = Store::open(&path).await.unwrap();
+        let lock = lock_file_of(&path);
+        // as an earlier version made it
+        std::fs::write(&lock, "1\n").unwrap();
+        std::fs::set_permissions(&lock, Permissions::from_mode(0o644)).unwrap();
+        assert!(!store.has_daemon().await.unwrap());
+        let claim = store.claim().await.unwrap();
+        assert_eq!(std::fs::metadata(&lock).unwrap().mode() & 0o777, 0o600);
+        std::fs::create_dir(folder.path().join("sub")).unwrap();
+        std::os::unix::fs::symlink(&path, folder.path().join("sub/link.db")).unwrap();
+        for name in ["fleet.db", "sub/link.db", "sub/../fleet.db"] {
+            let claimed = crate::claim::claim(&folder.path().join(name));
+            assert!(matches!(claimed, Err(StoreError::Claimed { .. })), "{name}: {claimed:?}");
+        }
+        assert!(store.has_daemon().await.unwrap());
+        drop(claim);
+        assert!(!store.has_daemon().await.unwrap());
+        store.claim().await.unwrap();
+    }
+
+    /// Whoever may only read the database can lock a byte of it for reading, and the daemon starts all the same.
+    #[tokio::test]
+    async fn a_reader_cannot_keep_a_daemon_from_its_database() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("fleet.db");
+        let store = Store::open(&path).await.unwrap();
+        let reader = File::open(&path).unwrap();
+        let whole = libc::flock {
+            l_type: i16::try_from(libc::F_RDLCK).unwrap(),
+            l_whence: i16::try_from(libc::SEEK_SET).unwrap(),
+            l_start: (1 << 30) + 512,
+            l_len: 0,
+            l_pid: 0,
+        };
+        fcntl(&reader, FcntlArg::F_OFD_SETLK(&whole)).unwrap();
+        reader.lock().unwrap();
+        assert!(!store.has_daemon().await.unwrap());
+        store.claim().await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_lock_file_that_cannot_be_opened_is_named_with_a_remedy() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("fleet.db");
+        let store = Store::open(&path).await.unwrap();
+        // a link must not lead a daemon of root elsewhere
+        std::fs::write(folder.path().join("passwd"), "of the system").unwrap();
+        std::os::unix::fs::symlink(folder.path().join("passwd"), lock_file_of(&path)).unwrap();
+        let error = store.claim().await.unwrap_err();
+        let said = error.to_string();
+        assert!(matches!(error, StoreError::LockFile { .. }) && error.is_fatal(), "{said}");
+        assert!(said.contains("fleet.db.daemon") && said.contains("chown"), "{said}");
+        assert_eq!(std::fs::read_to_string(folder.path().join("passwd")).unwrap(), "of the system");
+    }
 }
