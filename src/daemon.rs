@@ -1,13 +1,15 @@
 //! The life of the daemon: look at the folders, take what grows and what has settled, stop when told.
 //!
-//! File events only say "look again"; the scan decides, and comparing it with the ledger makes
-//! looking twice harmless. Files that grow are read at once, each on its own; files that have settled
+//! File events only say "look again"; the look decides, and comparing it with the ledger makes
+//! looking twice harmless. Nothing here waits for a file system: folders, exports and the configuration are read by
+//! threads of their own. Files that grow are read at once, each on its own; files that have settled
 //! are the backlog: a few at a time, those of one robot one after the other, so that its history grows in the
 //! order of the names.
 
 mod archive;
 mod export_tasks;
 mod file_schedule;
+mod folders;
 mod judging;
 mod outcome_log;
 pub mod overdue;
@@ -27,14 +29,16 @@ mod vanished;
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use export_tasks::{Closed, ExportTasks, Happened, closing};
-use file_schedule::{Begun, Closing, FileSchedule};
+use file_schedule::{Begun, Closing, FileSchedule, Sighting};
+use folders::{Folders, Look, Turned};
 use judging::OpenTests;
 use outcome_log::{end_of, log_outcome};
 use service::ServiceManager;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
@@ -44,8 +48,6 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError};
 use crate::pipeline::take::follow::Followed;
 use armwatch_config::{Config, WatchSettings};
-use armwatch_ingest::find::watch::{Complaints, FoundFile, Scan};
-use armwatch_ingest::find::{tail, watch};
 use armwatch_model::text;
 use armwatch_store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
 
@@ -56,12 +58,11 @@ use suspects::Suspects;
 use turn::{ReadMode, robot_of};
 use vanished::Missing;
 
-/// Hints that arrive within this time cause one scan: a copy of a large file makes thousands.
-const HINT_PAUSE: Duration = Duration::from_millis(100);
+/// At a stop, the daemon abandons exports whose disk or file server has not answered for this long.
+const UNANSWERED_AT_STOP: Duration = Duration::from_secs(5);
 
-/// Between two scans that hints cause, so many times what the last one took passes: files that grow
-/// all day must not make the daemon look at thousands of others all day.
-const SCAN_SHARE: u32 = 10;
+/// After this time, the log says that the configuration cannot be read. The earlier one stays in force.
+const REREAD_WITHIN: Duration = Duration::from_secs(5);
 
 /// Conclusions that still wait when the daemon is to stop are drawn for this long, the others at the next start: a
 /// fleet's backlog takes minutes, and who stops a service waits for seconds.
@@ -82,13 +83,25 @@ pub enum Event<'a> {
 /// Why a run ends whose file is gone.
 const VANISHED: &str = "the file vanished before it was read to its end; put it back, or export it again";
 
-/// Reads the configuration again; says why itself where it cannot be used.
-pub type Reread<'r> = dyn Fn() -> Option<Config> + 'r;
+/// Reads the configuration again; logs the reason if it cannot be used. Called on a separate thread.
+pub type Reread = Arc<dyn Fn() -> Option<Config> + Send + Sync>;
+
+/// A configuration that is being read.
+struct Rereading {
+    read: oneshot::Receiver<Option<Config>>,
+    /// When it is said that it does not come; `None` after that.
+    due: Option<Instant>,
+}
 
 /// The daemon at work.
-struct Work<'r> {
+struct Work {
     pipeline: Pipeline,
-    reread: &'r Reread<'r>,
+    reread: Reread,
+    rereading: Option<Rereading>,
+    /// Another request has arrived since.
+    rereads_again: bool,
+    /// Files that are read again when the configuration is.
+    retries: HashSet<PathBuf>,
     stop: CancellationToken,
     schedule: FileSchedule,
     missing: Missing,
@@ -108,7 +121,7 @@ struct Work<'r> {
 }
 
 /// What a daemon works with besides its pipeline.
-pub struct Control<'r> {
+pub struct Control {
     /// The database is this daemon's.
     pub claim: DaemonClaim,
     /// Ends it.
@@ -117,7 +130,7 @@ pub struct Control<'r> {
     pub reload: mpsc::Receiver<()>,
     /// Reads the configuration, when asked to and when quarantined exports are to be read again, because their
     /// robot or layout may have been corrected.
-    pub reread: &'r Reread<'r>,
+    pub reread: Reread,
 }
 
 /// Watches the configured folders until a stop is asked for, then finishes the cycles in hand. `report` hears the
@@ -127,7 +140,7 @@ pub struct Control<'r> {
 /// [`PipelineError`] where the daemon cannot go on, such as a full disk.
 pub async fn watch(
     pipeline: &Pipeline,
-    control: Control<'_>,
+    control: Control,
     mut report: impl FnMut(Event<'_>),
 ) -> Result<(), PipelineError> {
     let Control { claim: _claim, stop, reload, reread } = control;
@@ -150,14 +163,20 @@ pub async fn watch(
     let began = Instant::now();
     let failed = patiently(&stop, async || Ok(pipeline.store().take_over_attempts().await?)).await?;
     let Some(failed) = failed else { return Ok(()) };
+    if patiently(&stop, async || Ok(pipeline.store().forget_folders().await?)).await?.is_none() {
+        return Ok(());
+    }
     let mut work = Work::new(pipeline, reread, stop.child_token(), begun_before(&unfinished));
     work.suspect(began, failed);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.run_loop(reload, &mut report).await;
     // after a failure the others finish their cycles too
     work.stop.cancel();
-    missed.await?;
-    while let Some(closed) = work.exports.next().await {
+    // an archive that does not answer is examined at the next start
+    if let Ok(missed) = tokio::time::timeout(UNANSWERED_AT_STOP, missed).await {
+        missed?;
+    }
+    while let Some(closed) = work.exports.next_answering(UNANSWERED_AT_STOP).await {
         let ended = closed.and_then(|closed| work.close(closed, &mut report));
         if watched.is_ok() {
             ended?;
@@ -186,10 +205,10 @@ fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
     report(Event::Concluded(concluded));
 }
 
-impl<'r> Work<'r> {
+impl Work {
     fn new(
         pipeline: &Pipeline,
-        reread: &'r Reread<'r>,
+        reread: Reread,
         stop: CancellationToken,
         begun: HashMap<PathBuf, Begun>,
     ) -> Self {
@@ -197,6 +216,9 @@ impl<'r> Work<'r> {
         Self {
             pipeline: pipeline.clone(),
             reread,
+            rereading: None,
+            rereads_again: false,
+            retries: HashSet::new(),
             stop,
             schedule: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
@@ -214,7 +236,7 @@ impl<'r> Work<'r> {
     fn suspect(&mut self, began: Instant, failed: Vec<(PathBuf, u32)>) {
         for (path, attempts) in &failed {
             tracing::warn!(
-                file = %path.display(), attempts,
+                file = %text::of_path(path), attempts,
                 "the program ended while this export was read; such exports are read one at a time, three times at most"
             );
         }
@@ -234,11 +256,8 @@ impl<'r> Work<'r> {
         mut reload: mpsc::Receiver<()>,
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
-        let mut settings = self.watch_settings();
-        let (mut watcher, mut hints) = watch::watch_folders(&settings.folders);
-        let mut complaints = Complaints::default();
-        let mut next_scan = Instant::now();
-        let mut earliest = next_scan;
+        let mut folders = Folders::new(&self.watch_settings(), self.pipeline.metrics().clone());
+        let mut next_look = Instant::now() + self.pipeline.config().watch.scan_interval;
         let stop = self.stop.clone();
         let pipeline = self.pipeline.clone();
         let stale = patiently(&stop, async || Ok(pipeline.store().stale_robots().await?)).await?;
@@ -246,19 +265,21 @@ impl<'r> Work<'r> {
         self.take_over_stale(&stale.unwrap_or_default(), &faults.unwrap_or_default());
         let mut manager = ServiceManager::ready(Instant::now());
         while !self.stop.is_cancelled() {
+            let now = Instant::now();
             if std::mem::take(&mut self.is_reloaded) {
-                let new = self.watch_settings();
-                if new.folders != settings.folders {
-                    (watcher, hints) = watch::watch_folders(&new.folders);
-                }
-                (next_scan, settings) = (Instant::now(), new);
-                earliest = next_scan;
+                folders.set(&self.watch_settings());
+            }
+            for turned in folders.turned(now) {
+                next_look = now;
+                self.note_answer(&turned).await?;
             }
             self.exports.begin(&self.pipeline, &mut self.schedule);
             self.conclude_what_is_due();
             self.exports.count_queues(&self.pipeline, &self.schedule);
             self.open_tests.begin(&self.pipeline);
-            let next_look = self.next_look();
+            let next_event = self.next_event();
+            let (next_begin, next_turn) = (folders.next_begin(), folders.next_turn());
+            let reread_due = self.rereading.as_ref().and_then(|reading| reading.due);
             tokio::select! {
                 () = self.stop.cancelled() => {}
                 happened = self.exports.happened() => match happened? {
@@ -268,23 +289,23 @@ impl<'r> Work<'r> {
                 },
                 Some(concluded) = self.concluding.join_next() => self.concluded(concluded?, report)?,
                 Some(judged) = self.open_tests.next() => if let Some(of) = judged? { announce(&of, report) },
-                Some(()) = hints.recv(), if next_scan > earliest => next_scan = earliest,
+                is_new = folders.happened() => if is_new { next_look = now },
                 Some(()) = reload.recv() => self.reload(),
-                () = until(next_look) => {}
+                config = read_again(&mut self.rereading) => if self.reloaded(config) { next_look = now },
+                () = until(reread_due) => if self.reread_is_overdue() { next_look = now },
+                () = until(next_event) => {}
+                () = until(next_turn) => {}
+                () = until(next_begin) => folders.begin(Instant::now()),
                 () = until(manager.next_beat()) => manager.beat(Instant::now()),
-                () = tokio::time::sleep_until(next_scan.into()) => {
-                    watcher.watch_missing();
-                    let started = Instant::now();
-                    match self.scan(&settings.folders, &mut complaints).await {
+                () = tokio::time::sleep_until(next_look.into()) => {
+                    match self.look(&folders.look()).await {
                         Err(PipelineError::Store(error)) if !error.is_fatal() => {
                             tracing::warn!(%error, "not all was looked at; looking again");
                         }
-                        scanned => scanned?,
+                        looked => looked?,
                     }
                     manager.status(self.at_work());
-                    let ended = Instant::now();
-                    next_scan = ended + settings.scan_interval;
-                    earliest = ended + HINT_PAUSE.max(SCAN_SHARE * (ended - started));
+                    next_look = Instant::now() + self.pipeline.config().watch.scan_interval;
                 }
             }
         }
@@ -302,42 +323,40 @@ impl<'r> Work<'r> {
         )
     }
 
-    async fn scan(&mut self, folders: &[PathBuf], complaints: &mut Complaints) -> Result<(), PipelineError> {
+    /// Processes the results of scans and the changes that other programs have made to the database.
+    async fn look(&mut self, look: &Look<'_>) -> Result<(), PipelineError> {
         self.pipeline.store().check_files()?;
-        let (owned, began) = (folders.to_vec(), Instant::now());
-        let scan = tokio::task::spawn_blocking(move || watch::scan(&owned)).await?;
-        self.pipeline.metrics().scanned(scan.files.len(), began.elapsed());
-        complaints.warn(&scan);
         let retries = self.note_retries().await;
-        self.leave_known(&scan).await?;
+        self.leave_known(&look.files).await?;
         let lane_of = |path: &Path| robot_of(self.pipeline.config(), path);
-        self.schedule.note(&scan.files, Instant::now(), tail::is_marked, lane_of);
+        self.schedule.note(&look.files, Instant::now(), lane_of);
         // files are taken also while the database is busy
         retries?;
-        let is_there = |path: &Path| !vanished::is_missing(path, folders, &scan);
+        let is_there = |path: &Path| !vanished::is_missing(path, look);
         self.pipeline.store().unblock_vanished(is_there).await?;
-        self.give_up_vanished(folders, &scan).await?;
+        self.give_up_vanished(look).await?;
         let stale = self.pipeline.store().stale_robots().await?;
         self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());
-        tracing::trace!(
-            files = scan.files.len(),
-            waiting = self.schedule.waiting(Instant::now()),
-            open = self.exports.count(),
-            to_conclude = stale.len() + self.concluding.len(),
-            "looked at the watched folders"
-        );
+        if look.is_whole {
+            tracing::trace!(
+                files = look.files.len(),
+                waiting = self.schedule.waiting(Instant::now()),
+                open = self.exports.count(),
+                to_conclude = stale.len() + self.concluding.len(),
+                "looked at the watched folders"
+            );
+        }
         Ok(())
     }
 
     /// Leaves files alone that are seen for the first time and whose fate was decided as they lie there: a start with a
     /// hundred thousand of them asks the database a few hundred times. With an archive, each is looked at, since it
     /// may have to be moved there.
-    async fn leave_known(&mut self, scan: &Scan) -> Result<(), PipelineError> {
+    async fn leave_known(&mut self, files: &[Sighting<'_>]) -> Result<(), PipelineError> {
         if self.pipeline.config().watch.archive.is_some() {
             return Ok(());
         }
-        let unseen: Vec<&FoundFile> = self.schedule.unseen(&scan.files).collect();
-        for some in unseen.chunks(FILES_ASKED_AT_ONCE) {
+        for some in self.schedule.unseen(files).chunks(FILES_ASKED_AT_ONCE) {
             let known = self.pipeline.known_as_they_are(some).await?;
             for path in &known {
                 tracing::debug!(file = %text::of_path(path), "known as it lies there");
@@ -349,13 +368,13 @@ impl<'r> Work<'r> {
     }
 
     /// Ends unfinished runs whose files are gone.
-    async fn give_up_vanished(&mut self, folders: &[PathBuf], scan: &Scan) -> Result<(), PipelineError> {
+    async fn give_up_vanished(&mut self, look: &Look<'_>) -> Result<(), PipelineError> {
         let store = self.pipeline.store();
         let mut unfinished = store.unfinished_sources().await?;
         // what is open is read to its end, also when its name is gone
         unfinished.retain(|source| !self.pipeline.is_open(source.run_id));
         let settle = self.pipeline.config().watch.settle;
-        for run_id in self.missing.note(&unfinished, folders, scan, settle, Instant::now()) {
+        for run_id in self.missing.note(&unfinished, look, settle, Instant::now()) {
             match store.give_up_run(run_id, VANISHED).await {
                 Ok(_) => tracing::warn!(run_id, "{VANISHED}"),
                 Err(error) if !error.is_fatal() => {
@@ -367,14 +386,50 @@ impl<'r> Work<'r> {
         Ok(())
     }
 
-    /// Reads the configuration again, for exports that are taken from now on; one that cannot be used changes
+    /// Begins to read the configuration again, for exports that are taken from then on; one that cannot be used changes
     /// nothing.
     fn reload(&mut self) {
-        let Some(config) = (self.reread)() else { return };
-        tracing::info!("configuration read again");
-        self.schedule.settle_in(config.watch.settle);
-        self.pipeline = self.pipeline.with_config(config.into());
-        self.is_reloaded = true;
+        if self.rereading.is_some() {
+            self.rereads_again = true;
+            return;
+        }
+        let (reread, (answer, read)) = (Arc::clone(&self.reread), oneshot::channel());
+        let reading = std::thread::Builder::new().name("configuration".into()).spawn(move || {
+            // a daemon that ends does not wait for it
+            let _ = answer.send(reread());
+        });
+        if let Err(error) = reading {
+            tracing::error!(%error, "the configuration is not read again; the earlier one stays in force");
+        }
+        self.rereading = Some(Rereading { read, due: Some(Instant::now() + REREAD_WITHIN) });
+    }
+
+    /// Takes over a configuration that was read again, unless it cannot be used. Returns whether exports waited for it.
+    fn reloaded(&mut self, config: Option<Config>) -> bool {
+        self.rereading = None;
+        if let Some(config) = config {
+            tracing::info!("configuration read again");
+            self.schedule.settle_in(config.watch.settle);
+            self.pipeline = self.pipeline.with_config(config.into());
+            self.is_reloaded = true;
+        }
+        if std::mem::take(&mut self.rereads_again) {
+            self.reload();
+        }
+        self.retry()
+    }
+
+    /// Says that the configuration does not come; exports that wait for it go on without. Returns whether there are any.
+    fn reread_is_overdue(&mut self) -> bool {
+        if let Some(reading) = &mut self.rereading {
+            reading.due = None;
+            tracing::error!(
+                "the configuration cannot be read: no answer for {} s; the earlier one stays in force until it answers, \
+                 see whether the disk or file server of its files is there",
+                REREAD_WITHIN.as_secs()
+            );
+        }
+        self.retry()
     }
 
     /// Lets exports be taken again that a person asked for, by the configuration as it is now.
@@ -382,16 +437,38 @@ impl<'r> Work<'r> {
         let asked = self.pipeline.store().paths_to_retry().await?;
         let asked: HashSet<PathBuf> = asked.into_iter().collect();
         if !asked.is_subset(&self.asked) {
+            self.retries.extend(asked.iter().cloned());
             self.reload();
-            let (config, now) = (self.pipeline.config(), Instant::now());
-            asked.iter().for_each(|path| self.schedule.again(path, now, |path| robot_of(config, path)));
         }
         self.asked = asked;
         Ok(())
     }
 
+    /// Lets the exports be taken again that wait for the configuration. Returns whether there are any.
+    fn retry(&mut self) -> bool {
+        let waits = !self.retries.is_empty();
+        let (config, now) = (self.pipeline.config(), Instant::now());
+        for path in self.retries.drain() {
+            self.schedule.again(&path, now, |path| robot_of(config, path));
+        }
+        waits
+    }
+
+    /// Writes down that a folder has stopped or begun to answer, for commands that ask the database.
+    async fn note_answer(&mut self, turned: &Turned) -> Result<(), PipelineError> {
+        let folder = turned.folder.display().to_string();
+        let noted = self.pipeline.store().note_folder(&folder, turned.looked_at, turned.answers).await;
+        match noted {
+            Err(error) if !error.is_fatal() => {
+                tracing::debug!(folder, %error, "`armwatch status` does not know whether it answers");
+                Ok(())
+            }
+            noted => Ok(noted?),
+        }
+    }
+
     /// When something is due though nothing happens.
-    fn next_look(&self) -> Option<Instant> {
+    fn next_event(&self) -> Option<Instant> {
         let now = Instant::now();
         let places = self.exports.next_look(&self.schedule, now);
         // while conclusions are drawn, their end is waited for
@@ -490,6 +567,15 @@ impl<'r> Work<'r> {
             report(Event::Export(&due.path, outcome));
         }
         Ok(())
+    }
+}
+
+/// Waits for a configuration that is being read; for ever where none is.
+async fn read_again(rereading: &mut Option<Rereading>) -> Option<Config> {
+    match rereading {
+        // without a thread, or after its panic, there is no configuration
+        Some(reading) => (&mut reading.read).await.unwrap_or(None),
+        None => std::future::pending().await,
     }
 }
 

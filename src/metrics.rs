@@ -8,12 +8,14 @@
 
 mod process;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use jiff::Timestamp;
 use prometheus_client::encoding::prometheus_text;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -140,6 +142,9 @@ struct Families {
     reading: Family<Labels<1>, Gauge>,
     watched_files: Gauge,
     scan_seconds: Histogram,
+    folder_looked_at: Family<Labels<1>, Moment>,
+    folder_answers: Family<Labels<1>, Gauge>,
+    folders: Mutex<BTreeMap<PathBuf, FolderLook>>,
     live: LiveFigures,
     snapshot_time: Moment,
     snapshot_bytes: Gauge,
@@ -148,6 +153,33 @@ struct Families {
     requests: Family<Labels<3>, Counter>,
     request_seconds: Histograms<2>,
 }
+
+/// When a watched folder was looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FolderState {
+    /// The folder.
+    pub folder: String,
+    /// When the last look at it ended, since this process started.
+    pub looked_at: Option<Timestamp>,
+    /// Whether the last look ended in time and none hangs.
+    pub answers: bool,
+}
+
+/// What is kept of a folder.
+#[derive(Debug)]
+struct FolderLook {
+    looked_at: Option<Timestamp>,
+    is_silent: bool,
+    /// When the next look has to be over.
+    due: Instant,
+    interval: Duration,
+}
+
+/// A look at a folder may take so much longer than the one before, and than the time between two.
+const LOOK_TAKES: Duration = Duration::from_secs(60);
+
+/// A look at a folder may take so many times as long as the one before.
+const LOOK_TAKES_TIMES: u32 = 10;
 
 #[derive(Debug)]
 struct LiveFigures {
@@ -226,6 +258,70 @@ impl Metrics {
             of.watched_files.set(whole(files));
             of.scan_seconds.observe(took.as_secs_f64());
         });
+    }
+
+    /// These folders are watched from now on, each looked at once in `interval`.
+    pub fn keep_folders(&self, folders: &[PathBuf], interval: Duration) {
+        self.with(|of| {
+            let mut known = of.folders.lock().unwrap_or_else(PoisonError::into_inner);
+            known.retain(|folder, _| {
+                let stays = folders.contains(folder);
+                if !stays {
+                    of.folder_looked_at.remove(&folder_labels(folder));
+                    of.folder_answers.remove(&folder_labels(folder));
+                }
+                stays
+            });
+            for folder in folders {
+                let due = Instant::now() + interval + LOOK_TAKES;
+                let new = FolderLook { looked_at: None, is_silent: false, due, interval };
+                let look = known.entry(folder.clone()).or_insert(new);
+                (look.interval, look.due) = (interval, look.due.max(due));
+                // 0 before the first look
+                drop(of.folder_looked_at.get_or_create(&folder_labels(folder)));
+                of.folder_answers.get_or_create(&folder_labels(folder)).set(i64::from(!look.is_silent));
+            }
+        });
+    }
+
+    /// A look at a watched folder has ended; `looked_at` is the time of the last one that could look into it.
+    pub fn folder_answers(&self, folder: &Path, looked_at: Option<Timestamp>, took: Duration) {
+        self.note_folder(folder, |look| {
+            (look.looked_at, look.is_silent) = (looked_at, false);
+            look.due = Instant::now() + look.interval + LOOK_TAKES + LOOK_TAKES_TIMES * took;
+        });
+    }
+
+    /// A look at a watched folder hangs.
+    pub fn folder_is_silent(&self, folder: &Path) {
+        self.note_folder(folder, |look| look.is_silent = true);
+    }
+
+    fn note_folder(&self, folder: &Path, change: impl FnOnce(&mut FolderLook)) {
+        self.with(|of| {
+            let mut known = of.folders.lock().unwrap_or_else(PoisonError::into_inner);
+            let Some(look) = known.get_mut(folder) else { return };
+            change(look);
+            let labels = folder_labels(folder);
+            of.folder_answers.get_or_create(&labels).set(i64::from(!look.is_silent));
+            if let Some(at) = look.looked_at {
+                of.folder_looked_at.get_or_create(&labels).set(at.as_millisecond() as f64 / 1e3);
+            }
+        });
+    }
+
+    /// When which watched folder was looked at.
+    #[must_use]
+    pub fn folders(&self) -> Vec<FolderState> {
+        let Some(of) = &self.0 else { return Vec::new() };
+        let known = of.folders.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let state = |(folder, look): (&PathBuf, &FolderLook)| FolderState {
+            folder: folder.display().to_string(),
+            looked_at: look.looked_at,
+            answers: !look.is_silent && now <= look.due,
+        };
+        known.iter().map(state).collect()
     }
 
     /// Begins figures of a growing file of a robot, which end when the last handle is dropped.
@@ -361,6 +457,19 @@ impl Families {
                 "A look at the watched folders",
                 Histogram::new(WORK_SECONDS),
             ),
+            folder_looked_at: kept(
+                &mut registry,
+                "armwatch_folder_last_scan_timestamp_seconds",
+                "When this process last looked into the watched folder, seconds since 1970; 0 before the first look",
+                Family::default(),
+            ),
+            folder_answers: kept(
+                &mut registry,
+                "armwatch_folder_answers",
+                "Whether the watched folder's disk or file server answers: 1, or 0 while a look at it hangs",
+                Family::default(),
+            ),
+            folders: Mutex::default(),
             live,
             snapshot_time: kept(
                 &mut registry,
@@ -471,6 +580,10 @@ fn whole(count: impl TryInto<i64>) -> i64 {
     count.try_into().unwrap_or(i64::MAX)
 }
 
+fn folder_labels(folder: &Path) -> Labels<1> {
+    labels([("folder", &folder.display().to_string())])
+}
+
 fn set_now(family: &Family<Labels<1>, Moment>, robot: &str) {
     family.get_or_create(&labels([("robot", robot)])).set(now());
 }
@@ -548,6 +661,32 @@ mod tests {
         assert!(!text(&metrics).contains("R1") && begun("R2"));
         drop(other);
         assert!(!text(&metrics).contains("robot="));
+    }
+
+    #[test]
+    fn a_folder_answers_as_long_as_looks_end_and_goes_when_it_is_not_watched_any_more() {
+        let metrics = Metrics::counting();
+        let folders = ["/in", "/share"].map(PathBuf::from);
+        metrics.keep_folders(&folders, Duration::from_secs(5));
+        assert!(
+            has(&metrics, "armwatch_folder_last_scan_timestamp_seconds{folder=\"/share\"} 0.0"),
+            "{}",
+            text(&metrics)
+        );
+        let at = Timestamp::from_second(1_772_352_000).ok();
+        metrics.folder_answers(&folders[0], at, Duration::from_secs(1));
+        metrics.folder_is_silent(&folders[1]);
+        assert!(has(&metrics, "armwatch_folder_last_scan_timestamp_seconds{folder=\"/in\"} 1772352000.0"));
+        assert!(has(&metrics, "armwatch_folder_answers{folder=\"/in\"} 1"));
+        assert!(has(&metrics, "armwatch_folder_answers{folder=\"/share\"} 0"));
+        let states: Vec<_> =
+            metrics.folders().into_iter().map(|of| (of.folder, of.looked_at, of.answers)).collect();
+        assert_eq!(states, [("/in".to_owned(), at, true), ("/share".to_owned(), None, false)]);
+        metrics.keep_folders(&folders[..1], Duration::from_secs(5));
+        assert!(!text(&metrics).contains("/share"));
+        // nobody looks any more, though nothing is known to hang
+        metrics.note_folder(&folders[0], |look| look.due = Instant::now() - Duration::from_secs(1));
+        assert!(!metrics.folders()[0].answers);
     }
 
     #[test]

@@ -35,7 +35,7 @@ pub(super) const GLOBAL_HEADING: &str = "Global options";
 pub const ANY_PROCESSOR: &str = "ARMWATCH_ANY_PROCESSOR";
 
 /// Options of every command.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(next_help_heading = GLOBAL_HEADING)]
 pub struct Global {
     /// Database file, or postgres://USER@HOST/NAME, instead of the configuration's
@@ -122,6 +122,10 @@ impl CliError {
     }
 }
 
+/// Most threads for work that blocks: an export that is read takes up to three, and `watch.live_files` is at most a thousand.
+/// Threads begin when there is work for them.
+const MOST_BLOCKING_THREADS: usize = 4096;
+
 /// The asynchronous runtime of a command.
 ///
 /// # Errors
@@ -129,6 +133,7 @@ impl CliError {
 pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
+        .max_blocking_threads(MOST_BLOCKING_THREADS)
         .build()
         .map_err(|error| CliError::Internal(format!("no runtime: {error}")))
 }

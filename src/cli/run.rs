@@ -1,6 +1,7 @@
 //! `armwatch run`: the daemon.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use clap::Args;
 use tokio::sync::watch;
@@ -8,7 +9,7 @@ use tokio::sync::watch;
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use crate::alert::dispatcher::Dispatcher;
 use crate::daemon::overdue::OverdueWatch;
-use crate::daemon::preflight::preflight;
+use crate::daemon::preflight::{NO_ANSWER, preflight};
 use crate::daemon::retention::Pruning;
 use crate::daemon::snapshots::Snapshots;
 use crate::daemon::{Control, Event};
@@ -19,7 +20,7 @@ use crate::{daemon, serve};
 use armwatch_config::{Config, ConfigErrors, host_name, shown_database};
 use armwatch_store::SessionKind;
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 #[command(after_help = "\
 Examples:
   armwatch run
@@ -41,73 +42,85 @@ pub(super) struct RunArgs {
     host: Option<String>,
 }
 
+/// At its end, the daemon waits this long for threads with blocking work, which is no longer needed.
+const THREADS_END_WITHIN: Duration = Duration::from_secs(1);
+
 pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
     let config = checked(as_host(global.read_config()?, args))?;
-    runtime()?.block_on(async {
-        let internal = |error: std::io::Error| CliError::Internal(error.to_string());
-        let stop = daemon::stop_on_signal().map_err(internal)?;
-        let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
-        let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
-        // before anything listens: a second daemon is told of the first, not of its port
-        let claim = store.claim().await?;
-        let session = store.join(SessionKind::Daemon).await?;
-        let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
-        tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
-        let config = shared(config);
-        let (in_force, configs) = watch::channel(Arc::clone(&config));
-        let metrics = Metrics::counting();
-        let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
-        // the server ends with the daemon, whatever ends that
-        let serving = stop.child_token();
-        let pruning = Pruning::start(store.clone(), configs.clone(), serving.clone());
-        let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
-        let server = match &config.serve {
-            Some(settings) => {
-                let started = serve::start(settings, configs, store, metrics.clone(), serving.clone());
-                Some(started.await.map_err(refused)?)
-            }
-            None => None,
-        };
-        let reread = || {
-            let config = keep_what_runs(reread(global, args)?, &config);
+    let runtime = runtime()?;
+    let ended = runtime.block_on(until_stopped(global, args, config));
+    // a call to a file system that does not answer must not keep the process
+    runtime.shutdown_timeout(THREADS_END_WITHIN);
+    ended
+}
+
+async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Result<u8, CliError> {
+    let internal = |error: std::io::Error| CliError::Internal(error.to_string());
+    let stop = daemon::stop_on_signal().map_err(internal)?;
+    let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
+    let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
+    // before anything listens: a second daemon is told of the first, not of its port
+    let claim = store.claim().await?;
+    let session = store.join(SessionKind::Daemon).await?;
+    let folders: Vec<String> = config.watch.folders.iter().map(|f| f.display().to_string()).collect();
+    tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
+    let config = shared(config);
+    let (in_force, configs) = watch::channel(Arc::clone(&config));
+    let metrics = Metrics::counting();
+    let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
+    // the server ends with the daemon, whatever ends that
+    let serving = stop.child_token();
+    let pruning = Pruning::start(store.clone(), configs.clone(), serving.clone());
+    let dispatcher = Dispatcher::start(store.clone(), configs.clone(), serving.clone());
+    let server = match &config.serve {
+        Some(settings) => {
+            let started = serve::start(settings, configs, store, metrics.clone(), serving.clone());
+            Some(started.await.map_err(refused)?)
+        }
+        None => None,
+    };
+    let reread = {
+        let (global, args, config) = (global.clone(), args.clone(), Arc::clone(&config));
+        move || {
+            let config = keep_what_runs(reread(&global, &args)?, &config);
             in_force.send_replace(shared(config.clone()));
             Some(config)
-        };
-        let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
-        let snapshots = config.snapshot.clone().map(|settings| {
-            Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), serving.clone())
-        });
-        let control = Control { claim, stop, reload, reread: &reread };
-        let watched = daemon::watch(&pipeline, control, |event| {
-            overdue.note(&event);
-            dispatcher.nudge();
-            if let (Some(snapshots), Event::Concluded(_)) = (&snapshots, &event) {
-                snapshots.note();
-            }
-        });
-        let watched = watched.await;
-        serving.cancel();
-        overdue.ended().await;
-        pruning.ended().await;
-        if let Some(snapshots) = snapshots {
-            snapshots.ended().await;
         }
-        dispatcher.ended().await;
-        if let Some(server) = server {
-            server.ended().await;
+    };
+    let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
+    let snapshots = config.snapshot.clone().map(|settings| {
+        Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), serving.clone())
+    });
+    let control = Control { claim, stop, reload, reread: Arc::new(reread) };
+    let watched = daemon::watch(&pipeline, control, |event| {
+        overdue.note(&event);
+        dispatcher.nudge();
+        if let (Some(snapshots), Event::Concluded(_)) = (&snapshots, &event) {
+            snapshots.note();
         }
-        session.leave().await;
-        watched?;
-        pipeline.close().await?;
-        tracing::info!("stopped");
-        Ok(EXIT_DONE)
-    })
+    });
+    let watched = watched.await;
+    serving.cancel();
+    overdue.ended().await;
+    pruning.ended().await;
+    if let Some(snapshots) = snapshots {
+        snapshots.ended().await;
+    }
+    dispatcher.ended().await;
+    if let Some(server) = server {
+        server.ended().await;
+    }
+    session.leave().await;
+    watched?;
+    pipeline.close().await?;
+    tracing::info!("stopped");
+    Ok(EXIT_DONE)
 }
 
 /// The configuration, if the daemon can work with it on this machine.
 fn checked(config: Config) -> Result<Config, CliError> {
     let found = preflight(&config);
-    for remark in &found.remarks {
+    for remark in found.remarks.iter().chain(found.missing.iter().filter(|of| of.problem == NO_ANSWER)) {
         tracing::warn!("{remark}");
     }
     if found.refusals.is_empty() { Ok(config) } else { Err(ConfigErrors(found.refusals).into()) }

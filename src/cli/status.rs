@@ -14,7 +14,7 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
     AlarmState, AnomalyRow, BlockedFile, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow,
-    HostState, QuarantineRow, RunRow, Store, time_in_views,
+    HostState, QuarantineRow, RunRow, Store, UnansweredFolder, time_in_views,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -47,6 +47,8 @@ struct Fleet {
     runs: Vec<RunRow>,
     /// Daemons of a database on a server that have a name.
     hosts: Vec<HostRow>,
+    /// Watched folders that do not answer.
+    unanswered: Vec<UnansweredFolder>,
 }
 
 pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError> {
@@ -89,6 +91,7 @@ impl Fleet {
         hosts.retain(|row| !row.host.is_empty());
         Ok(Self {
             hosts,
+            unanswered: store.unanswered_folders().await?,
             counts: store.counts().await?,
             health: store.fleet_health().await?,
             open,
@@ -136,6 +139,11 @@ impl Fleet {
         if !self.hosts.is_empty() {
             let hosts: Vec<String> = self.hosts.iter().map(host_in_words).collect();
             output::line(&format!("daemons     {}", hosts.join(", ")));
+        }
+        for of in &self.unanswered {
+            let host = if of.host.is_empty() { String::new() } else { format!("{}: ", of.host) };
+            let since = of.looked_at.map_or_else(|| "the daemon started".to_owned(), words::minute);
+            output::line(&format!("folder      {host}{} not looked at since {since}: no answer", of.folder));
         }
         let open: Vec<Severity> = self.open.iter().map(|row| row.severity).collect();
         output::line(&format!("alarms      {}", alarms_in_words(&open, self.answered)));
@@ -242,7 +250,9 @@ impl Fleet {
                 "seen_at": time_in_views(row.seen_at),
             })
         };
+        let folder = |of: &UnansweredFolder| json!({"host": of.host, "folder": of.folder, "last_scan_at": of.looked_at.map(time_in_views)});
         json!({
+            "unanswered_folders": self.unanswered.iter().map(folder).collect::<Vec<_>>(),
             "hosts": self.hosts.iter().map(host).collect::<Vec<_>>(),
             "robots": robots,
             "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),

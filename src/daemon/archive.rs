@@ -2,27 +2,42 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
+use super::export_tasks::on_own_thread;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::intake;
+use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_ingest::find::archive::{Archived, archive};
 use armwatch_ingest::find::watch;
 use armwatch_model::run::RunStatus;
 use armwatch_model::text;
 use armwatch_store::SourceState;
 
-/// Archives the export at `path` if its run is complete. Whatever fails is logged and leaves the source where
+/// Beyond this time and the time of a slow copy, disk or file server do not answer, and the export stays.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
+
+/// Slowest copy that is waited for, bytes a millisecond: an export is written, and read twice.
+const SLOWEST_BYTES_MS: u64 = 500;
+
+/// Copies into the archive that have not ended in time. Until they end, further exports stay, so an archive that does not
+/// answer blocks no export and only one thread.
+static HANGING: AtomicUsize = AtomicUsize::new(0);
+
+/// Archives the export at `path`, of so many bytes, if its run is complete. Whatever fails is logged and leaves the source where
 /// it is; it is tried again when the file is looked at anew, at the latest after a restart.
-pub async fn after(pipeline: &Pipeline, path: &Path, outcome: &Outcome) {
+pub async fn after(pipeline: &Pipeline, path: &Path, bytes: u64, outcome: &Outcome) {
     let Some(folder) = pipeline.config().watch.archive.clone() else { return };
     let (Outcome::Stored(_) | Outcome::AlreadyStored { .. }, Some(run_id)) = (outcome, outcome.run_id())
     else {
         return;
     };
     let file = text::of_path(path);
-    match moved(pipeline, path, folder, run_id).await {
+    match moved(pipeline, (path, bytes), folder, run_id).await {
         Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %text::of_path(&target), "archived"),
         Ok(Some(Archived::Changed)) => tracing::info!(%file, "not archived: it changed meanwhile"),
         Ok(None) => {}
@@ -32,37 +47,74 @@ pub async fn after(pipeline: &Pipeline, path: &Path, outcome: &Outcome) {
 
 async fn moved(
     pipeline: &Pipeline,
-    path: &Path,
+    (path, bytes): (&Path, u64),
     folder: PathBuf,
     run_id: i64,
 ) -> Result<Option<Archived>, Box<dyn std::error::Error + Send + Sync>> {
     let store = pipeline.store();
     let is_complete = store.known_run(run_id).await?.is_some_and(|run| run.status == RunStatus::Complete);
     let Some(run) = store.run_source(run_id).await?.filter(|_| is_complete) else { return Ok(None) };
-    if is_inside(path, &folder) {
-        // a link or mount lets the archive be seen in a watched folder
-        return Ok(None);
-    }
     // what is committed outlasts the process, and only what is synced a loss of power: the source may go after that
     store.sync().await?;
     let below = below(path, &pipeline.config().watch.folders);
-    let source = path.to_owned();
-    let content = run.content_hash;
-    let archived = tokio::task::spawn_blocking(move || archive(&source, &content, &folder, &below)).await??;
-    if let Archived::At(target) = &archived
-        && let Some(state) = intake::source_state(target)
-    {
+    let (source, content) = (path.to_owned(), run.content_hash);
+    let archiving = move || {
+        if is_inside(&source, &folder) {
+            // a link or mount lets the archive be seen in a watched folder
+            return Ok((None, None));
+        }
+        let archived = archive(&source, &content, &folder, &below)?;
+        let state = match &archived {
+            Archived::At(target) => intake::source_state(target),
+            Archived::Changed => None,
+        };
+        std::io::Result::Ok((Some(archived), state))
+    };
+    let time = ANSWERS_WITHIN + Duration::from_millis(bytes / SLOWEST_BYTES_MS);
+    let (archived, state) = within(&HANGING, time, archiving).await??;
+    if let (Some(Archived::At(target)), Some(state)) = (&archived, state) {
         // commands that read samples again find the export there
         store.remember_source(&intake::ledger_path(store, target), state, run_id).await?;
     }
-    Ok(Some(archived))
+    Ok(archived)
+}
+
+/// Does blocking work. An error if it takes longer than `time`, or if earlier work still hangs.
+async fn within<T: Send + 'static>(
+    hanging: &'static AtomicUsize,
+    time: Duration,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> std::io::Result<T> {
+    let no_answer = |detail: String| std::io::Error::new(std::io::ErrorKind::TimedOut, detail);
+    if hanging.load(Ordering::Relaxed) > 0 {
+        return Err(no_answer("the archive has not answered since an earlier export".to_owned()));
+    }
+    let (answer, mut answered) = oneshot::channel();
+    tokio::task::spawn_blocking(move || {
+        if answer.send(work()).is_err() {
+            // it was late and counted
+            hanging.fetch_sub(1, Ordering::Relaxed);
+        }
+    });
+    if let Ok(ended) = tokio::time::timeout(time, &mut answered).await {
+        return ended.map_err(|_| std::io::Error::other("internal error while archiving"));
+    }
+    hanging.fetch_add(1, Ordering::Relaxed);
+    answered.close();
+    match answered.try_recv() {
+        Ok(done) => {
+            hanging.fetch_sub(1, Ordering::Relaxed);
+            Ok(done)
+        }
+        Err(_) => Err(no_answer(format!("the archive has not answered for {} s", time.as_secs()))),
+    }
 }
 
 /// Takes exports that lie in the archive and that the database does not know: it lost their runs with a disk, or it is an
 /// older copy that was put back. Their sources are gone.
 pub async fn take_missed(pipeline: Pipeline, stop: CancellationToken) {
     let Some(folder) = pipeline.config().watch.archive.clone() else { return };
-    let found = tokio::task::spawn_blocking(move || watch::scan(&[from_root(&folder)])).await;
+    let found = tokio::task::spawn_blocking(move || watch::scan(&[from_root(&folder)], false)).await;
     let files = match found {
         Ok(scan) => scan.files,
         Err(error) => {
@@ -103,7 +155,7 @@ where
             break;
         }
         let file = text::of_path(&path);
-        let taken = tokio::spawn(take(path)).await;
+        let taken = on_own_thread(FileAccess::default(), take(path)).await;
         match taken.map_err(PipelineError::from).and_then(|taken| taken) {
             Ok(robot) => robots.extend(robot),
             Err(error) => tracing::warn!(file, %error, "in the archive, and not taken"),
@@ -192,5 +244,20 @@ mod tests {
         assert_eq!(robots.into_iter().collect::<Vec<_>>(), ["A", "B"]);
         stop.cancel();
         assert!(each_alone(files.into_iter(), &stop, taking).await.is_empty(), "taken after a stop");
+    }
+
+    #[tokio::test]
+    async fn an_archive_that_does_not_answer_is_given_up_and_left_alone_until_it_does() {
+        static HANGING: AtomicUsize = AtomicUsize::new(0);
+        let (release, hangs) = std::sync::mpsc::channel::<()>();
+        let first = within(&HANGING, Duration::from_millis(10), move || hangs.recv().is_ok()).await;
+        assert_eq!(first.unwrap_err().kind(), std::io::ErrorKind::TimedOut);
+        let patient = Duration::from_secs(60);
+        assert!(within(&HANGING, patient, || true).await.is_err(), "another thread would hang too");
+        release.send(()).unwrap();
+        while HANGING.load(Ordering::Relaxed) > 0 {
+            tokio::task::yield_now().await;
+        }
+        assert!(within(&HANGING, patient, || true).await.unwrap());
     }
 }

@@ -1,24 +1,31 @@
 //! Exports being read: growing ones in places of their own, settled ones a few of each class.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use tokio::runtime::Handle;
 use tokio::sync::mpsc;
-use tokio::task::JoinSet;
+use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
 
 use super::archive;
 use super::file_schedule::{Closing, FileSchedule, NextAttempt};
-use super::places::{Place, Places};
+use super::places::{HANGING, Place, Places, SAID_AFTER, hangs_for, say_hanging};
 use super::turn::{Class, ReadMode, named_robot};
 use crate::metrics::{LiveFile, Queue};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::take::follow::{Ends, Followed};
+use armwatch_config::Config;
+use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_model::run::FileId;
 
 /// Counting the files that wait may take at most one part in so many of the daemon's time.
 const COUNTING_SHARE: u32 = 100;
+
+/// While the daemon ends, it is seen so often whether file systems answer.
+const ANSWERS_LOOKED_AT: Duration = Duration::from_millis(500);
 
 /// A file whose task has ended.
 pub(super) struct Closed {
@@ -40,6 +47,25 @@ pub(super) enum Happened {
     Progressed,
 }
 
+/// A settled file that is being read.
+struct Settled {
+    path: PathBuf,
+    robot: String,
+    class: Class,
+    access: FileAccess,
+    /// Its run has no number yet. One at a time of each class, so that numbers follow names, and of two files with one
+    /// content, which have one size, the first by name is taken.
+    is_admitting: bool,
+    /// Its hanging read was said.
+    said: bool,
+}
+
+impl Settled {
+    fn hangs(&self, now: Instant) -> bool {
+        hangs_for(&self.access, HANGING, now)
+    }
+}
+
 /// The tasks that read exports, and how many there may be.
 pub(super) struct ExportTasks {
     stop: CancellationToken,
@@ -48,13 +74,8 @@ pub(super) struct ExportTasks {
     places: Places,
     /// When the files that wait are counted again at the earliest.
     next_count: Instant,
-    /// Robots with a settled file being read.
-    robots: HashSet<String>,
-    /// Settled files being read, of each class.
-    settled: [usize; Class::ALL.len()],
-    /// A settled file of each class whose run has no number yet. One at a time, so that numbers follow names,
-    /// and of two files with one content, which have one size, the first by name is taken.
-    admitting: [Option<FileId>; Class::ALL.len()],
+    /// Settled files being read.
+    settled: HashMap<FileId, Settled>,
     progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
@@ -66,9 +87,7 @@ impl ExportTasks {
             tasks: JoinSet::new(),
             places: Places::default(),
             next_count: Instant::now(),
-            robots: HashSet::new(),
-            settled: [0; Class::ALL.len()],
-            admitting: [None; Class::ALL.len()],
+            settled: HashMap::new(),
             progress: mpsc::unbounded_channel(),
         }
     }
@@ -79,12 +98,37 @@ impl ExportTasks {
 
     /// Whether a settled export of a robot is being read.
     pub(super) fn reads_settled(&self, robot: &str) -> bool {
-        self.robots.contains(robot)
+        self.settled.values().any(|of| of.robot == robot)
+    }
+
+    /// Settled files being read that hold up others: one whose file system does not answer does not.
+    fn reading(&self, now: Instant) -> impl Iterator<Item = &Settled> {
+        self.settled.values().filter(move |of| !of.hangs(now))
     }
 
     /// Waits for the end of a task; `None` where there is none.
     pub(super) async fn next(&mut self) -> Option<Result<Closed, PipelineError>> {
         Some(self.tasks.join_next().await?.map_err(PipelineError::from))
+    }
+
+    /// As [`ExportTasks::next`]; `None` also if the file systems of all remaining exports have not answered for `time`.
+    pub(super) async fn next_answering(&mut self, time: Duration) -> Option<Result<Closed, PipelineError>> {
+        loop {
+            if let Ok(next) = tokio::time::timeout(ANSWERS_LOOKED_AT, self.next()).await {
+                return next;
+            }
+            let now = Instant::now();
+            let settled =
+                self.settled.values().filter(|of| hangs_for(&of.access, time, now)).map(|of| &*of.path);
+            let hanging: Vec<&Path> = settled.chain(self.places.hanging_for(time, now)).collect();
+            if hanging.len() < self.tasks.len() {
+                continue;
+            }
+            for path in hanging {
+                tracing::warn!(file = %path.display(), "not finished, its disk or file server does not answer; stored cycles stay");
+            }
+            return None;
+        }
     }
 
     /// Waits until something becomes of an export; may be dropped before.
@@ -101,47 +145,74 @@ impl ExportTasks {
             Progress::Begun => self.admitted(file),
             Progress::CaughtUp => self.places.caught_up(file, Instant::now()),
             Progress::Grown(run_id) => return Happened::Grown(run_id),
-            Progress::Reading | Progress::Read(_) | Progress::Cycle(_) => {}
+            Progress::Read(_) | Progress::Cycle(_) => {}
         }
         Happened::Progressed
     }
 
     /// When a place falls free though nothing happens.
     pub(super) fn next_look(&self, schedule: &FileSchedule, now: Instant) -> Option<Instant> {
-        self.places.next_look(schedule.growing_waiting() > 0, now)
+        let settled = self.settled.values().filter_map(|of| Some(of.access.asks_since()? + HANGING));
+        let places = self.places.next_look(schedule.growing_waiting() > 0, now);
+        settled.filter(|end| *end > now).chain(places).min()
     }
 
     /// Whether another settled export of a class may be begun, where so many are read at once.
     pub(super) fn has_place(&self, class: Class, most: usize) -> bool {
-        self.settled[class as usize] < most && self.admitting[class as usize].is_none()
+        let now = Instant::now();
+        let of_class = || self.reading(now).filter(move |of| of.class == class);
+        of_class().count() < most && !of_class().any(|of| of.is_admitting)
     }
 
     /// Gives a settled export its place.
-    pub(super) fn admit(&mut self, file: FileId, robot: &str, class: Class) {
-        self.robots.insert(robot.to_owned());
-        self.settled[class as usize] += 1;
-        self.admitting[class as usize] = Some(file);
+    pub(super) fn admit(&mut self, due: &NextAttempt, robot: &str, class: Class, access: FileAccess) {
+        let (path, robot) = (due.path.clone(), robot.to_owned());
+        let settled = Settled { path, robot, class, access, is_admitting: true, said: false };
+        self.settled.insert(due.file, settled);
     }
 
     /// Frees the place of an export whose task has ended. Returns how many bytes were read of one that grows.
     pub(super) fn free(&mut self, due: &NextAttempt, way: &ReadMode) -> u64 {
-        self.admitted(due.file);
         match way {
             ReadMode::Growing => self.places.take_back(due.file),
-            ReadMode::Settled(robot, class) => {
-                self.robots.remove(robot);
-                self.settled[*class as usize] -= 1;
+            ReadMode::Settled(..) => {
+                self.settled.remove(&due.file);
                 0
             }
         }
+    }
+
+    /// Watched folders with a hanging read: opening more of their files would hang too.
+    fn hanging_folders(&mut self, config: &Config, now: Instant) -> Vec<PathBuf> {
+        for of in self.settled.values_mut().filter(|of| !of.said && hangs_for(&of.access, SAID_AFTER, now)) {
+            of.said = true;
+            say_hanging(&of.path);
+        }
+        let settled = self.settled.values().filter(|of| of.hangs(now)).map(|of| &*of.path);
+        let hanging: Vec<&Path> = settled.chain(self.places.hanging_for(HANGING, now)).collect();
+        if hanging.is_empty() {
+            return Vec::new();
+        }
+        let folders: Vec<PathBuf> =
+            config.watch.folders.iter().map(|folder| archive::from_root(folder)).collect();
+        let around = |path: &Path| {
+            folders
+                .iter()
+                .filter(|folder| path.starts_with(folder))
+                .max_by_key(|of| of.components().count())
+                .cloned()
+        };
+        hanging.into_iter().filter_map(around).collect()
     }
 
     /// Starts as many tasks as there may be, for growing files first.
     pub(super) fn begin(&mut self, pipeline: &Pipeline, schedule: &mut FileSchedule) {
         let (now, most) = (Instant::now(), pipeline.config().watch.live_files);
         self.places.say_hanging(now);
+        let hanging = self.hanging_folders(pipeline.config(), now);
+        let answers = |path: &Path| !hanging.iter().any(|folder| path.starts_with(folder));
         while self.places.has_free(most, now)
-            && let Some(due) = schedule.next_growing()
+            && let Some(due) = schedule.next_growing(answers)
         {
             self.follow(pipeline, due, now);
         }
@@ -152,17 +223,15 @@ impl ExportTasks {
         }
         let config = pipeline.config();
         let most = config.limits.backlog_files;
-        let mut starting = Vec::new();
         for class in Class::ALL {
+            let busy: HashSet<String> = self.reading(now).map(|of| of.robot.clone()).collect();
             if self.has_place(class, most)
                 && let Some((due, robot)) =
-                    schedule.next_settled(&self.robots, |bytes| Class::of(bytes, config) == class)
+                    schedule.next_settled(&busy, answers, |bytes| Class::of(bytes, config) == class)
             {
-                self.admit(due.file, &robot, class);
-                starting.push((due, robot, class));
+                self.take(pipeline, due, robot, class);
             }
         }
-        starting.into_iter().for_each(|(due, robot, class)| self.take(pipeline, due, robot, class));
     }
 
     /// Tells how many files wait and are being read. Each file that waits is looked at, so that of a long queue it is
@@ -176,39 +245,37 @@ impl ExportTasks {
         metrics.queue(Queue::Growing, schedule.growing_waiting(), self.places.count());
         for (class, queue) in [(Class::Small, Queue::Small), (Class::Large, Queue::Large)] {
             let waiting = schedule.settled_waiting(|bytes| Class::of(bytes, config) == class);
-            metrics.queue(queue, waiting, self.settled[class as usize]);
+            let reading = self.settled.values().filter(|of| of.class == class).count();
+            metrics.queue(queue, waiting, reading);
         }
         self.next_count = Instant::now() + COUNTING_SHARE * began.elapsed();
     }
 
-    /// Notes that the run of a file has its number, or that the file is closed.
+    /// Notes that the run of a file has its number.
     fn admitted(&mut self, file: FileId) {
-        for place in &mut self.admitting {
-            place.take_if(|admitting| *admitting == file);
+        if let Some(settled) = self.settled.get_mut(&file) {
+            settled.is_admitting = false;
         }
     }
 
     /// Begins to read a growing file.
     fn follow(&mut self, pipeline: &Pipeline, due: NextAttempt, now: Instant) {
-        let Place { sign, give_way } = self.places.give(due.file, &due.path, &self.stop, now);
-        let (pipeline, sender) = (pipeline.clone(), self.progress.0.clone());
+        let access = access(pipeline.config());
+        let place = self.places.give(due.file, &due.path, access.clone(), &self.stop, now);
+        let Place { sign, give_way } = place;
+        let (pipeline, sender) = (pipeline.opening(&access), self.progress.0.clone());
         let (ends, file) = (Ends { stop: self.stop.clone(), give_way }, due.file);
         let live = named_robot(pipeline.config(), &due.path).map(|robot| pipeline.metrics().live(&robot));
         let live = Arc::new(live);
         let progress = move |progress| {
             match progress {
-                Progress::Reading => sign.reads(Instant::now()),
                 Progress::Read(bytes) => {
                     if sign.has_read(bytes) {
                         live.iter().for_each(LiveFile::read);
                     }
                 }
-                Progress::Begun | Progress::CaughtUp => {
-                    sign.waits_for_others();
+                Progress::Begun | Progress::CaughtUp | Progress::Grown(_) => {
                     // nobody listens any more when the daemon ends
-                    let _ = sender.send((file, progress));
-                }
-                Progress::Grown(_) => {
                     let _ = sender.send((file, progress));
                 }
                 Progress::Cycle(_) => live.iter().for_each(LiveFile::stored),
@@ -217,7 +284,7 @@ impl ExportTasks {
         self.tasks.spawn(async move {
             let (path, patience) = (due.path.clone(), due.patience);
             let reading =
-                tokio::spawn(async move { pipeline.follow(&path, patience, &ends, progress).await });
+                on_own_thread(access, async move { pipeline.follow(&path, patience, &ends, progress).await });
             let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
             Closed { due, way: ReadMode::Growing, result }
         });
@@ -225,7 +292,9 @@ impl ExportTasks {
 
     /// Begins to read a settled file.
     fn take(&mut self, pipeline: &Pipeline, due: NextAttempt, robot: String, class: Class) {
-        let (pipeline, stop) = (pipeline.clone(), self.stop.clone());
+        let access = access(pipeline.config());
+        self.admit(&due, &robot, class, access.clone());
+        let (pipeline, stop) = (pipeline.opening(&access), self.stop.clone());
         let (sender, file) = (self.progress.0.clone(), due.file);
         let progress = move |progress| {
             if progress == Progress::Begun {
@@ -234,16 +303,33 @@ impl ExportTasks {
             }
         };
         self.tasks.spawn(async move {
-            let path = due.path.clone();
-            let reading = tokio::spawn(async move {
+            let (path, bytes) = (due.path.clone(), due.seen.size);
+            let reading = on_own_thread(access, async move {
                 let outcome = pipeline.process(&path, Retry::Never, &stop, progress).await?;
-                archive::after(&pipeline, &path, &outcome).await;
+                archive::after(&pipeline, &path, bytes, &outcome).await;
                 Ok(Followed::Outcome(outcome))
             });
             let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));
             Closed { due, way: ReadMode::Settled(robot, class), result }
         });
     }
+}
+
+/// How the daemon opens the files that it finds.
+fn access(config: &Config) -> FileAccess {
+    match config.watch.follow_links {
+        true => FileAccess::default(),
+        false => FileAccess::within(config.watch.folders.iter().map(|folder| archive::from_root(folder))),
+    }
+}
+
+/// Runs a task on a separate thread, so that a file system without an answer blocks no other task.
+pub(super) fn on_own_thread<T: Send + 'static>(
+    access: FileAccess,
+    task: impl Future<Output = T> + Send + 'static,
+) -> JoinHandle<T> {
+    let runtime = Handle::current();
+    tokio::task::spawn_blocking(move || access.during(|| runtime.block_on(task)))
 }
 
 /// What becomes of a file of which so many bytes were read while it grew.

@@ -22,6 +22,19 @@ const LONGEST_REST: Duration = Duration::from_secs(60);
 /// A growing file that cannot be read on is tried again after this time, because somebody may have corrected it where it
 /// lies; the time doubles up to [`LONGEST_PATIENCE`].
 const FIRST_LOOK_AGAIN: Duration = Duration::from_secs(60);
+/// Whether a look that found a file is new.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seen {
+    /// It has just ended.
+    Now,
+    /// It was taken into account before: nothing new is known of the file.
+    Before,
+    /// Neither, and its folder has not answered since: reading the file would wait for it too.
+    Unanswered,
+}
+
+/// A file, and whether the look is new that found it.
+pub type Sighting<'f> = (&'f FoundFile, Seen);
 
 /// How a file that the database knows is taken up when it is seen for the first time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -165,9 +178,9 @@ impl FileSchedule {
     }
 
     /// Files of a look that no earlier look has found.
-    pub fn unseen<'f>(&self, files: &'f [FoundFile]) -> impl Iterator<Item = &'f FoundFile> {
+    pub fn unseen<'f>(&self, files: &[Sighting<'f>]) -> Vec<&'f FoundFile> {
         let is_known = |path: &Path| self.entries.contains_key(path) || self.read.contains_key(path);
-        files.iter().filter(move |file| !is_known(&file.path))
+        files.iter().map(|(file, _)| *file).filter(|file| !is_known(&file.path)).collect()
     }
 
     /// Notes that the fate of files is decided as they lie there. Call it before the look that finds them is noted.
@@ -175,16 +188,9 @@ impl FileSchedule {
         self.begun.extend(paths.map(|path| (path, Begun::Taken)));
     }
 
-    /// Notes what a look at the folders found at `now`. `is_marked` says whether the writer has marked a file
-    /// as done, `lane_of` in which queue it stands when it has settled.
-    pub fn note(
-        &mut self,
-        files: &[FoundFile],
-        now: Instant,
-        is_marked: impl Fn(&Path) -> bool,
-        lane_of: impl Fn(&Path) -> String,
-    ) {
-        let found: HashSet<&Path> = files.iter().map(|file| file.path.as_path()).collect();
+    /// Notes what a look at the folders found at `now`. `lane_of` says in which queue a file stands when it has settled.
+    pub fn note(&mut self, files: &[Sighting<'_>], now: Instant, lane_of: impl Fn(&Path) -> String) {
+        let found: HashSet<&Path> = files.iter().map(|(file, _)| file.path.as_path()).collect();
         self.entries.retain(|path, _| found.contains(path.as_path()));
         self.read.retain(|path, _| found.contains(&**path));
         drop(found);
@@ -192,19 +198,22 @@ impl FileSchedule {
         self.settled.clear();
         self.count += 1;
         let mut longest_wait = self.count;
-        let open = |path: &Path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file));
-        let mut is_suspect_read = self.suspects.any(open);
-        for file in files {
-            let seen = Observation { size: file.size, modified: file.modified, at: now };
-            self.look_at(file, seen, &lane_of);
+        let mut is_suspect_read =
+            self.suspects.any(|path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file)));
+        for (file, looked) in files {
+            if *looked == Seen::Now {
+                let seen = Observation { size: file.size, modified: file.modified, at: now };
+                self.look_at(file, seen, &lane_of);
+            }
             let Some(entry) = self.entries.get_mut(&file.path) else { continue };
             let rests = entry.rests_until.is_some_and(|end| now < end)
+                || *looked == Seen::Unanswered
                 || !self.suspects.admit(&file.path, is_suspect_read, now);
             if rests || self.open.contains(&entry.file) {
                 entry.queued = None;
                 continue;
             }
-            if entry.settling.is_settled(entry.patience) || is_marked(&file.path) {
+            if entry.settling.is_settled(entry.patience) || file.is_marked {
                 let name = file.path.file_name().map(Into::into);
                 self.settled.entry(entry.lane.clone()).or_default().insert((name, file.path.clone()));
             } else if entry.grown && (!entry.waits || entry.looks_again_at.is_some_and(|at| at <= now)) {
@@ -241,10 +250,11 @@ impl FileSchedule {
         }
     }
 
-    /// The next growing file, of the robot that has waited longest; it counts as open from now on.
-    pub fn next_growing(&mut self) -> Option<NextAttempt> {
+    /// The next growing file that `may_be_opened`, of the robot that has waited longest; it counts as open from now on.
+    pub fn next_growing(&mut self, may_be_opened: impl Fn(&Path) -> bool) -> Option<NextAttempt> {
         loop {
-            let waiting = self.growing.iter().filter_map(|path| self.turn(path));
+            let allowed = self.growing.iter().filter(|path| may_be_opened(path));
+            let waiting = allowed.filter_map(|path| self.turn(path));
             let path = waiting.min()?.4.to_owned();
             self.growing.remove(&path);
             if let Some(due) = self.open(&path) {
@@ -267,21 +277,25 @@ impl FileSchedule {
     }
 
     /// The next settled file of a lane that is not busy, with its lane: of those that are first by name in their
-    /// lane and of a wanted size, bytes, that of the lane that has waited longest. It counts as open from now on.
+    /// lane among those that `may_be_opened` and of a wanted size, bytes, that of the lane that has waited longest. It
+    /// counts as open from now on.
     pub fn next_settled(
         &mut self,
         busy: &HashSet<String>,
+        may_be_opened: impl Fn(&Path) -> bool,
         is_wanted: impl Fn(u64) -> bool,
     ) -> Option<(NextAttempt, String)> {
         loop {
             let free = self.settled.iter().filter(|(lane, _)| !busy.contains(*lane));
-            let first = free.filter_map(|(lane, queue)| Some((&queue.first()?.1, lane)));
+            let first = free.filter_map(|(lane, queue)| {
+                Some((queue.iter().map(|(_, path)| path).find(|path| may_be_opened(path))?, lane))
+            });
             let wanted = first
                 .filter(|(path, _)| self.entries.get(*path).is_some_and(|entry| is_wanted(entry.seen.size)));
             let (turn, lane) = wanted.filter_map(|(path, lane)| Some((self.turn(path)?, lane))).min()?;
             let (path, lane) = (turn.4.to_owned(), lane.clone());
             if let Some(queue) = self.settled.get_mut(&lane) {
-                queue.pop_first();
+                queue.remove(&(path.file_name().map(Into::into), path.clone()));
             }
             if let Some(due) = self.open(&path) {
                 return Some((due, lane));

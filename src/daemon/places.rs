@@ -6,12 +6,13 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
+use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_model::run::FileId;
 use armwatch_model::text;
 
@@ -30,43 +31,31 @@ const TURN_PER_CATCHING_UP: u32 = 10;
 /// time; it gives it behind its next cycle.
 const LONGEST_TURN: Duration = Duration::from_secs(60);
 
-/// A read that takes longer hangs, such as one on a file server that is away. The file does not count as one that is
-/// read, so that it holds up no other.
-const HANGING: Duration = Duration::from_secs(10);
+/// A call to the file system that lasts longer hangs, such as one to a file server that is away. The file does not count as
+/// one that is read, so that it holds up no other.
+pub(super) const HANGING: Duration = Duration::from_secs(1);
 
-/// Most reads that may hang besides the places in use: each keeps a thread.
-const MOST_HANGING: usize = 64;
+/// After this time it is said in the log.
+pub(super) const SAID_AFTER: Duration = Duration::from_secs(10);
 
-/// What the reader of a growing file says of itself.
+/// Whether a call of those who open a file so has not returned for `time`.
+pub(super) fn hangs_for(access: &FileAccess, time: Duration, now: Instant) -> bool {
+    access.asks_since().is_some_and(|since| now.saturating_duration_since(since) > time)
+}
+
+/// What is known of the reader of a growing file.
 #[derive(Debug, Default)]
 pub struct Sign {
-    /// Since when it waits for the file system.
-    reading_since: Mutex<Option<Instant>>,
+    /// How it opens the file.
+    pub access: FileAccess,
     /// Bytes of the file that were read.
     bytes: AtomicU64,
 }
 
 impl Sign {
-    /// A read begins.
-    pub fn reads(&self, now: Instant) {
-        *self.reading_since.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
-    }
-
     /// A read has returned, after so many bytes of the file. Says whether these are more than before.
     pub fn has_read(&self, bytes: u64) -> bool {
-        let before = self.bytes.swap(bytes, Ordering::Relaxed);
-        self.waits_for_others();
-        bytes > before
-    }
-
-    /// The reader waits for something else than the file.
-    pub fn waits_for_others(&self) {
-        *self.reading_since.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    fn hangs(&self, now: Instant) -> bool {
-        let since = *self.reading_since.lock().unwrap_or_else(PoisonError::into_inner);
-        since.is_some_and(|since| now.duration_since(since) > HANGING)
+        self.bytes.swap(bytes, Ordering::Relaxed) < bytes
     }
 }
 
@@ -103,8 +92,13 @@ impl Places {
     #[must_use]
     pub fn has_free(&self, most: usize, now: Instant) -> bool {
         let catching_up = self.reading(now).filter(|holder| holder.caught_up_after.is_none()).count();
-        let hanging = self.holders.len() - self.reading(now).count();
-        !self.are_taken(most, now) && catching_up < CATCHING_UP && hanging <= MOST_HANGING
+        !self.are_taken(most, now) && catching_up < CATCHING_UP
+    }
+
+    /// Files of which a call to the file system has not returned for `time`.
+    pub fn hanging_for(&self, time: Duration, now: Instant) -> impl Iterator<Item = &Path> {
+        let hanging = self.holders.values().filter(move |of| hangs_for(&of.place.sign.access, time, now));
+        hanging.map(|holder| &*holder.path)
     }
 
     /// Files that have a place.
@@ -120,13 +114,20 @@ impl Places {
     }
 
     fn reading(&self, now: Instant) -> impl Iterator<Item = &Holder> {
-        self.holders.values().filter(move |holder| !holder.place.sign.hangs(now))
+        self.holders.values().filter(move |of| !hangs_for(&of.place.sign.access, HANGING, now))
     }
 
     /// Gives a place to a file.
-    pub fn give(&mut self, file: FileId, path: &Path, stop: &CancellationToken, now: Instant) -> Place {
-        let place = Place { sign: Arc::default(), give_way: stop.child_token() };
-        place.sign.reads(now);
+    pub fn give(
+        &mut self,
+        file: FileId,
+        path: &Path,
+        access: FileAccess,
+        stop: &CancellationToken,
+        now: Instant,
+    ) -> Place {
+        let sign = Arc::new(Sign { access, ..Sign::default() });
+        let place = Place { sign, give_way: stop.child_token() };
         let holder = Holder {
             path: path.to_owned(),
             since: now,
@@ -168,22 +169,18 @@ impl Places {
     pub fn next_look(&self, waiting: bool, now: Instant) -> Option<Instant> {
         let turns = self.holders.values().map(Holder::turn_ends).filter(|end| waiting && *end > now);
         let readings = self.holders.values().filter_map(|holder| {
-            let since = *holder.place.sign.reading_since.lock().unwrap_or_else(PoisonError::into_inner);
-            Some(since? + HANGING)
+            let since = holder.place.sign.access.asks_since()?;
+            Some([since + HANGING, since + SAID_AFTER])
         });
-        turns.chain(readings.filter(|end| *end > now)).min()
+        turns.chain(readings.flatten().filter(|end| *end > now)).min()
     }
 
     /// Says in the log, once each, which reads hang.
     pub fn say_hanging(&mut self, now: Instant) {
-        for holder in self.holders.values_mut().filter(|holder| !holder.said && holder.place.sign.hangs(now))
-        {
+        let hanging = |holder: &&mut Holder| hangs_for(&holder.place.sign.access, SAID_AFTER, now);
+        for holder in self.holders.values_mut().filter(|holder| !holder.said).filter(hanging) {
             holder.said = true;
-            let file = text::of_path(&holder.path);
-            tracing::warn!(
-                %file, "a read has not returned for {} s: the disk or file server does not answer; other exports \
-                 are read meanwhile", HANGING.as_secs()
-            );
+            say_hanging(&holder.path);
         }
     }
 
@@ -201,6 +198,14 @@ impl Places {
     }
 }
 
+/// Says in the log that a read hangs.
+pub(super) fn say_hanging(path: &Path) {
+    tracing::warn!(
+        file = %path.display(), "a read has not returned for {} s: the disk or file server does not answer; other \
+         exports are read meanwhile", SAID_AFTER.as_secs()
+    );
+}
+
 impl Holder {
     /// From when on it may be asked for its place.
     fn turn_ends(&self) -> Instant {
@@ -214,7 +219,11 @@ impl Holder {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc;
+    use std::thread;
+
     use super::*;
+    use armwatch_ingest::bytes::access::asking;
 
     struct Room {
         places: Places,
@@ -233,7 +242,7 @@ mod tests {
 
         fn give(&mut self, inode: u64, at: f64) -> Place {
             let path = PathBuf::from(format!("{inode}.csv"));
-            self.places.give(file(inode), &path, &self.stop, self.at(at))
+            self.places.give(file(inode), &path, FileAccess::default(), &self.stop, self.at(at))
         }
 
         fn caught_up(&mut self, inode: u64, at: f64) {
@@ -250,8 +259,7 @@ mod tests {
         let mut room = Room::new();
         for inode in 1..=4 {
             assert!(room.places.has_free(4, room.at(0.0)), "{inode}");
-            let place = room.give(inode, 0.0);
-            place.sign.waits_for_others();
+            room.give(inode, 0.0);
             if inode > 1 {
                 assert!(!room.places.has_free(4, room.at(0.0)), "two are caught up with");
                 room.caught_up(inode, 0.1);
@@ -268,13 +276,21 @@ mod tests {
     fn reads_that_hang_hold_up_nobody() {
         let mut room = Room::new();
         let hanging = [room.give(1, 0.0), room.give(2, 0.0)];
-        assert!(!room.places.has_free(2, room.at(10.0)));
-        assert_eq!(room.places.next_look(false, room.at(1.0)), Some(room.at(10.0)));
-        assert!(room.places.has_free(2, room.at(10.1)), "both hang");
-        // one that waits for an analysis does not
-        hanging[0].sign.has_read(7);
-        room.give(3, 11.0);
-        assert!(!room.places.has_free(2, room.at(15.0)));
+        assert_eq!(room.places.next_look(false, room.at(0.0)), None, "neither waits for the file system");
+        let (release, hangs) = mpsc::channel::<()>();
+        let access = hanging[0].sign.access.clone();
+        let reader = thread::spawn(move || access.during(|| asking(|| hangs.recv().is_err())));
+        while hanging[0].sign.access.asks_since().is_none() {
+            thread::yield_now();
+        }
+        assert!(!room.places.has_free(2, Instant::now()), "it has just begun");
+        let later = Instant::now() + 2 * HANGING;
+        assert!(room.places.next_look(false, Instant::now()).is_some_and(|at| at < later));
+        assert!(room.places.has_free(2, later));
+        assert_eq!(room.places.hanging_for(HANGING, later).collect::<Vec<_>>(), [Path::new("1.csv")]);
+        drop(release);
+        reader.join().unwrap();
+        assert!(!room.places.has_free(2, later), "it has returned");
     }
 
     #[test]

@@ -1,18 +1,32 @@
 //! What would keep the daemon from working with a configuration on this machine, which its text does not show. `run`
 //! and `config check` ask the same.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant};
 
 use crate::alert::trial;
 use crate::serve;
 use armwatch_config::{Config, ConfigProblem, WatchSettings};
+
+/// So long a place is waited for that may lie on a file server.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(2);
+
+/// What is said of a place that does not answer.
+pub const NO_ANSWER: &str = "does not answer";
+
+/// Permission of a group and of others to read.
+const OTHERS_READ: u32 = 0o044;
 
 /// What was found.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Preflight {
     /// The daemon does not start with these.
     pub refusals: Vec<ConfigProblem>,
-    /// Watched folders that are not there. They may come, such as a mount; the daemon warns of each when it looks.
+    /// Watched folders that are not there, or do not answer. They may come, such as a mount; the daemon warns of each when
+    /// it looks.
     pub missing: Vec<ConfigProblem>,
     /// Odd, and nothing is lost.
     pub remarks: Vec<ConfigProblem>,
@@ -46,14 +60,31 @@ pub fn preflight(config: &Config) -> Preflight {
             found.refusals.push(ConfigProblem { problem: error.to_string(), ..empty() });
         }
         if let Some(upload) = &settings.upload
-            && upload.spool.exists()
-            && !upload.spool.is_dir()
+            && answered(is_no_folder(&upload.spool)) == Some(true)
         {
             let hint = "name a folder; it is made if it is not there";
             found.refusals.push(problem("serve.upload.spool", &upload.spool, "is no folder", hint));
         }
     }
+    secrets(config, &mut found);
     found
+}
+
+/// Secrets that others than the owner of their file may read.
+fn secrets(config: &Config, found: &mut Preflight) {
+    for path in config.secret_files() {
+        let owned = path.to_owned();
+        let mode = answered(move || std::fs::metadata(&owned).map(|file| file.permissions().mode()));
+        let Some(Ok(mode)) = mode else { continue };
+        // systemd shows the access of one user, which it grants by a list, as that of a group
+        let is_handed_over =
+            std::env::var_os("CREDENTIALS_DIRECTORY").is_some_and(|folder| path.starts_with(folder));
+        if mode & OTHERS_READ != 0 && !is_handed_over {
+            let who = if mode & 0o004 != 0 { "everybody on this machine" } else { "its group" };
+            let hint = format!("`chmod 600 {}`, as the user of the daemon or for it", path.display());
+            found.remarks.push(problem("secret", path, &format!("may be read by {who}"), &hint));
+        }
+    }
 }
 
 /// What of `[cluster]` has no effect.
@@ -74,13 +105,23 @@ fn cluster(config: &Config, found: &mut Preflight) {
 }
 
 fn folders(watch: &WatchSettings, found: &mut Preflight) {
-    let real: Vec<Option<PathBuf>> =
-        watch.folders.iter().map(|path| std::fs::canonicalize(path).ok()).collect();
+    let asked: Vec<_> = watch.folders.iter().map(|path| ask(real_path(path))).collect();
+    let until = Instant::now() + ANSWERS_WITHIN;
+    let answers: Vec<Option<Option<PathBuf>>> = asked.iter().map(|asked| answer(asked, until)).collect();
+    let real: Vec<Option<&PathBuf>> = answers.iter().map(|of| of.as_ref()?.as_ref()).collect();
     for (number, (folder, place)) in watch.folders.iter().zip(&real).enumerate() {
         let key = format!("watch.folders[{}]", number + 1);
         let Some(place) = place else {
-            let hint = "make it, mount it, or correct the path; it is watched once it is there";
-            found.missing.push(problem(&key, folder, "is not there, or may not be looked into", hint));
+            let (what, hint) = match answers[number] {
+                Some(_) => (
+                    "is not there, or may not be looked into",
+                    "make it, mount it, or correct the path; it is watched once it is there",
+                ),
+                None => {
+                    (NO_ANSWER, "see whether its disk or file server is there; it is watched once it answers")
+                }
+            };
+            found.missing.push(problem(&key, folder, what, hint));
             continue;
         };
         if place.parent().is_none() {
@@ -88,10 +129,10 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
             found.refusals.push(problem(&key, folder, "is the whole file system", hint));
         }
         let others = watch.folders.iter().zip(&real).enumerate().filter(|(other, _)| *other != number);
-        let around = others.filter_map(|(other, (name, outer))| Some((other, name, outer.as_ref()?)));
+        let around = others.filter_map(|(other, (name, outer))| Some((other, name, (*outer)?)));
         // of the same folder by two names, the second is named
         let mut around = around
-            .filter(|(other, _, outer)| place.starts_with(outer) && (*outer != place || *other < number));
+            .filter(|(other, _, outer)| place.starts_with(outer) && (outer != place || *other < number));
         if let Some((_, outer, _)) = around.next() {
             let sentence = format!(
                 "lies in the watched folder {}, which is searched with its subfolders",
@@ -100,6 +141,48 @@ fn folders(watch: &WatchSettings, found: &mut Preflight) {
             found.remarks.push(problem(&key, folder, &sentence, "leave one of them out"));
         }
     }
+}
+
+/// Watched folders whose disk or file server does not answer.
+pub fn unanswered(watch: &WatchSettings) -> Vec<PathBuf> {
+    let asked: Vec<_> = watch.folders.iter().map(|path| ask(listed(path))).collect();
+    let until = Instant::now() + ANSWERS_WITHIN;
+    let silent = watch.folders.iter().zip(&asked).filter(|(_, asked)| answer(asked, until).is_none());
+    silent.map(|(folder, _)| folder.clone()).collect()
+}
+
+fn real_path(path: &Path) -> impl FnOnce() -> Option<PathBuf> + Send + use<> {
+    let path = path.to_owned();
+    move || std::fs::canonicalize(path).ok()
+}
+
+/// Whether something else than a folder lies there.
+fn is_no_folder(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
+    let path = path.to_owned();
+    move || path.exists() && !path.is_dir()
+}
+
+/// Looks for the first entry of a folder.
+fn listed(path: &Path) -> impl FnOnce() -> bool + Send + use<> {
+    let path = path.to_owned();
+    move || std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some())
+}
+
+/// Does work that may never end on a thread of its own.
+fn ask<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> mpsc::Receiver<T> {
+    let (sender, receiver) = mpsc::channel();
+    // without a thread there is no answer
+    let _ = thread::Builder::new().name("preflight".into()).spawn(move || sender.send(work()));
+    receiver
+}
+
+/// The answer, if it comes in time.
+fn answer<T>(asked: &mpsc::Receiver<T>, until: Instant) -> Option<T> {
+    asked.recv_timeout(until.saturating_duration_since(Instant::now())).ok()
+}
+
+fn answered<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
+    answer(&ask(work), Instant::now() + ANSWERS_WITHIN)
 }
 
 fn problem(key: &str, value: &Path, problem: &str, hint: &str) -> ConfigProblem {
@@ -149,5 +232,38 @@ mod tests {
         config.database = folder.path().join("armwatch.db");
         config.watch.folders.truncate(1);
         assert_eq!(preflight(&config), Preflight::default());
+    }
+
+    #[test]
+    fn secrets_that_others_may_read_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for (name, mode) in [("own", 0o600), ("group", 0o640), ("all", 0o644)] {
+            std::fs::write(path(name), "0123456789abcdef0123456789abcdef").unwrap();
+            std::fs::set_permissions(path(name), std::fs::Permissions::from_mode(mode)).unwrap();
+        }
+        let mut config = Config::shipped().unwrap();
+        let token = |name: &str| armwatch_config::TokenSettings {
+            name: name.into(),
+            file: path(name),
+            scopes: vec![armwatch_config::Scope::Read],
+        };
+        config.clients.tokens = ["own", "group", "all", "none"].map(token).into();
+        let mut found = Preflight::default();
+        secrets(&config, &mut found);
+        let said: Vec<String> = found.remarks.iter().map(ToString::to_string).collect();
+        assert_eq!(said.len(), 2, "{said:?}");
+        assert!(said[0].contains("may be read by its group") && said[0].contains("chmod 600"), "{said:?}");
+        assert!(said[1].contains("may be read by everybody"), "{said:?}");
+        assert!(!said.concat().contains("0123456789"));
+    }
+
+    #[test]
+    fn a_place_that_does_not_answer_is_waited_for_in_vain_only_so_long() {
+        let (release, hangs) = mpsc::channel::<()>();
+        let asked = ask(move || hangs.recv().is_err());
+        assert_eq!(answer(&asked, Instant::now() + Duration::from_millis(10)), None);
+        drop(release);
+        assert_eq!(answer(&asked, Instant::now() + Duration::from_secs(60)), Some(true));
     }
 }

@@ -1,10 +1,10 @@
 //! Runs whose file is gone. Pure: the clock is an argument.
 
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-use armwatch_ingest::find::watch::Scan;
+use super::folders::Look;
 use armwatch_store::UnfinishedSource;
 
 /// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
@@ -12,10 +12,11 @@ use armwatch_store::UnfinishedSource;
 const SETTLES: u32 = 20;
 
 /// Whether a file is missing from folders that were looked into.
-pub fn is_missing(path: &Path, folders: &[PathBuf], scan: &Scan) -> bool {
-    folders.iter().any(|folder| path.starts_with(folder))
-        && !scan.unreadable.iter().any(|place| path.starts_with(&place.path))
-        && !scan.files.iter().any(|file| file.path == path)
+pub fn is_missing(path: &Path, look: &Look<'_>) -> bool {
+    let is_below = |places: &[&Path]| places.iter().any(|place| path.starts_with(place));
+    // whole texts compare far faster than paths part by part
+    let is_found = || look.files.iter().any(|(file, _)| file.path.as_os_str() == path.as_os_str());
+    is_below(&look.folders) && !is_below(&look.hidden) && !is_found()
 }
 
 /// Unfinished runs none of whose files is to be seen, and since when.
@@ -23,18 +24,17 @@ pub fn is_missing(path: &Path, folders: &[PathBuf], scan: &Scan) -> bool {
 pub struct Missing(HashMap<i64, Instant>);
 
 impl Missing {
-    /// Notes what a look at `folders` found at `now` and returns the runs whose files are gone. A file is
+    /// Notes what a look at the folders found at `now` and returns the runs whose files are gone. A file is
     /// missing only from a folder that can be looked into, so that a share which is away takes no run with it;
     /// of a file outside of the folders nothing can be said.
     pub fn note(
         &mut self,
         unfinished: &[UnfinishedSource],
-        folders: &[PathBuf],
-        scan: &Scan,
+        look: &Look<'_>,
         settle: Duration,
         now: Instant,
     ) -> Vec<i64> {
-        let is_missing = |source: &UnfinishedSource| is_missing(&source.path, folders, scan);
+        let is_missing = |source: &UnfinishedSource| is_missing(&source.path, look);
         let there: HashSet<i64> =
             unfinished.iter().filter(|source| !is_missing(source)).map(|source| source.run_id).collect();
         let missing: HashSet<i64> = unfinished.iter().map(|source| source.run_id).collect();
@@ -49,13 +49,13 @@ impl Missing {
 
 #[cfg(test)]
 mod tests {
-    use std::io;
     use std::time::SystemTime;
 
     use jiff::Timestamp;
 
+    use super::super::file_schedule::Seen;
     use super::*;
-    use armwatch_ingest::find::watch::{FoundFile, Unreadable};
+    use armwatch_ingest::find::watch::FoundFile;
     use armwatch_model::run::FileId;
 
     const SETTLE: Duration = Duration::from_secs(5);
@@ -67,7 +67,7 @@ mod tests {
 
     fn found(path: &str) -> FoundFile {
         let file = FileId { device: 1, inode: 1 };
-        FoundFile { path: path.into(), size: 1, modified: SystemTime::UNIX_EPOCH, file }
+        FoundFile { path: path.into(), size: 1, modified: SystemTime::UNIX_EPOCH, file, is_marked: false }
     }
 
     #[test]
@@ -79,16 +79,15 @@ mod tests {
             unfinished(3, "/elsewhere/c.csv"),
             unfinished(4, "/share/d.csv"),
         ];
-        let folders = ["/in", "/share"].map(PathBuf::from);
-        let error = io::Error::from(io::ErrorKind::NotFound);
-        let scan = Scan {
-            files: vec![found("/in/moved.csv")],
-            unreadable: vec![Unreadable { path: "/share".into(), error }],
+        let moved = found("/in/moved.csv");
+        let look = Look {
+            files: vec![(&moved, Seen::Now)],
+            folders: ["/in", "/share"].map(Path::new).into(),
+            hidden: vec![Path::new("/share")],
         };
         let start = Instant::now();
         let mut missing = Missing::default();
-        let mut gone =
-            |at: u64| missing.note(&runs, &folders, &scan, SETTLE, start + Duration::from_secs(at));
+        let mut gone = |at: u64| missing.note(&runs, &look, SETTLE, start + Duration::from_secs(at));
         assert_eq!(gone(0), [0; 0]);
         assert_eq!(gone(99), [0; 0]);
         assert_eq!(gone(100), [1]);
@@ -97,18 +96,19 @@ mod tests {
     #[test]
     fn a_file_that_comes_back_in_time_is_waited_for_anew() {
         let runs = [unfinished(1, "/in/a.csv")];
-        let folders = [PathBuf::from("/in")];
-        let (here, away) = (Scan { files: vec![found("/in/a.csv")], ..Scan::default() }, Scan::default());
+        let file = found("/in/a.csv");
+        let look = |files| Look { files, folders: vec![Path::new("/in")], hidden: Vec::new() };
+        let (here, away) = (look(vec![(&file, Seen::Now)]), look(Vec::new()));
         let start = Instant::now();
         let mut missing = Missing::default();
-        for (at, scan, is_gone) in [
+        for (at, look, is_gone) in [
             (0, &away, false),
             (90, &away, false),
             (95, &here, false),
             (110, &away, false),
             (210, &away, true),
         ] {
-            let gone = missing.note(&runs, &folders, scan, SETTLE, start + Duration::from_secs(at));
+            let gone = missing.note(&runs, look, SETTLE, start + Duration::from_secs(at));
             assert_eq!(!gone.is_empty(), is_gone, "{at}");
         }
     }

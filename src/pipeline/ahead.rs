@@ -233,6 +233,8 @@ impl Pipeline {
         };
         let work = production::work_alone(layout, &method);
         let places = Arc::clone(&self.places[Lane::Backlog as usize]);
+        let access = self.access.clone();
+        let reading = move |cycles| access.during(|| reading(cycles));
         let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, reading);
         let stop = stop.drop_guard();
         let unhashed = hashing.once && hashed.is_none();
@@ -344,7 +346,7 @@ impl Pipeline {
         retry: Retry,
     ) -> Result<Option<(ContentHash, u64)>, PipelineError> {
         let owned = path.to_path_buf();
-        let hashed = tokio::task::spawn_blocking(move || fingerprint::fingerprint(&owned)).await?;
+        let hashed = self.with_files(move || fingerprint::fingerprint(&owned)).await?;
         let Ok((content, bytes)) = hashed else { return Ok(None) };
         let known = self.store.lookup(&content).await?;
         let is_new =

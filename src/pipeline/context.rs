@@ -10,6 +10,7 @@ use tokio::task::{JoinError, JoinHandle};
 use super::cycle_memory::{CycleMemory, HeldCycle};
 use crate::metrics::Metrics;
 use armwatch_config::Config;
+use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_method::analyse::Method;
 use armwatch_method::detect::runs::open_run::UsualTests;
@@ -48,6 +49,8 @@ pub struct Pipeline {
     pub(super) usual: UsualByRobot,
     /// Figures of the work.
     pub(super) metrics: Metrics,
+    /// How files are opened.
+    pub(super) access: FileAccess,
 }
 
 /// What the complete tests of a robot say of the one that is being written.
@@ -174,8 +177,6 @@ pub enum Progress {
     Begun,
     /// All that is written of a growing export so far is read.
     CaughtUp,
-    /// A read of a growing export begins; it has returned when the next progress is told.
-    Reading,
     /// Bytes of the file read so far.
     Read(u64),
     /// A cycle is stored.

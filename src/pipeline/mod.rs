@@ -34,10 +34,12 @@ use take::admitted::AdmittedExport;
 use take::cutting::{CutCycle, ReadEnd};
 use take::intake::Admission;
 use tokio::sync::{Semaphore, mpsc};
+use tokio::task::JoinError;
 use tokio_util::sync::CancellationToken;
 
 use crate::metrics::Metrics;
 use armwatch_config::Config;
+use armwatch_ingest::bytes::access::FileAccess;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_method::analyse::Method;
@@ -63,7 +65,26 @@ impl Pipeline {
             memory,
             usual: Arc::default(),
             metrics: Metrics::default(),
+            access: FileAccess::default(),
         }
+    }
+
+    /// The same pipeline, which opens files so.
+    #[must_use]
+    pub fn opening(&self, access: &FileAccess) -> Self {
+        Self { access: access.clone(), ..self.clone() }
+    }
+
+    /// Does work with files on a thread for work that blocks.
+    ///
+    /// # Errors
+    /// A panic of the work.
+    pub(in crate::pipeline) async fn with_files<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, JoinError> {
+        let access = self.access.clone();
+        tokio::task::spawn_blocking(move || access.during(work)).await
     }
 
     /// The same pipeline, which counts its work in `metrics`.
@@ -347,6 +368,8 @@ impl Pipeline {
     ) -> Result<(E, Vec<(u32, String)>), PipelineError> {
         let work = production::work(self, intake, method).await?;
         let places = Arc::clone(&self.places[lane as usize]);
+        let access = self.access.clone();
+        let read = move |cycles| access.during(|| read(cycles));
         let streaming = Streaming::start(work, places, self.metrics.clone(), buffers, read);
         self.record(intake, streaming, |n| progress(Progress::Cycle(n))).await
     }

@@ -14,9 +14,10 @@ use utoipa::ToSchema;
 use super::access::Scope;
 use super::answer::{Problem, Refusal, Refused};
 use super::shared::Shared;
+use crate::metrics::FolderState;
 use crate::serve::shared::{Readiness, Uploads};
 use armwatch_model::run::ContentHash;
-use armwatch_store::{StoreError, ViewRows};
+use armwatch_store::{StoreError, ViewRows, time_in_views};
 
 /// What became of an export
 #[derive(Debug, Serialize, ToSchema)]
@@ -49,10 +50,25 @@ pub struct Ready {
     database: bool,
     /// Whether the spool can be written, where uploads are on
     spool: bool,
+    /// Whether every watched folder is looked at: a disk or file server that does not answer is not
+    folders_answer: bool,
+    /// The watched folders
+    folders: Vec<WatchedFolder>,
     /// Whether it is about to stop
     stopping: bool,
     /// Why it cannot; null if it can
     reason: Option<&'static str>,
+}
+
+/// When a watched folder was looked at
+#[derive(Debug, Serialize, ToSchema)]
+pub struct WatchedFolder {
+    /// The folder, from the root on
+    folder: String,
+    /// When the daemon last looked into it; null if not since its start
+    last_scan_at: Option<String>,
+    /// Whether the last look ended in time and none hangs
+    answers: bool,
 }
 
 /// What became of an export
@@ -187,7 +203,7 @@ const READY_HOLDS: Duration = Duration::from_secs(1);
 
 /// Whether the daemon can work
 ///
-/// The database answers, and uploads can be written. The answer holds for a second.
+/// The database answers, uploads can be written, and each watched folder is looked at. The answer holds for a second.
 #[utoipa::path(
     get, path = "/ready", tag = "Daemon", operation_id = "ready",
     responses(
@@ -198,15 +214,23 @@ const READY_HOLDS: Duration = Duration::from_secs(1);
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     let stopping = shared.stop.is_cancelled();
     let Readiness { database, spool, .. } = readiness(&shared).await;
+    let looked_at = |of: FolderState| WatchedFolder {
+        folder: of.folder,
+        last_scan_at: of.looked_at.map(time_in_views),
+        answers: of.answers,
+    };
+    let folders: Vec<WatchedFolder> = shared.metrics.folders().into_iter().map(looked_at).collect();
+    let folders_answer = folders.iter().all(|of| of.answers);
     let reasons = [
         database.err(),
         (!spool).then_some("the spool of uploads cannot be written to"),
+        (!folders_answer).then_some("a watched folder does not answer"),
         stopping.then_some("it stops"),
     ];
     let reason = reasons.into_iter().flatten().next();
     let status = if reason.is_none() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    let ready = Ready { ready: reason.is_none(), database: database.is_ok(), spool, stopping, reason };
-    (status, Json(ready)).into_response()
+    let (ready, database) = (reason.is_none(), database.is_ok());
+    (status, Json(Ready { ready, database, spool, folders_answer, folders, stopping, reason })).into_response()
 }
 
 async fn readiness(shared: &Shared) -> Readiness {

@@ -33,6 +33,8 @@ mod docs;
 mod grafana;
 #[cfg(target_os = "linux")]
 mod faults;
+#[cfg(target_os = "linux")]
+mod hanging;
 mod quarantine;
 mod friction_only;
 mod hostile_text;

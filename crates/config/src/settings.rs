@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::address::is_on_server;
-use super::alerts::settings::AlertSettings;
+use super::alerts::settings::{AlertSettings, Secret};
 use super::cluster::ClusterSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
@@ -55,6 +55,18 @@ impl Config {
         (!is_on_server(&self.database)).then_some(&*self.database)
     }
 
+    /// Files that hold a secret.
+    pub fn secret_files(&self) -> impl Iterator<Item = &Path> {
+        let served = self.serve.as_ref().and_then(|serve| serve.token_file.as_deref());
+        let tokens = self.clients.tokens.iter().map(|token| &*token.file);
+        let of_routes = self.alerts.routes.iter().flat_map(|route| route.receiver.secrets());
+        let files = of_routes.filter_map(|secret| match secret {
+            Secret::File(path) => Some(&**path),
+            Secret::Environment(_) => None,
+        });
+        served.into_iter().chain(tokens).chain(files)
+    }
+
     /// The entry of the robot called `robot`: the first whose pattern matches the whole name, one for all its
     /// files if there is one.
     #[must_use]
@@ -80,6 +92,8 @@ impl Config {
 pub struct WatchSettings {
     /// Folders, searched with their subfolders.
     pub folders: Vec<PathBuf>,
+    /// Whether scans follow links that lead out of the watched folder.
+    pub follow_links: bool,
     /// Time between two scans.
     pub scan_interval: Duration,
     /// How long a file's size and modification time must stand still before it is taken as done.

@@ -27,6 +27,8 @@ pub fn summary(config: &Config) -> String {
     for folder in &config.watch.folders {
         line("watched folder", folder.display().to_string());
     }
+    let links = if config.watch.follow_links { "followed" } else { "left out" };
+    line("links out of a folder", links.to_owned());
     line("scan interval", seconds(config.watch.scan_interval));
     line("settling time of a file", seconds(config.watch.settle));
     line("growing files at once", config.watch.live_files.to_string());
@@ -213,6 +215,7 @@ mod tests {
         for expected in [
             "database                  armwatch.db",
             "watched folder            inbox",
+            "links out of a folder     left out",
             "scan interval             5 s",
             "settling time of a file   3 s",
             "growing files at once     32",

@@ -160,9 +160,9 @@ impl fmt::Display for Rejection {
 /// [`io::Read`] has no other way to say it.
 #[derive(Debug, Clone, thiserror::Error)]
 #[error("{reason}; {remedy}")]
-pub(super) struct Unreadable {
-    pub(super) reason: String,
-    pub(super) remedy: String,
+pub(crate) struct Unreadable {
+    pub(crate) reason: String,
+    pub(crate) remedy: String,
 }
 
 fn shortened(text: &str) -> String {

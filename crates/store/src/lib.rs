@@ -54,6 +54,7 @@ pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;
 pub use hosts::HostSession;
+pub use hosts::folders::UnansweredFolder;
 pub use hosts::kinds::{ClaimKind, SessionKind};
 pub use hosts::list::{HostRow, HostState};
 pub use kept::estimates::{EstimateTransaction, NewEstimate, OtherEstimate};

@@ -16,6 +16,9 @@ const SAID_BYTES: u64 = 4096;
 /// Most characters of it that are told.
 const SHOWN_CHARACTERS: usize = 200;
 
+/// Variables of the daemon that a program sees.
+const PASSED_ON: [&str; 4] = ["PATH", "HOME", "LANG", "TZ"];
+
 /// Starts a program for every message.
 pub(super) struct CommandReceiver {
     arguments: Vec<String>,
@@ -32,6 +35,9 @@ impl CommandReceiver {
         let failed = |error: std::io::Error| SendError::unreached(format!("{program}: {error}"));
         let mut child = Command::new(program)
             .args(&self.arguments[1..])
+            // secrets of the daemon stay with it
+            .env_clear()
+            .envs(PASSED_ON.into_iter().filter_map(|name| Some((name, std::env::var_os(name)?))))
             .env("ARMWATCH_KEY", &message.key)
             .env("ARMWATCH_STATUS", message.status())
             .env("ARMWATCH_SEVERITY", message.severity().name())

@@ -299,7 +299,7 @@ impl Demo {
     ) -> Result<(), CliError> {
         let claim = pipeline.store().claim().await?;
         let reload = daemon::reload_on_hangup(done).map_err(|error| CliError::Internal(error.to_string()))?;
-        let control = daemon::Control { claim, stop: done.clone(), reload, reread: &|| None };
+        let control = daemon::Control { claim, stop: done.clone(), reload, reread: Arc::new(|| None) };
         let mut seen = HashSet::new();
         daemon::watch(pipeline, control, |event| match event {
             Event::Export(path, outcome) => {

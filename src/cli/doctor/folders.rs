@@ -1,12 +1,19 @@
-//! Where folders and database lie: on this machine, or on another one.
+//! Location of folders and database, on this machine or another one; places that scans of the folders skip.
 
 use std::path::Path;
 
 use super::finding::Finding;
 use super::machine::{Machine, is_share};
+use crate::daemon::preflight::NO_ANSWER;
 use armwatch_config::Config;
+use armwatch_ingest::find::watch;
 
 const CHECK: &str = "shares";
+
+const FOLDERS: &str = "folders";
+
+/// Places of a folder that are told one by one.
+const MOST_TOLD: usize = 20;
 
 pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
     let mut found: Vec<Finding> =
@@ -22,6 +29,30 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
                 ),
             ));
         }
+    }
+    found.extend(config.watch.folders.iter().flat_map(|folder| left_out(folder, config.watch.follow_links)));
+    found
+}
+
+/// A watched folder that does not answer.
+pub(super) fn silent(folder: &Path) -> Finding {
+    Finding::problem(
+        FOLDERS,
+        format!("the watched folder {} {NO_ANSWER}; its exports are not read", folder.display()),
+        "see whether its disk or file server is there",
+    )
+}
+
+/// Places in a watched folder that scans skip.
+fn left_out(folder: &Path, follow_links: bool) -> Vec<Finding> {
+    let skipped = watch::scan(&[folder.to_owned()], follow_links).skipped;
+    let told = skipped.iter().take(MOST_TOLD).map(|of| Finding::warning(FOLDERS, of.reason(), of.remedy()));
+    let mut found: Vec<Finding> = told.collect();
+    if skipped.len() > MOST_TOLD {
+        let more = format!("{} more places in {} are skipped", skipped.len() - MOST_TOLD, folder.display());
+        found.push(Finding::warning(FOLDERS, more, "the log of the daemon names them"));
+    } else if skipped.is_empty() {
+        found.push(Finding::ok(FOLDERS, format!("nothing in {} is skipped", folder.display())));
     }
     found
 }
@@ -61,9 +92,28 @@ mod tests {
         config.database = "/srv/nas/fleet.db".into();
         config.watch.folders = vec!["/srv/nas/inbox".into()];
         let machine = |kind: &str| Machine { mounts: vec![("/".into(), kind.into())], user: 0 };
-        let levels = |kind| check(&config, &machine(kind)).iter().map(|of| of.level).collect::<Vec<_>>();
+        let levels = |kind| {
+            check(&config, &machine(kind))
+                .iter()
+                .filter(|of| of.check == CHECK)
+                .map(|of| of.level)
+                .collect::<Vec<_>>()
+        };
         assert_eq!(levels("nfs4"), [Level::Problem, Level::Ok]);
         assert_eq!(levels("tmpfs"), [Level::Warning]);
         assert_eq!(levels("ext4"), [Level::Ok]);
+    }
+
+    #[test]
+    fn what_is_left_out_of_a_folder_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let inbox = folder.path().join("inbox");
+        std::fs::create_dir(&inbox).unwrap();
+        assert_eq!(left_out(&inbox, false)[0].level, Level::Ok);
+        std::os::unix::fs::symlink("/etc/hostname", inbox.join("R01.csv")).unwrap();
+        let found = &left_out(&inbox, false)[0];
+        assert_eq!(found.level, Level::Warning);
+        assert!(found.said.contains("R01.csv is a link that leads out"), "{found:?}");
+        assert_eq!(left_out(&inbox, true)[0].level, Level::Ok);
     }
 }

@@ -18,7 +18,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, EXIT_USAGE, Global, runtime};
 use super::shared::output;
-use crate::daemon::preflight::preflight;
+use crate::daemon::preflight::{preflight, unanswered};
 use armwatch_config::{Config, ConfigProblem};
 
 #[derive(Debug, Args)]
@@ -54,7 +54,7 @@ const CHECKS: [fn(&Config, &Machine) -> Vec<Finding>; 7] = [
 ];
 
 pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError> {
-    let config = match global.read_config() {
+    let mut config = match global.read_config() {
         Ok(config) => config,
         Err(CliError::Config(errors)) => {
             let found =
@@ -65,7 +65,11 @@ pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError>
         Err(error) => return Err(error),
     };
     let machine = Machine::here();
+    // a check of these would hang
+    let silent = unanswered(&config.watch);
+    config.watch.folders.retain(|folder| !silent.contains(folder));
     let mut found = of_configuration(&config);
+    found.extend(silent.iter().map(|folder| folders::silent(folder)));
     for check in CHECKS {
         found.extend(check(&config, &machine));
     }

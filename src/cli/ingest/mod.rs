@@ -24,7 +24,8 @@ use crate::pipeline::conclude::history::RUNS_AT_ONCE;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::look::replay;
-use armwatch_ingest::find::watch;
+use armwatch_ingest::bytes::access::FileAccess;
+use armwatch_ingest::find::watch::{self, Complaints};
 use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::run::RunStatus;
 use armwatch_model::text;
@@ -76,7 +77,7 @@ fn finding_kind() -> impl TypedValueParser<Value = FindingKind> {
 pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError> {
     let mut config = global.read_config()?;
     config.analysis.accept = config.analysis.accept.union(args.accept.iter().copied().collect());
-    let exports = find_exports(&args.paths)?;
+    let exports = find_exports(&args.paths, config.watch.follow_links)?;
     if !args.again.is_empty() {
         require_database(&config)?;
     }
@@ -87,7 +88,11 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
             return Ok(end_early(&Tally::default(), Duration::ZERO, count, global.json));
         };
         let session = store.join(SessionKind::Command).await?;
-        let pipeline = Pipeline::new(shared(config), store);
+        let access = match config.watch.follow_links {
+            true => FileAccess::default(),
+            false => FileAccess::within(args.paths.iter().filter_map(|path| std::path::absolute(path).ok())),
+        };
+        let pipeline = Pipeline::new(shared(config), store).opening(&access);
         let done = match args.again.is_empty() {
             true => take_all(&pipeline, &exports, &stop, global.json).await,
             false => take_again(&pipeline, &args.again, &stop, global.json).await,
@@ -334,7 +339,7 @@ async fn without_result(pipeline: &Pipeline, outcome: &Outcome) -> Result<Option
 }
 
 /// Files as they were named, folders by their exports in the order of their names.
-fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+fn find_exports(paths: &[PathBuf], follow_links: bool) -> Result<Vec<PathBuf>, CliError> {
     let mut exports = Vec::new();
     for path in paths {
         let metadata = paths::metadata(path)?;
@@ -342,7 +347,8 @@ fn find_exports(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
             exports.push(path.clone());
             continue;
         }
-        let scan = watch::scan(std::slice::from_ref(path));
+        let scan = watch::scan(std::slice::from_ref(path), follow_links);
+        Complaints::default().warn(&scan);
         if scan.files.is_empty() {
             output::print_hint(&format!(
                 "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst)",

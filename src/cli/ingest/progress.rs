@@ -118,7 +118,7 @@ impl ProgressLine {
     pub(super) fn note(&self, progress: Progress) {
         let mut work = self.work();
         match progress {
-            Progress::Begun | Progress::CaughtUp | Progress::Reading | Progress::Grown(_) => return,
+            Progress::Begun | Progress::CaughtUp | Progress::Grown(_) => return,
             Progress::Read(bytes) => work.read = bytes,
             Progress::Cycle(cycle) => work.cycles = cycle,
         }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{Begun, Closing, FileSchedule, NextAttempt};
+use super::{Begun, Closing, FileSchedule, NextAttempt, Seen};
 use crate::daemon::suspects::Suspects;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
@@ -28,21 +28,27 @@ impl WatchedFolder {
         let path = PathBuf::from(name);
         self.files.retain(|file| file.path != path);
         let file = FileId { device: 1, inode };
-        self.files.push(FoundFile { path, size, modified: SystemTime::UNIX_EPOCH, file });
+        let is_marked = name == "marked1";
+        self.files.push(FoundFile { path, size, modified: SystemTime::UNIX_EPOCH, file, is_marked });
     }
 
     fn look(&mut self, at_s: u64) {
+        self.look_as(at_s, Seen::Now);
+    }
+
+    fn look_as(&mut self, at_s: u64, seen: Seen) {
         let now = self.start + Duration::from_secs(at_s);
-        self.schedule.note(&self.files, now, |path| path.ends_with("marked1"), lane);
+        let files: Vec<_> = self.files.iter().map(|file| (file, seen)).collect();
+        self.schedule.note(&files, now, lane);
     }
 
     fn growing(&mut self) -> Option<NextAttempt> {
-        self.schedule.next_growing()
+        self.schedule.next_growing(|_| true)
     }
 
     fn settled(&mut self, busy: &[&str]) -> Option<NextAttempt> {
         let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
-        self.schedule.next_settled(&busy, |_| true).map(|(due, _)| due)
+        self.schedule.next_settled(&busy, |_| true, |_| true).map(|(due, _)| due)
     }
 }
 
@@ -214,7 +220,7 @@ fn small_files_go_past_large_ones_of_other_robots() {
     [0, 3].into_iter().for_each(|at| folder.look(at));
     let small = |folder: &mut WatchedFolder, busy: &[&str]| {
         let busy = busy.iter().map(|lane| (*lane).to_owned()).collect();
-        folder.schedule.next_settled(&busy, |bytes| bytes < 100).map(|(due, _)| due)
+        folder.schedule.next_settled(&busy, |_| true, |bytes| bytes < 100).map(|(due, _)| due)
     };
     assert_eq!(name(small(&mut folder, &[]).as_ref()), Some("b3"), "a2 waits for a1");
     assert_eq!(name(small(&mut folder, &["b"]).as_ref()), None);
@@ -335,4 +341,35 @@ fn files_that_the_program_may_not_have_survived_are_opened_one_at_a_time() {
     folder.schedule.close(&suspect, Closing::Taken);
     folder.look(6);
     assert_eq!(name(folder.settled(&[]).as_ref()), Some("b2"));
+}
+
+#[test]
+fn a_file_does_not_settle_by_a_look_that_is_told_again() {
+    let mut folder = WatchedFolder::new();
+    folder.write("a1", 10);
+    folder.look(0);
+    folder.look_as(60, Seen::Before);
+    assert!(folder.settled(&[]).is_none(), "nobody has looked since");
+    folder.look(61);
+    folder.look_as(62, Seen::Unanswered);
+    assert!(folder.settled(&[]).is_none(), "it would not be read either");
+    folder.look_as(63, Seen::Before);
+    assert_eq!(name(folder.settled(&[]).as_ref()), Some("a1"));
+}
+
+#[test]
+fn a_file_that_may_not_be_opened_holds_up_no_other() {
+    let mut folder = WatchedFolder::new();
+    for file in ["a1", "a2", "b3"] {
+        folder.write(file, 10);
+    }
+    folder.look(0);
+    folder.look(3);
+    let next = |folder: &mut WatchedFolder| {
+        let may = |path: &Path| !path.ends_with("a1");
+        folder.schedule.next_settled(&Default::default(), may, |_| true).map(|(due, _)| due)
+    };
+    let names: Vec<_> = std::iter::from_fn(|| next(&mut folder)).map(|due| due.path).collect();
+    assert_eq!(names, ["a2", "b3"].map(PathBuf::from));
+    assert_eq!(name(folder.settled(&[]).as_ref()), Some("a1"));
 }

@@ -144,7 +144,7 @@ impl Pipeline {
             Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
-        let opened = tokio::task::spawn_blocking(move || open(owned, &arm)).await?;
+        let opened = self.with_files(move || open(owned, &arm)).await?;
         let opened = match opened {
             Ok(Opening::Open(opened)) => *opened,
             Ok(Opening::NotYet) => return Ok(Followed::NotYet),
@@ -335,8 +335,7 @@ fn read(
     progress: impl Fn(Progress),
 ) -> Result<ReadEnd, Rejection> {
     let failed = |error: std::io::Error| Rejection::from_io(&intake.path, &error);
-    progress(Progress::Reading);
-    match resume::pass_to_point(export, intake, stop, || progress(Progress::Reading))? {
+    match resume::pass_to_point(export, intake, stop, || ())? {
         Passed::There => {}
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
@@ -345,7 +344,6 @@ fn read(
     // whether all that was written was read at the last look: then what is read next was written just now
     let mut is_up = false;
     loop {
-        progress(Progress::Reading);
         let (began, written) = (Instant::now(), if is_up { growth.written_at().ok() } else { None });
         let step = export.step()?;
         progress(Progress::Read(growth.hash().bytes()));

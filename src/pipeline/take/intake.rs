@@ -16,6 +16,7 @@ use super::{decide, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::cycle_memory::Turn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
+use armwatch_ingest::bytes::access::metadata;
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::fingerprint;
 use armwatch_ingest::bytes::{fingerprint, source};
@@ -53,7 +54,7 @@ pub async fn admit(
         return admit_content(pipeline, path, retry, content, file_time(path)).await;
     }
     let owned = path.to_path_buf();
-    let read = tokio::task::spawn_blocking(move || (fingerprint(&owned), file_time(&owned))).await?;
+    let read = pipeline.with_files(move || (fingerprint(&owned), file_time(&owned))).await?;
     let ((content_hash, source_bytes), file_time) = match read {
         (Ok(identity), file_time) => (identity, file_time),
         (Err(error), _) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -203,7 +204,7 @@ pub(in crate::pipeline) async fn facts(
     });
     let read: Vec<ContentPrefix> = earlier.iter().map(|run| run.read).collect();
     let owned = path.to_path_buf();
-    let compared = tokio::task::spawn_blocking(move || {
+    let compared = pipeline.with_files(move || {
         // a failure to read must not pass for another content
         let begins_with = |read: ContentPrefix| match fingerprint::prefix(&owned, read.bytes) {
             Ok(prefix) => Ok(prefix == Some(read)),
@@ -340,7 +341,7 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
 /// Number, size and time of a file; `None` where it is not there, or the file system does not tell.
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
-    let metadata = std::fs::metadata(path).ok()?;
+    let metadata = metadata(path).ok()?;
     let modified = Timestamp::try_from(fingerprint::changed_at(&metadata)).ok()?;
     Some(SourceState { bytes: metadata.len(), modified, file: fingerprint::id_of(&metadata) })
 }
@@ -544,7 +545,7 @@ pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentH
 /// Modification time of a file, the best guess at its recording where its name has none.
 #[must_use]
 pub fn file_time(path: &Path) -> Timestamp {
-    std::fs::metadata(path)
+    metadata(path)
         .and_then(|metadata| metadata.modified())
         .ok()
         .and_then(|modified| Timestamp::try_from(modified).ok())

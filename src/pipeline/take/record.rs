@@ -251,7 +251,7 @@ pub(in crate::pipeline) async fn write_down(
     rejection: &Rejection,
 ) -> Result<i64, PipelineError> {
     let (place, most) = (rejection.clone(), pipeline.config().limits.export_bytes);
-    let excerpt = tokio::task::spawn_blocking(move || excerpt::of_rejection(&place, 0, most)).await?;
+    let excerpt = pipeline.with_files(move || excerpt::of_rejection(&place, 0, most)).await?;
     let fault = ExportFault {
         reason: rejection.sentence(),
         problem: rejection.reason.to_string(),

@@ -7,7 +7,9 @@ mod outbox;
 mod real_receivers;
 mod sink;
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use base64::Engine;
@@ -330,13 +332,31 @@ fn a_command_gets_the_message_and_its_status_decides() {
         "[[alerts.route]]\nname = \"page\"\n[alerts.route.command]\nrun = [\"/bin/sh\", \"page.sh\", \"shift\"]\n",
     );
     let script = "echo tried >>tries\n[ $(wc -l <tries) -gt 2 ] || { echo not yet >&2; exit 3; }\n\
-                  { echo $1 $ARMWATCH_STATUS $ARMWATCH_SEVERITY; cat; } >paged\n";
+                  { echo $1 $ARMWATCH_STATUS $ARMWATCH_SEVERITY; cat; } >paged\nenv >environment\n";
     fs::write(workshop.path("page.sh"), script).expect("a script");
     let mut outbox = Outbox::new(&workshop);
     outbox.open_anomaly("R01", 4, "critical");
-    let daemon = workshop.daemon();
+    let log = fs::OpenOptions::new().create(true).append(true).open(workshop.path("daemon.log"));
+    let mut command = workshop.command(&["run"]);
+    command.envs([("ARMWATCH_TOKEN", "a secret of the daemon"), ("PGPASSWORD", "another"), ("TZ", "UTC")]);
+    command.env("ARMWATCH_LOG", "warn").stdout(Stdio::null()).stderr(log.expect("a log"));
+    let daemon = Daemon { child: command.spawn().expect("the daemon starts") };
     workshop.wait_for("SELECT attempts FROM deliveries WHERE state = 'sent'", 3);
     end(daemon);
+    let environment = fs::read_to_string(workshop.path("environment")).expect("what the program saw");
+    // those of the shell itself are its own
+    let own = ["PWD", "SHLVL", "_", "OLDPWD"];
+    let names: BTreeSet<&str> =
+        environment.lines().filter_map(|line| Some(line.split_once('=')?.0)).collect();
+    let seen: Vec<&str> = names.into_iter().filter(|name| !own.contains(name)).collect();
+    let passed_on = |name: &&&str| !["HOME", "LANG", "PATH"].contains(*name);
+    let told: Vec<&str> = seen.iter().filter(passed_on).copied().collect();
+    assert_eq!(
+        told,
+        ["ARMWATCH_KEY", "ARMWATCH_SEVERITY", "ARMWATCH_STATUS", "ARMWATCH_TITLE", "TZ"],
+        "{environment}"
+    );
+    assert!(seen.contains(&"PATH"), "{environment}");
     let paged = fs::read_to_string(workshop.path("paged")).expect("what was paged");
     let (first, message) = paged.split_once('\n').expect("two lines");
     assert_eq!(first, "shift firing critical");

@@ -61,7 +61,8 @@ pub const ROWS: &[Row] = &[
     },
     Row { name: "number of a file given again", act: number_again, runs: TWO },
     Row { name: "hard link", act: hard_link, runs: WHOLE },
-    Row { name: "symbolic link to a file", act: link_to_file, runs: WHOLE },
+    Row { name: "symbolic link to a file of the folder", act: link_to_file, runs: WHOLE },
+    Row { name: "symbolic link to a file elsewhere", act: link_out, runs: NOTHING },
     Row { name: "symbolic link to nothing, then to a file", act: link_to_nothing, runs: WHOLE },
     Row { name: "symbolic link to a folder", act: link_to_folder, runs: NOTHING },
     Row { name: "loops of links", act: loops, runs: WHOLE },
@@ -278,15 +279,22 @@ fn hard_link(stage: &Stage) {
 
 fn link_to_file(stage: &Stage) {
     let export = stage.export(5);
+    fs::write(stage.path("latest"), &export.bytes).expect("written");
+    symlink("latest", stage.path(&export.name)).expect("linked");
+}
+
+fn link_out(stage: &Stage) {
+    let export = stage.export(5);
     fs::write(stage.outside(&export.name), &export.bytes).expect("written");
     symlink(stage.outside(&export.name), stage.path(&export.name)).expect("linked");
+    stage.pause();
 }
 
 fn link_to_nothing(stage: &Stage) {
     let export = stage.export(5);
-    symlink(stage.outside(&export.name), stage.path(&export.name)).expect("linked");
+    symlink("latest", stage.path(&export.name)).expect("linked");
     stage.pause();
-    fs::write(stage.outside(&export.name), &export.bytes).expect("written");
+    fs::write(stage.path("latest"), &export.bytes).expect("written");
 }
 
 fn link_to_folder(stage: &Stage) {

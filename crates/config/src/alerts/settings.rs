@@ -160,6 +160,28 @@ impl ReceiverSettings {
     }
 }
 
+impl ReceiverSettings {
+    /// The secrets that the receiver needs.
+    pub fn secrets(&self) -> impl Iterator<Item = &Secret> {
+        let of_http = |login| match login {
+            &HttpLogin::None => None,
+            HttpLogin::Bearer(secret) | HttpLogin::Basic { password: secret, .. } => Some(secret),
+        };
+        let secrets = match self {
+            Self::Log | Self::Command(_) => [None, None, None],
+            Self::Webhook(WebhookSettings { url, signing_secret, login, .. }) => {
+                let url = if let Address::Secret(secret) = url { Some(secret) } else { None };
+                [url, signing_secret.as_ref(), of_http(login)]
+            }
+            Self::Alertmanager(settings) => [of_http(&settings.login), None, None],
+            Self::Email(EmailSettings { login, .. }) | Self::Mqtt(MqttSettings { login, .. }) => {
+                [login.as_ref().map(|(_, secret)| secret), None, None]
+            }
+        };
+        secrets.into_iter().flatten()
+    }
+}
+
 /// Where something stands that is not to be read by everybody.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Secret {

@@ -115,6 +115,10 @@ fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
         Some(value) => read_folders(&value),
         None => Some(vec![PathBuf::from(DEFAULT_FOLDER)]),
     };
+    let follow_links = match table.and_then(|t| t.optional("follow_links")) {
+        Some(value) => value.boolean(),
+        None => Some(false),
+    };
     let live_files = match table.and_then(|t| t.optional("live_files")) {
         Some(value) => value.integer(1..=MAX_LIVE_FILES).and_then(|number| usize::try_from(number).ok()),
         None => Some(DEFAULT_LIVE_FILES),
@@ -129,6 +133,7 @@ fn read_watch(table: Option<&Table<'_>>) -> Option<WatchSettings> {
     };
     Some(WatchSettings {
         folders: folders?,
+        follow_links: follow_links?,
         scan_interval: Duration::try_from_secs_f64(scan_interval?).ok()?,
         settle: Duration::try_from_secs_f64(settle?).ok()?,
         live_files: live_files?,

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
+use super::access::{Asked, asking, refuse_outside};
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 
 /// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is.
@@ -18,7 +19,7 @@ use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 /// regular file, since a pipe would block for ever.
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(regular_file(path)?)?;
+    hasher.update_reader(Asked(regular_file(path)?))?;
     Ok(identity(&hasher))
 }
 
@@ -28,7 +29,7 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
 /// As [`fingerprint`].
 pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(regular_file(path)?.take(bytes))?;
+    hasher.update_reader(Asked(regular_file(path)?).take(bytes))?;
     let (hash, read) = identity(&hasher);
     Ok((read == bytes).then_some(ContentPrefix { bytes, hash }))
 }
@@ -45,8 +46,10 @@ pub fn id_of(metadata: &std::fs::Metadata) -> FileId {
     FileId { device: metadata.dev(), inode: metadata.ino() }
 }
 
-/// When a file was last written, or else changed in any way: a copy may bring the time of modification of another
-/// file with it, and not that of its own change. A file system without such times leaves only the size to tell a change.
+/// A moment that differs after each write to a file and each other change of it. It is the time of change, which only the
+/// file system sets. Copies and people may set a time of modification that is later; it then adds up to a second, so that
+/// neither time hides the other and a wrong date does no harm. On a file system without these times, only the size shows a
+/// change.
 #[must_use]
 pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
@@ -54,7 +57,13 @@ pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     else {
         return modified;
     };
-    modified.max(SystemTime::UNIX_EPOCH + Duration::new(seconds, nanoseconds))
+    let changed = SystemTime::UNIX_EPOCH + Duration::new(seconds, nanoseconds);
+    if modified <= changed {
+        return changed;
+    }
+    // a database keeps microseconds
+    let chosen = i128::from(metadata.mtime()) * 7_919 + i128::from(metadata.mtime_nsec() / 1000);
+    changed + Duration::from_micros(u64::try_from(chosen.rem_euclid(1_000_000)).unwrap_or_default() + 1)
 }
 
 /// Identity of a few bytes that stand for a file whose content cannot be read.
@@ -63,17 +72,21 @@ pub fn of_bytes(bytes: &[u8]) -> ContentHash {
     ContentHash(*blake3::hash(bytes).as_bytes())
 }
 
-/// Opens `path` for reading if it is a regular file or a symbolic link to one.
+/// Opens `path` for reading if it is a regular file or a symbolic link to one that the current
+/// [`FileAccess`](super::access::FileAccess) permits.
 ///
 /// # Errors
 /// As [`fingerprint`].
 pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
     // Looked at before opening, since opening a pipe waits for its writer; and after, since the
     // name may have changed hands in between.
-    refuse_special(&std::fs::metadata(path)?)?;
-    let file = File::open(path)?;
-    refuse_special(&file.metadata()?)?;
-    Ok(file)
+    asking(|| {
+        refuse_special(&std::fs::metadata(path)?)?;
+        let file = File::open(path)?;
+        refuse_special(&file.metadata()?)?;
+        refuse_outside(&file, path)?;
+        Ok(file)
+    })
 }
 
 /// Hashes what passes through, so that a file is hashed by the very read that parses it.
@@ -94,7 +107,7 @@ impl<R: Read> HashingReader<R> {
 
 impl<R: Read> Read for HashingReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let count = self.inner.read(buffer)?;
+        let count = asking(|| self.inner.read(buffer))?;
         if let Some(read) = buffer.get(..count) {
             self.hash.0.lock().unwrap_or_else(PoisonError::into_inner).update(read);
         }
@@ -207,9 +220,37 @@ mod tests {
         while written("2") == first {
             assert!(SystemTime::now() < patience, "its time of change stands still");
         }
-        let ahead = SystemTime::now() + Duration::from_secs(3600);
-        File::options().write(true).open(&path).unwrap().set_modified(ahead).unwrap();
-        assert_eq!(changed_at(&std::fs::metadata(&path).unwrap()), ahead);
+    }
+
+    /// Times of modification are set by copies, clocks that are wrong, and people.
+    #[test]
+    fn a_file_with_any_time_of_modification_changes_when_it_is_written_and_when_it_is_touched() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        std::fs::write(&path, "1").unwrap();
+        let at = |seconds: i64| {
+            let far = Duration::from_secs(seconds.unsigned_abs());
+            if seconds < 0 { SystemTime::UNIX_EPOCH - far } else { SystemTime::UNIX_EPOCH + far }
+        };
+        // 1901, 1970, 2030, 2030 and a second, 2446
+        for seconds in [-2_147_483_648, 0, 1_893_456_000, 1_893_456_001, 15_032_385_535] {
+            let written = |text: &str, modified: SystemTime| {
+                std::fs::write(&path, text).unwrap();
+                File::options().write(true).open(&path).unwrap().set_modified(modified).unwrap();
+                changed_at(&std::fs::metadata(&path).unwrap())
+            };
+            let first = written("1", at(seconds));
+            let near = SystemTime::now() + Duration::from_secs(5);
+            assert!(first < near, "{seconds} moves it to {first:?}");
+            let patience = SystemTime::now() + Duration::from_secs(10);
+            while written("2", at(seconds)) == first {
+                assert!(SystemTime::now() < patience, "{seconds}: a corrected file is not seen");
+            }
+            let second = changed_at(&std::fs::metadata(&path).unwrap());
+            while written("2", at(seconds + 1)) == second {
+                assert!(SystemTime::now() < patience, "{seconds}: another time is not seen");
+            }
+        }
     }
 
     #[test]

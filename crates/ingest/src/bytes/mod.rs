@@ -3,4 +3,5 @@
 pub mod source;
 pub mod fingerprint;
 pub mod encoding;
+pub mod access;
 pub mod blocks;

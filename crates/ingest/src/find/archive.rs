@@ -10,7 +10,7 @@ use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use super::tail::DONE_MARK;
+use super::tail::mark_of;
 use crate::bytes::fingerprint::{HashingReader, fingerprint, id_of, regular_file};
 use armwatch_model::run::ContentHash;
 use armwatch_model::text;
@@ -150,9 +150,7 @@ pub fn original_name(name: &str) -> Cow<'_, str> {
 
 /// Takes away the mark that said that the source was done.
 fn remove_mark(source: &Path) -> io::Result<()> {
-    let mut mark = source.as_os_str().to_owned();
-    mark.push(DONE_MARK);
-    match fs::remove_file(&mark) {
+    match fs::remove_file(mark_of(source)) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }

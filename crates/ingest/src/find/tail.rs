@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
 use super::settle::{Observation, Settling};
+use crate::bytes::access::{asking, metadata};
 use crate::bytes::fingerprint::{HashingReader, RunningHash, changed_at, id_of, regular_file};
 use crate::bytes::source::{MAGIC_BYTES, is_plain};
 use crate::rejection::Rejection;
@@ -81,7 +82,8 @@ pub struct Growing {
 pub fn open(path: &Path) -> Result<Option<Growing>, Rejection> {
     let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
     let mut head = Vec::new();
-    (&file).take(MAGIC_BYTES).read_to_end(&mut head).map_err(|error| Rejection::from_io(path, &error))?;
+    asking(|| (&file).take(MAGIC_BYTES).read_to_end(&mut head))
+        .map_err(|error| Rejection::from_io(path, &error))?;
     if !is_plain(&head) {
         return Ok(None);
     }
@@ -104,7 +106,7 @@ impl Growth {
     /// # Errors
     /// Those of the file system.
     pub fn state(&self) -> io::Result<(FileId, u64, SystemTime)> {
-        let metadata = self.file.metadata()?;
+        let metadata = asking(|| self.file.metadata())?;
         Ok((id_of(&metadata), metadata.len(), changed_at(&metadata)))
     }
 
@@ -113,7 +115,7 @@ impl Growth {
     /// # Errors
     /// Those of the file system.
     pub fn written_at(&self) -> io::Result<SystemTime> {
-        self.file.metadata()?.modified()
+        asking(|| self.file.metadata())?.modified()
     }
 
     /// Looks whether the file is done; to be called when all of it was read. The file is done once it stood
@@ -124,7 +126,7 @@ impl Growth {
     pub fn look(&mut self, settle: Duration, now: Instant) -> io::Result<Fate> {
         // looked for before the size: a writer makes it after the last row
         let marked = is_marked(&self.path);
-        let metadata = self.file.metadata()?;
+        let metadata = asking(|| self.file.metadata())?;
         if metadata.len() < self.hash.bytes() || self.is_replaced(&metadata) {
             return Ok(Fate::Rewritten);
         }
@@ -160,19 +162,24 @@ impl Growth {
 
     /// Whether this file is gone and another one has its name: it was renamed over.
     fn is_replaced(&self, ours: &Metadata) -> bool {
-        ours.nlink() == 0 && std::fs::metadata(&self.path).is_ok_and(|there| id_of(&there) != id_of(ours))
+        ours.nlink() == 0 && metadata(&self.path).is_ok_and(|there| id_of(&there) != id_of(ours))
     }
+}
+
+/// Path of the file with which the writer of an export marks it as done.
+pub(crate) fn mark_of(path: &Path) -> PathBuf {
+    let mut mark = path.as_os_str().to_owned();
+    mark.push(DONE_MARK);
+    mark.into()
 }
 
 /// Whether the writer of an export has marked it as done, and has not written to it since: a mark that is left from
 /// an earlier export of the name says nothing of this one.
 #[must_use]
 pub fn is_marked(path: &Path) -> bool {
-    let mut mark = path.as_os_str().to_owned();
-    mark.push(DONE_MARK);
     // the mark is looked at first: what is written after that look makes the file the later one
-    let Ok(marked) = std::fs::metadata(&mark) else { return false };
-    match (marked.modified(), std::fs::metadata(path).and_then(|file| file.modified())) {
+    let Ok(marked) = metadata(&mark_of(path)) else { return false };
+    match (marked.modified(), metadata(path).and_then(|file| file.modified())) {
         (Ok(marked), Ok(written)) => written <= marked,
         // no times to compare, or a file that is renamed while it is read
         _ => true,

@@ -4,15 +4,18 @@
 //! start and every so often sees everything, and looking twice is harmless.
 
 use std::collections::HashSet;
+use std::ffi::OsStr;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
-use std::{fs, io};
+use std::{fmt, fs, io};
 
 use notify::event::{AccessKind, AccessMode};
 use notify::{EventKind, RecommendedWatcher, RecursiveMode, Watcher};
 use tokio::sync::mpsc;
 
+use super::tail::{DONE_MARK, is_marked, mark_of};
+use crate::bytes::access::{LEADS_OUT, LEADS_OUT_REMEDY};
 use crate::bytes::fingerprint::{changed_at, id_of};
 use crate::bytes::source::is_export;
 use armwatch_model::run::FileId;
@@ -33,6 +36,8 @@ pub struct FoundFile {
     pub modified: SystemTime,
     /// Number of the file in its file system.
     pub file: FileId,
+    /// Its writer has marked it as done, see [`is_marked`].
+    pub is_marked: bool,
 }
 
 /// What a scan saw.
@@ -42,6 +47,10 @@ pub struct Scan {
     pub files: Vec<FoundFile>,
     /// Folders and files that could not be looked at.
     pub unreadable: Vec<Unreadable>,
+    /// Skipped places, which may contain exports.
+    pub skipped: Vec<Skipped>,
+    /// Folders that were read: each with the path that led to it, and with its path without links.
+    pub folders: Vec<(PathBuf, PathBuf)>,
 }
 
 /// A place that could not be looked at.
@@ -54,76 +63,216 @@ pub struct Unreadable {
     pub error: io::Error,
 }
 
+/// A skipped place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Skipped {
+    /// A link.
+    LeadsOut {
+        /// The link.
+        path: PathBuf,
+        /// Its final target.
+        target: PathBuf,
+    },
+    /// A folder with too many folders around it.
+    TooDeep {
+        /// The folder.
+        path: PathBuf,
+    },
+}
+
+impl Skipped {
+    fn path(&self) -> &Path {
+        match self {
+            Self::LeadsOut { path, .. } | Self::TooDeep { path } => path,
+        }
+    }
+
+    /// The place and the reason.
+    #[must_use]
+    pub fn reason(&self) -> String {
+        match self {
+            Self::LeadsOut { path, target } => {
+                format!("{} is {LEADS_OUT}, to {}", path.display(), target.display())
+            }
+            Self::TooDeep { path } => {
+                format!("{} lies more than {MAX_DEPTH} folders below the watched one", path.display())
+            }
+        }
+    }
+
+    /// The remedy.
+    #[must_use]
+    pub fn remedy(&self) -> &'static str {
+        match self {
+            Self::LeadsOut { .. } => LEADS_OUT_REMEDY,
+            Self::TooDeep { .. } => "move it further up, or add it to watch.folders",
+        }
+    }
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}; {}", self.reason(), self.remedy())
+    }
+}
+
 /// Looks through `folders` and their subfolders for exports, see [`is_export`].
 ///
-/// Hidden subfolders are skipped and links to folders not followed, so a loop of links ends here; a
-/// link to an export counts as the export. A path in `folders` that is a file is taken as it is,
-/// whatever its name, because a person named it. A file below two of the folders comes once.
+/// Hidden subfolders are skipped. Links are followed if `follow_links`; otherwise a link to an export inside the same
+/// folder counts as the export, and links that lead out of it are [`Skipped`]. Each folder is looked into once, so a loop
+/// of links ends here. A path in `folders` that is a file is taken as it is, whatever its name, because a person named it;
+/// so is a folder that is a link. A file below two of the folders comes once.
 #[must_use]
-pub fn scan(folders: &[PathBuf]) -> Scan {
+pub fn scan(folders: &[PathBuf], follow_links: bool) -> Scan {
+    scan_saying(folders, follow_links, &|| ())
+}
+
+/// As [`scan`]; calls `goes_on` before each call to the file system, since any of them can hang.
+#[must_use]
+pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) -> Scan {
     let mut scan = Scan::default();
-    let mut seen = HashSet::new();
+    let mut walk = Walk { root: None, follow_links, seen: HashSet::new(), goes_on };
     for folder in folders {
+        goes_on();
         match fs::metadata(folder) {
-            Ok(metadata) if metadata.is_dir() => scan.folder(folder, 0, &mut seen),
-            Ok(metadata) => scan.file(folder.clone(), &metadata),
+            Ok(metadata) if metadata.is_dir() => {
+                walk.root = fs::canonicalize(folder).ok();
+                scan.folder(folder, 0, &mut walk);
+            }
+            Ok(metadata) => scan.file(folder.clone(), &metadata, is_marked(folder)),
             Err(error) => scan.unreadable.push(Unreadable { path: folder.clone(), error }),
         }
     }
-    scan.files.sort_by(|a, b| (a.path.file_name(), &a.path).cmp(&(b.path.file_name(), &b.path)));
+    scan.files.sort_by(|a, b| a.order().cmp(&b.order()));
     scan.files.dedup_by(|a, b| a.path == b.path);
     scan
 }
 
+impl FoundFile {
+    /// Files are sorted by this: name, path.
+    #[must_use]
+    pub fn order(&self) -> (Option<&OsStr>, &Path) {
+        (self.path.file_name(), &self.path)
+    }
+}
+
+/// A walk through folders.
+struct Walk<'w> {
+    /// Path of the given folder without links; `None` if it is unknown.
+    root: Option<PathBuf>,
+    follow_links: bool,
+    /// Paths without links of the folders that were read.
+    seen: HashSet<PathBuf>,
+    goes_on: &'w dyn Fn(),
+}
+
 impl Scan {
-    fn folder(&mut self, folder: &Path, depth: usize, seen: &mut HashSet<PathBuf>) {
+    fn folder(&mut self, folder: &Path, depth: usize, walk: &mut Walk<'_>) {
+        (walk.goes_on)();
         // Overlapping watch folders, and the same folder by two spellings, are looked at once.
-        let first = fs::canonicalize(folder).map_or(true, |real| seen.insert(real));
-        if !first || depth > MAX_DEPTH {
-            return;
+        if let Ok(real) = fs::canonicalize(folder) {
+            if !walk.seen.insert(real.clone()) {
+                return;
+            }
+            self.folders.push((folder.to_owned(), real));
+        }
+        if depth > MAX_DEPTH {
+            return self.skipped.push(Skipped::TooDeep { path: folder.to_owned() });
         }
         let entries = match fs::read_dir(folder) {
             Ok(entries) => entries,
             Err(error) => return self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
         };
+        let mut found = Vec::new();
+        let mut marks = HashSet::new();
         for entry in entries {
+            (walk.goes_on)();
             match entry.and_then(|entry| Ok((entry.path(), entry.file_type()?))) {
-                Ok((path, kind)) if kind.is_dir() => {
-                    if !is_hidden(&path) {
-                        self.folder(&path, depth + 1, seen);
-                    }
+                Ok((path, _)) if path.as_os_str().as_encoded_bytes().ends_with(DONE_MARK.as_bytes()) => {
+                    marks.insert(path);
                 }
-                Ok((path, _)) if is_export(&path) => match fs::metadata(&path) {
-                    Ok(metadata) => self.file(path, &metadata),
-                    // Gone since the folder was listed, or a link to nothing: not there is not wrong.
+                Ok(entry) => found.push(entry),
+                Err(error) => self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+            }
+        }
+        for (path, kind) in found {
+            let is_marked = || marks.contains(&mark_of(&path)) && is_marked(&path);
+            if kind.is_symlink() {
+                self.link(path, depth, walk, &marks);
+            } else if kind.is_dir() {
+                if !is_hidden(&path) {
+                    self.folder(&path, depth + 1, walk);
+                }
+            } else if is_export(&path) {
+                (walk.goes_on)();
+                match fs::metadata(&path) {
+                    Ok(metadata) => {
+                        let is_marked = is_marked();
+                        self.file(path, &metadata, is_marked);
+                    }
+                    // Gone since the folder was listed: not there is not wrong.
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                     Err(error) => self.unreadable.push(Unreadable { path, error }),
-                },
-                Ok(_) => {}
-                Err(error) => self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+                }
             }
         }
     }
 
-    fn file(&mut self, path: PathBuf, metadata: &Metadata) {
+    /// Looks at a link in a folder.
+    fn link(&mut self, path: PathBuf, depth: usize, walk: &mut Walk<'_>, marks: &HashSet<PathBuf>) {
+        (walk.goes_on)();
+        let is_named = is_export(&path);
+        let looked = fs::canonicalize(&path).and_then(|target| Ok((fs::metadata(&target)?, target)));
+        let (metadata, target) = match looked {
+            Ok(looked) => looked,
+            // A link to nothing: not there is not wrong.
+            Err(error) if !is_named || error.kind() == io::ErrorKind::NotFound => return,
+            Err(error) => return self.unreadable.push(Unreadable { path, error }),
+        };
+        let is_inside = walk.root.as_ref().is_some_and(|root| target.starts_with(root));
+        // a folder inside is found by its own path
+        if metadata.is_dir() && (is_inside || is_hidden(&path)) || !metadata.is_dir() && !is_named {
+            return;
+        }
+        if !is_inside && !walk.follow_links {
+            self.skipped.push(Skipped::LeadsOut { path, target });
+        } else if metadata.is_dir() {
+            self.folder(&path, depth + 1, walk);
+        } else {
+            let is_marked = marks.contains(&mark_of(&path)) && is_marked(&path);
+            self.file(path, &metadata, is_marked);
+        }
+    }
+
+    fn file(&mut self, path: PathBuf, metadata: &Metadata, is_marked: bool) {
         if !metadata.is_file() {
             return;
         }
-        let modified = changed_at(metadata);
-        self.files.push(FoundFile { path, size: metadata.len(), modified, file: id_of(metadata) });
+        let (size, modified, file) = (metadata.len(), changed_at(metadata), id_of(metadata));
+        self.files.push(FoundFile { path, size, modified, file, is_marked });
     }
 }
 
 /// Remembers which places were complained about, so that a folder that stays unreadable is warned
 /// of once and not at every scan.
 #[derive(Debug, Default)]
-pub struct Complaints(HashSet<PathBuf>);
+pub struct Complaints {
+    unreadable: HashSet<PathBuf>,
+    skipped: HashSet<PathBuf>,
+}
 
 impl Complaints {
     /// Those of a scan's unreadable places that are new; places that have recovered are forgotten.
     pub fn fresh<'s>(&mut self, scan: &'s Scan) -> Vec<&'s Unreadable> {
-        let fresh = scan.unreadable.iter().filter(|place| !self.0.contains(&place.path)).collect();
-        self.0 = scan.unreadable.iter().map(|place| place.path.clone()).collect();
+        let fresh = scan.unreadable.iter().filter(|place| !self.unreadable.contains(&place.path)).collect();
+        self.unreadable = scan.unreadable.iter().map(|place| place.path.clone()).collect();
+        fresh
+    }
+
+    /// As [`Complaints::fresh`], of skipped places.
+    pub fn newly_skipped<'s>(&mut self, scan: &'s Scan) -> Vec<&'s Skipped> {
+        let fresh = scan.skipped.iter().filter(|place| !self.skipped.contains(place.path())).collect();
+        self.skipped = scan.skipped.iter().map(|place| place.path().to_owned()).collect();
         fresh
     }
 
@@ -134,13 +283,16 @@ impl Complaints {
                 "cannot look into a watched place: {place}; it is looked at again with every scan"
             );
         }
+        for place in self.newly_skipped(scan) {
+            tracing::warn!("skipped: {place}");
+        }
     }
 }
 
 /// Keeps the watch alive; dropping it ends the hints.
 ///
-/// The receiver stays open as long as the guard lives, also without any watch: then no hint comes
-/// and the periodic scan alone finds files.
+/// The guard holds the sender of the hints, also without any watch: then no hint comes and the periodic scan alone finds
+/// files.
 #[derive(Debug)]
 pub struct FolderWatch {
     watcher: Option<RecommendedWatcher>,
@@ -150,16 +302,21 @@ pub struct FolderWatch {
     _sender: mpsc::Sender<()>,
 }
 
-/// Watches `folders` with their subfolders. A hint on the receiver means: scan again. Hints that
-/// come while one is waiting merge with it.
+/// Sender and receiver of hints. A hint that arrives while one is waiting merges with it.
+#[must_use]
+pub fn hints() -> (mpsc::Sender<()>, mpsc::Receiver<()>) {
+    // One place: a second hint says nothing that the first does not.
+    mpsc::channel(1)
+}
+
+/// Watches `folders` with their subfolders. A hint means: scan again.
 ///
 /// Nothing fails: where the system's watch is not to be had, a warning says so and the periodic scan
 /// goes on. A folder that is missing is not created, since a misspelt path or an absent mount would
-/// go unnoticed; [`FolderWatch::watch_missing`] takes it up once it is there.
+/// go unnoticed; [`FolderWatch::watch_missing`] takes it up once it is there. A folder that does not answer blocks the
+/// caller and the hints of the other folders.
 #[must_use]
-pub fn watch_folders(folders: &[PathBuf]) -> (FolderWatch, mpsc::Receiver<()>) {
-    // One place: a second hint says nothing that the first does not.
-    let (sender, receiver) = mpsc::channel(1);
+pub fn watch_folders(folders: &[PathBuf], sender: mpsc::Sender<()>) -> FolderWatch {
     let hints = sender.clone();
     let handler = move |event: notify::Result<notify::Event>| {
         // An error may be a full queue: looking again is right then too.
@@ -182,7 +339,7 @@ pub fn watch_folders(folders: &[PathBuf]) -> (FolderWatch, mpsc::Receiver<()>) {
         _sender: sender,
     };
     watch.watch_missing();
-    (watch, receiver)
+    watch
 }
 
 impl FolderWatch {
@@ -266,7 +423,7 @@ mod tests {
             let folders: Vec<PathBuf> = folders.iter().map(|name| self.path(name)).collect();
             let relative =
                 |file: FoundFile| file.path.strip_prefix(self.0.path()).unwrap().display().to_string();
-            scan(&folders).files.into_iter().map(relative).collect()
+            scan(&folders, false).files.into_iter().map(relative).collect()
         }
     }
 
@@ -286,7 +443,7 @@ mod tests {
         fs::create_dir(tree.path("folder.csv")).unwrap();
         let expected = ["a/deep/er/R00.csv.zst", "z/R01.csv.gz", "a/R02.csv", "b/R02.csv"];
         assert_eq!(tree.found(&[""]), expected);
-        assert_eq!(scan(&[tree.path("z")]).files[0].size, 5);
+        assert_eq!(scan(&[tree.path("z")], false).files[0].size, 5);
     }
 
     #[test]
@@ -298,16 +455,72 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_to_files_count_and_loops_of_links_end() {
+    fn links_inside_count_and_links_that_lead_out_are_left_out_with_their_reason() {
         use std::os::unix::fs::symlink;
-        let tree = Tree::new(&["a/R01.csv", "elsewhere/R02"]);
-        symlink(tree.path("a"), tree.path("a/loop")).unwrap();
-        symlink(tree.path("elsewhere/R02"), tree.path("a/R02.csv")).unwrap();
-        symlink(tree.path("nothing"), tree.path("a/R03.csv")).unwrap();
-        assert_eq!(tree.found(&["a"]), ["a/R01.csv", "a/R02.csv"]);
-        assert!(scan(&[tree.path("a")]).unreadable.is_empty());
-        symlink(tree.path("a"), tree.path("watched")).unwrap();
+        let tree = Tree::new(&["a/R01.csv", "a/sub/plain", "secret/token", "secret/R09.csv", "ab/R08.csv"]);
+        let link = |target: &str, name: &str| symlink(tree.path(target), tree.path(name)).unwrap();
+        link("a", "a/loop");
+        link("a/sub/plain", "a/R02.csv");
+        link("nothing", "a/R03.csv");
+        link("secret/token", "a/R04.csv");
+        link("a/R04.csv", "a/R05.csv");
+        link("secret", "a/folder");
+        link("ab", "a/sub/folder");
+        link("secret/token", "a/notes.txt");
+        link("secret", "a/.hidden");
+        symlink("../../secret/R09.csv", tree.path("a/sub/R06.csv")).unwrap();
+        let at = |follow_links| {
+            let found = scan(&[tree.path("a")], follow_links);
+            assert!(found.unreadable.is_empty(), "{found:?}");
+            let relative = |path: &Path| path.strip_prefix(tree.path("a")).unwrap().display().to_string();
+            let mut skipped: Vec<String> = found.skipped.iter().map(|of| relative(of.path())).collect();
+            skipped.sort();
+            (found.files.iter().map(|file| relative(&file.path)).collect::<Vec<_>>(), skipped)
+        };
+        let (files, skipped) = at(false);
+        assert_eq!(files, ["R01.csv", "R02.csv"]);
+        assert_eq!(skipped, ["R04.csv", "R05.csv", "folder", "sub/R06.csv", "sub/folder"]);
+        let said = Skipped::LeadsOut { path: "R04.csv".into(), target: "/etc/token".into() }.to_string();
+        assert!(
+            said.contains("leads out of the watched folder, to /etc/token; ")
+                && said.contains("follow_links")
+        );
+        let (files, skipped) = at(true);
+        assert_eq!(
+            files,
+            [
+                "R01.csv",
+                "R02.csv",
+                "R04.csv",
+                "R05.csv",
+                "sub/R06.csv",
+                "sub/folder/R08.csv",
+                "folder/R09.csv"
+            ]
+        );
+        assert_eq!(skipped, [""; 0]);
+        link("a", "watched");
         assert_eq!(tree.found(&["watched"]), ["watched/R01.csv", "watched/R02.csv"]);
+    }
+
+    #[test]
+    fn what_lies_too_deep_is_named_once() {
+        let deep = |depth: usize| format!("a{}/R01.csv", "/d".repeat(depth));
+        let tree = Tree::new(&[&deep(MAX_DEPTH), &deep(MAX_DEPTH + 1)]);
+        let scan = scan(&[tree.path("a")], false);
+        assert_eq!((scan.files.len(), scan.skipped.len()), (1, 1));
+        let mut complaints = Complaints::default();
+        let said = complaints.newly_skipped(&scan)[0].to_string();
+        assert!(said.contains("more than 32 folders below the watched one"), "{said}");
+        assert!(complaints.newly_skipped(&scan).is_empty());
+    }
+
+    #[test]
+    fn a_mark_beside_a_file_is_seen() {
+        let tree = Tree::new(&["a/R01.csv", "a/R02.csv"]);
+        tree.write("a/R02.csv.done");
+        let files = scan(&[tree.path("a")], false).files;
+        assert_eq!(files.iter().map(|file| file.is_marked).collect::<Vec<_>>(), [false, true]);
     }
 
     #[test]
@@ -315,21 +528,22 @@ mod tests {
         let tree = Tree::new(&["a/R01.csv"]);
         let folders = [tree.path("a"), tree.path("b")];
         let mut complaints = Complaints::default();
-        let first = scan(&folders);
+        let first = scan(&folders, false);
         assert_eq!(first.files.len(), 1);
         let fresh = complaints.fresh(&first);
         assert_eq!((fresh.len(), &fresh[0].path), (1, &folders[1]));
-        assert!(complaints.fresh(&scan(&folders)).is_empty());
+        assert!(complaints.fresh(&scan(&folders, false)).is_empty());
         tree.write("b/R02.csv");
-        assert!(complaints.fresh(&scan(&folders)).is_empty());
+        assert!(complaints.fresh(&scan(&folders, false)).is_empty());
         fs::remove_dir_all(tree.path("b")).unwrap();
-        assert_eq!(complaints.fresh(&scan(&folders)).len(), 1);
+        assert_eq!(complaints.fresh(&scan(&folders, false)).len(), 1);
     }
 
     #[tokio::test]
     async fn a_new_file_gives_a_hint_also_in_a_new_subfolder() {
         let tree = Tree::new(&["a/R01.csv"]);
-        let (watch, mut hints) = watch_folders(&[tree.path("a")]);
+        let (sender, mut hints) = hints();
+        let watch = watch_folders(&[tree.path("a")], sender);
         assert_eq!(watch.watched_count(), 1);
         tree.write("a/R02.csv");
         tokio::time::timeout(DEADLINE, hints.recv()).await.expect("a hint").expect("open");
@@ -341,7 +555,8 @@ mod tests {
     async fn a_missing_folder_is_watched_once_it_is_there_and_not_created() {
         let tree = Tree::new(&[]);
         let folder = tree.path("later");
-        let (mut watch, mut hints) = watch_folders(std::slice::from_ref(&folder));
+        let (sender, mut hints) = hints();
+        let mut watch = watch_folders(std::slice::from_ref(&folder), sender);
         assert_eq!(watch.watched_count(), 0);
         assert!(!folder.exists());
         fs::create_dir(&folder).unwrap();

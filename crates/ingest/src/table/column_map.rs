@@ -294,6 +294,17 @@ pub fn map_columns(
     })
 }
 
+/// Number of columns in a header that the layout names.
+#[must_use]
+pub(super) fn known_columns(header: &str, layout: &Layout, robot: &Robot, path: &Path) -> usize {
+    if !layout.header {
+        return 0;
+    }
+    let names: Vec<String> = fields(header, layout.delimiter).take(MAX_COLUMNS).map(str::to_owned).collect();
+    let search = Search { names: &names, layout, robot, path };
+    names.iter().filter(|name| search.is_named(name)).count()
+}
+
 /// What every question to the header needs.
 struct Search<'a> {
     names: &'a [String],

@@ -8,6 +8,7 @@ pub mod channels;
 pub mod start;
 mod plain_number;
 mod plain_reader;
+mod plausible;
 pub mod polars_reader;
 pub mod cell_reader;
 pub mod reader;

@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::cell::Decimal;
 use super::cell_reader::{LastLine, PassedOver, PreviousTime};
-use super::column_map::{ColumnMap, TimeColumn, map_columns};
+use super::column_map::{ColumnMap, TimeColumn, known_columns, map_columns};
 use super::polars_reader::Parser;
 use super::preamble::Header;
-use super::{cell_reader, channels, preamble};
+use super::{cell_reader, channels, plausible, preamble};
 use crate::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
 use crate::bytes::encoding::Found;
 use crate::rejection::Rejection;
@@ -102,6 +102,8 @@ pub struct ExportReader<R> {
     blocks: Blocks<R>,
     parser: Parser,
     path: PathBuf,
+    /// The header has columns that the layout names, so the file may be quoted from the first row on.
+    is_known: bool,
     /// Line of the header; `None` without one.
     header_line: Option<u64>,
     previous: Option<PreviousTime>,
@@ -160,20 +162,30 @@ impl<R: Read> ExportReader<R> {
         robot: &Robot,
         options: ReadOptions,
     ) -> Result<Self, Rejection> {
-        let map =
-            map_columns(&header.text, layout, robot, path).map_err(|rejection| match rejection.line {
-                Some(_) => {
-                    let rejection = rejection.at_line(header.line);
-                    let is_header = |line: &str| map_columns(line, layout, robot, path).is_ok();
-                    match layout.header.then(|| header_below(&mut blocks, path, is_header)).flatten() {
-                        Some(line) => rejection.with_header_at(line),
-                        None => rejection,
-                    }
+        let is_known = plausible::shows_export(known_columns(&header.text, layout, robot, path));
+        let map = match map_columns(&header.text, layout, robot, path) {
+            Ok(map) => map,
+            Err(rejection) if rejection.line.is_none() => return Err(rejection),
+            Err(rejection) => {
+                let rejection = rejection.at_line(header.line);
+                let below = lines_below(&mut blocks, path);
+                let is_header = |(text, _): &&(String, u64)| map_columns(text, layout, robot, path).is_ok();
+                if let Some((_, line)) = below.iter().find(is_header).filter(|_| layout.header) {
+                    return Err(rejection.with_header_at(*line));
                 }
-                None => rejection,
-            })?;
+                // those without a column quote nothing
+                let may_be_quoted = is_known
+                    || rejection.column.is_none()
+                    || plausible::is_export(&header.text, below.iter().map(|(text, _)| &**text));
+                return Err(match may_be_quoted {
+                    true => rejection,
+                    false => plausible::no_export(path, header.line, &header.text, layout),
+                });
+            }
+        };
         Ok(Self {
             blocks,
+            is_known,
             header_line: layout.header.then_some(header.line),
             parser: Parser::new(map, options.threads),
             path: path.to_owned(),
@@ -355,7 +367,7 @@ impl<R: Read> ExportReader<R> {
         most: u64,
     ) -> Result<(RawSamples, PassedOver), Rejection> {
         let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
-        let Some(end) = end else { return Err(rejection) };
+        let Some(end) = end else { return Err(self.unquoted(rejection)) };
         block.bytes.truncate(end);
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, most);
         match read {
@@ -363,8 +375,23 @@ impl<R: Read> ExportReader<R> {
                 self.fault = Some(rejection);
                 Ok((samples, passed))
             }
-            _ => Err(rejection),
+            _ => Err(self.unquoted(rejection)),
         }
+    }
+
+    /// The rejection of a row with no understood row before it. If no name of a column shows that the file is an export, it
+    /// may be anything, and its words are left out.
+    fn unquoted(&self, mut rejection: Rejection) -> Rejection {
+        if self.rows == 0 && !self.is_known {
+            let names = &self.parser.map().names;
+            let number = rejection
+                .column
+                .as_deref()
+                .and_then(|column| names.iter().position(|name| **name == *column));
+            rejection.column = number.map(|number| (number + 1).to_string().into());
+            rejection.value = None;
+        }
+        rejection
     }
 
     /// Takes the last line of a block off where it has too few fields: whether it is the file's last shows later.
@@ -452,20 +479,11 @@ impl<R: Read> ExportReader<R> {
     }
 }
 
-/// The line further down that holds the names of columns, where `is_header` says so of one of the next lines.
-fn header_below<R: Read>(
-    blocks: &mut Blocks<R>,
-    path: &Path,
-    is_header: impl Fn(&str) -> bool,
-) -> Option<u64> {
+/// The lines below a line that is no header, with their numbers.
+fn lines_below<R: Read>(blocks: &mut Blocks<R>, path: &Path) -> Vec<(String, u64)> {
     // line by line, so that it does not depend on how much was read
-    for _ in 0..MOST_LINES_ABOVE_HEADER {
-        let line = blocks.next_line(path).ok()??;
-        if is_header(&line.text) {
-            return Some(line.number);
-        }
-    }
-    None
+    let next = || blocks.next_line(path).ok().flatten().map(|line| (line.text, line.number));
+    std::iter::from_fn(next).take(MOST_LINES_ABOVE_HEADER).collect()
 }
 
 /// Where a line of a block begins.

@@ -75,14 +75,15 @@ fn first_moment(
                 return Ok(moment);
             }
             let fault = || {
-                Rejection::of_file(
+                let fault = Rejection::of_file(
                     path,
                     format!("no {}, which says the start", wanted(&start.form)),
                     remedy(&start.form),
                 )
                 .at_line(number)
-                .in_column(&start.column.to_string())
-                .with_value(cell)
+                .in_column(&start.column.to_string());
+                // a number finds a column in any file, also in one that is no export
+                if matches!(start.column, Column::Name(_)) { fault.with_value(cell) } else { fault }
             };
             let fault = first_fault.get_or_insert_with(fault);
             faults += 1;

@@ -2,6 +2,7 @@
 //! database in a file has one daemon, for which everything here is granted without a question.
 
 pub(super) mod claims;
+pub(super) mod folders;
 pub(super) mod list;
 pub(super) mod kinds;
 pub(super) mod session;

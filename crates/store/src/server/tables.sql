@@ -102,6 +102,14 @@ CREATE TABLE claim (
     PRIMARY KEY (kind, subject)
 );
 
+-- Watched folders whose disk or file server does not answer the daemon of a host.
+CREATE TABLE unanswered_folder (
+    host text COLLATE "C" NOT NULL,
+    folder text COLLATE "C" NOT NULL,
+    looked_at bigint,
+    PRIMARY KEY (host, folder)
+);
+
 CREATE TABLE source_file (
     path text COLLATE "C" PRIMARY KEY,
     bytes bigint NOT NULL,
