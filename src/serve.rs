@@ -19,28 +19,30 @@
 mod access;
 mod answer;
 mod api;
+mod connections;
 mod metrics;
+mod network;
 mod openapi;
 mod page;
 mod part;
 mod rates;
 mod receive;
 mod requests;
+mod reserve;
 mod shared;
 mod spool;
 mod status;
 mod upload;
+mod watched_stream;
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 use std::future::Future;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::pin::pin;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use axum::Router;
-use axum::body::to_bytes;
+use axum::body::{HttpBody, to_bytes};
 use axum::extract::{DefaultBodyLimit, Request, State};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{Method, StatusCode};
@@ -52,7 +54,7 @@ use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::{OnceCell, Semaphore, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_util::sync::CancellationToken;
@@ -67,12 +69,11 @@ use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};
 use armwatch_config::{ClientSettings, Config, ServeSettings};
 use armwatch_store::Store;
-use rates::{Peer, Rates};
+use connections::{CONNECTIONS, Connections, Place};
+use network::Network;
+use rates::Rates;
 use shared::{STATEMENTS, Uploads};
-use spool::Spool;
-
-/// Connections at once; each holds a socket and at most [`HEADER_BYTES`] before its request is understood.
-const CONNECTIONS: usize = 256;
+use watched_stream::{WRITE_STALL, WatchedStream};
 
 /// Most bytes of a request's headers: a name of 255 bytes, percent-encoded, and a dozen usual headers.
 const HEADER_BYTES: usize = 16 << 10;
@@ -89,9 +90,15 @@ const REQUEST_TIME: Duration = Duration::from_secs(60);
 /// How long requests in hand may take when the program stops. Uploads are cut sooner, and resumed later.
 const STOP_TIME: Duration = Duration::from_secs(5);
 
-/// Of these, most of one address, so that one client alone cannot keep the others out. Programs of this machine may
-/// have all: a proxy stands for many clients.
-const CONNECTIONS_OF_ONE: usize = CONNECTIONS / 4;
+/// Connections that may still be closing while [`CONNECTIONS`] are open. Beyond these, new ones wait in the system's queue.
+const CLOSING: usize = 64;
+
+/// Bytes of an answer that the system may hold for a client that has not taken them. The system itself would choose up
+/// to some megabytes, of which the first third has to be taken before progress shows.
+const SEND_BUFFER_BYTES: u32 = 32 << 10;
+
+/// Connections that the system accepts before the daemon does.
+const BACKLOG: u32 = 1024;
 
 /// Pause after a failed accept: without file descriptors the next one fails at once.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
@@ -107,16 +114,6 @@ pub enum ServeError {
     Listen {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
-        detail: String,
-    },
-    /// The folder for uploads cannot be used.
-    #[error(
-        "the folder for uploads {folder}: {detail}; make it writable for this user, or change serve.upload.spool"
-    )]
-    Spool {
-        /// The folder.
-        folder: String,
         /// What the system says.
         detail: String,
     },
@@ -172,17 +169,16 @@ pub async fn start(
     access::warn_if_open(settings, &clients);
     let uploads = match &settings.upload {
         Some(upload) => {
-            let spool = Spool::open(&upload.spool).map_err(|error| ServeError::Spool {
-                folder: upload.spool.display().to_string(),
-                detail: error.to_string(),
-            })?;
-            Some(Uploads::new(upload.clone(), spool, config.clone()))
+            let uploads = Uploads::new(upload.clone(), config.clone());
+            // a spool that cannot be used stops uploads, and nothing else
+            uploads.obstacle().await;
+            Some(uploads)
         }
         None => None,
     };
     let listening =
         |error: std::io::Error| ServeError::Listen { address: settings.listen, detail: error.to_string() };
-    let listener = TcpListener::bind(settings.listen).await.map_err(listening)?;
+    let listener = listen(settings.listen).map_err(listening)?;
     let address = listener.local_addr().map_err(listening)?;
     tracing::info!(%address, uploads = uploads.is_some(), "serving HTTP");
     let shared = Arc::new(Shared {
@@ -206,6 +202,15 @@ pub async fn start(
         tokio::join!(accepting, upload::clean(&cleaning), api::watch(&cleaning));
     });
     Ok(Server { address, task })
+}
+
+fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+    socket.set_reuseaddr(true)?;
+    // accepted connections inherit it
+    socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
+    socket.bind(address)?;
+    socket.listen(BACKLOG)
 }
 
 fn router(shared: Arc<Shared>) -> Router {
@@ -233,13 +238,13 @@ fn router(shared: Arc<Shared>) -> Router {
         .with_state(shared)
 }
 
-/// Answers a request within its bounds: how many the address may send, and how long one may take.
+/// Answers a request within its limits: how many its network may send, and how long one may take.
 async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let costs = path.starts_with("/v1/") || path == "/metrics";
     if costs
-        && let Some(peer) = request.extensions().get::<Peer>()
-        && let Err(wait) = shared.rates.count(*peer, Instant::now())
+        && let Some(network) = request.extensions().get::<Network>()
+        && let Err(wait) = shared.rates.count(*network, Instant::now())
     {
         return Refusal::too_many(wait.as_secs() + 1).into_response();
     }
@@ -275,14 +280,13 @@ async fn explained(answer: Response) -> Response {
 }
 
 async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) {
-    let places = Arc::new(Semaphore::new(CONNECTIONS));
-    let clients = Clients::default();
+    let sockets = Arc::new(Semaphore::new(CONNECTIONS + CLOSING));
+    let places = Connections::new();
     let mut connections = JoinSet::new();
     loop {
-        // a full house leaves further clients to the system's queue
-        let place = tokio::select! {
+        let socket = tokio::select! {
             () = stop.cancelled() => break,
-            place = Arc::clone(&places).acquire_owned() => place,
+            socket = Arc::clone(&sockets).acquire_owned() => socket,
         };
         let accepted = tokio::select! {
             () = stop.cancelled() => break,
@@ -290,15 +294,17 @@ async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) 
         };
         match accepted {
             Ok((stream, from)) => {
-                if let Some(client) = clients.enter(from.ip()) {
-                    let (router, stop) = (router.clone(), stop.clone());
-                    connections.spawn(async move {
-                        serve(stream, Peer(from.ip()), router, stop).await;
-                        drop((place, client));
-                    });
-                } else {
-                    tracing::debug!(%from, "closed: {CONNECTIONS_OF_ONE} connections of one address");
-                }
+                let network = Network::of(from.ip());
+                let place = places.enter(network);
+                let (router, stop) = (router.clone(), stop.clone());
+                connections.spawn(async move {
+                    let evicted = place.progress.evicted.clone();
+                    tokio::select! {
+                        () = evicted.cancelled() => {}
+                        () = serve(stream, network, &place, router, stop) => {}
+                    }
+                    drop((socket, place));
+                });
             }
             Err(error) => {
                 tracing::warn!(%error, "cannot accept a connection");
@@ -314,40 +320,7 @@ async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) 
     }
 }
 
-/// Connections that are open, by the address that they come from.
-#[derive(Debug, Clone, Default)]
-struct Clients(Arc<Mutex<HashMap<IpAddr, usize>>>);
-
-/// A connection among them, until it is dropped.
-#[derive(Debug)]
-struct Client(Clients, IpAddr);
-
-impl Clients {
-    /// Counts one more connection; `None` where the address has as many as it may.
-    fn enter(&self, address: IpAddr) -> Option<Client> {
-        let mut open = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let of_one = open.entry(address).or_insert(0);
-        if *of_one >= CONNECTIONS_OF_ONE && !address.is_loopback() {
-            return None;
-        }
-        *of_one += 1;
-        Some(Client(self.clone(), address))
-    }
-}
-
-impl Drop for Client {
-    fn drop(&mut self) {
-        let mut open = self.0.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Entry::Occupied(mut of_one) = open.entry(self.1) {
-            *of_one.get_mut() -= 1;
-            if *of_one.get() == 0 {
-                of_one.remove();
-            }
-        }
-    }
-}
-
-async fn serve(stream: TcpStream, peer: Peer, router: Router, stop: CancellationToken) {
+async fn serve(stream: TcpStream, network: Network, place: &Place, router: Router, stop: CancellationToken) {
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
@@ -355,9 +328,18 @@ async fn serve(stream: TcpStream, peer: Peer, router: Router, stop: Cancellation
         .max_buf_size(HEADER_BYTES)
         .max_headers(HEADERS);
     let router = TowerToHyperService::new(router);
+    let progress = Arc::clone(&place.progress);
+    let stream = WatchedStream::new(stream, Arc::clone(&progress), WRITE_STALL);
     let service = service_fn(move |mut request: hyper::Request<Incoming>| {
-        request.extensions_mut().insert(peer);
-        router.call(request)
+        // a body may keep the daemon waiting
+        let answering = request.body().is_end_stream().then(|| progress.answering());
+        request.extensions_mut().insert(network);
+        let answer = router.call(request);
+        async move {
+            let answer = answer.await;
+            drop(answering);
+            answer
+        }
     });
     let connection = builder.serve_connection(TokioIo::new(stream), service);
     let mut connection = pin!(connection);
@@ -370,7 +352,7 @@ async fn serve(stream: TcpStream, peer: Peer, router: Router, stop: Cancellation
         }
     };
     if let Err(error) = ended {
-        // a client that went away, or sent what is no HTTP
+        // a client that went away, does not read, or sent what is no HTTP
         tracing::debug!(%error, "HTTP connection ended");
     }
 }
@@ -379,26 +361,5 @@ async fn until_stop<F: Future + Unpin>(future: &mut F, stop: &CancellationToken)
     tokio::select! {
         output = future => Some(output),
         () = stop.cancelled() => None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_address_cannot_have_all_connections() {
-        let clients = Clients::default();
-        let [one, other, here] = ["10.0.0.1", "10.0.0.2", "127.0.0.1"].map(|text| text.parse().unwrap());
-        let mut held: Vec<_> = (0..CONNECTIONS_OF_ONE).map(|_| clients.enter(one).unwrap()).collect();
-        assert!(clients.enter(one).is_none());
-        assert!(clients.enter(other).is_some());
-        assert!(
-            (0..CONNECTIONS).map(|_| clients.enter(here)).collect::<Vec<_>>().iter().all(Option::is_some)
-        );
-        held.pop();
-        assert!(clients.enter(one).is_some());
-        held.clear();
-        assert!(clients.0.lock().unwrap().is_empty());
     }
 }

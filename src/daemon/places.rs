@@ -201,7 +201,7 @@ impl Places {
 /// Says in the log that a read hangs.
 pub(super) fn say_hanging(path: &Path) {
     tracing::warn!(
-        file = %path.display(), "a read has not returned for {} s: the disk or file server does not answer; other \
+        file = %text::of_path(path), "a read has not returned for {} s: the disk or file server does not answer; other \
          exports are read meanwhile", SAID_AFTER.as_secs()
     );
 }

@@ -126,6 +126,17 @@ impl Access {
                 Scope::Read | Scope::Upload => Ok(()),
             };
         }
+        let held = self.held(headers)?;
+        if held.scopes.contains(&scope) { Ok(()) } else { Err(Refusal::out_of_scope(&held.name, scope)) }
+    }
+
+    /// Name of the token of a request; empty without one.
+    pub fn token_name(&self, headers: &HeaderMap) -> &str {
+        self.held(headers).map_or("", |token| &token.name)
+    }
+
+    /// The token of a request.
+    fn held(&self, headers: &HeaderMap) -> Result<&Token, Refusal> {
         let given = bearer(headers).filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?;
         let given = of_bytes(given);
         // all are compared, so that the time says nothing of which it is
@@ -135,8 +146,7 @@ impl Access {
                 held = Some(token);
             }
         }
-        let held = held.ok_or_else(Refusal::wrong_token)?;
-        if held.scopes.contains(&scope) { Ok(()) } else { Err(Refusal::out_of_scope(&held.name, scope)) }
+        held.ok_or_else(Refusal::wrong_token)
     }
 
     /// Whether a request may read what is stored.

@@ -17,6 +17,7 @@ use prometheus_client::registry::Registry;
 
 use super::answer::Refusal;
 use super::shared::Shared;
+use super::status::readiness;
 use crate::metrics::Metrics;
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::text;
@@ -41,7 +42,11 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
         // said where it was met
         Err(_) => None,
     };
-    let text = written(&shared.metrics, stored).map_err(|error| Refusal::internal(&error))?;
+    let uploads = match shared.uploads {
+        Some(_) => Some(readiness(&shared).await.obstacle.is_none()),
+        None => None,
+    };
+    let text = written(&shared.metrics, Figures { stored, uploads }).map_err(|error| Refusal::internal(&error))?;
     Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 
@@ -84,26 +89,34 @@ impl Stored {
     }
 }
 
-fn written(process: &Metrics, stored: Option<Stored>) -> Result<String, fmt::Error> {
+fn written(process: &Metrics, figures: Figures) -> Result<String, fmt::Error> {
     let mut text = String::new();
     process.write(&mut text)?;
     let mut registry = Registry::default();
-    registry.register_collector(Box::new(Figures(stored)));
+    registry.register_collector(Box::new(figures));
     prometheus_text::encode(&mut text, &registry)?;
     Ok(text)
 }
 
 /// Figures of the program and of the database, of which there are none while it cannot be read.
 #[derive(Debug)]
-struct Figures(Option<Stored>);
+struct Figures {
+    stored: Option<Stored>,
+    /// Whether uploads are taken, where they are on.
+    uploads: Option<bool>,
+}
 
 impl Collector for Figures {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
-        let (to, stored) = (&mut encoder, self.0.as_ref());
+        let (to, stored) = (&mut encoder, self.stored.as_ref());
         let version = [("version", env!("CARGO_PKG_VERSION"))];
         gauges(to, "armwatch_build_info", "Version of the program.", [(version, 1)])?;
         let is_up = [([], u32::from(stored.is_some()))];
         gauges(to, "armwatch_database_up", "1 while the database can be read, 0 otherwise.", is_up)?;
+        if let Some(are_taken) = self.uploads {
+            let help = "1 while uploads are taken, 0 while the spool cannot be written or its disk is full.";
+            gauges(to, "armwatch_uploads_up", help, [([], u32::from(are_taken))])?;
+        }
         stored.map_or(Ok(()), |stored| {
             of_database(to, stored)?;
             of_joints(to, &stored.health)?;
@@ -296,7 +309,7 @@ mod tests {
             }],
             size: Some(DatabaseSize { database: 4096, log: 0 }),
         };
-        let text = written(&process, Some(stored)).unwrap();
+        let text = written(&process, Figures { stored: Some(stored), uploads: Some(true) }).unwrap();
         for line in [
             "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\"} 3",
             "armwatch_robot_quarantined_exports{robot=\"d\\\\u{a}\\\\u{1b}[2J\\\\u{202e}\"} 4",
@@ -318,7 +331,7 @@ mod tests {
 
     #[test]
     fn without_the_database_the_process_still_tells_of_itself() {
-        let text = written(&Metrics::counting(), None).unwrap();
+        let text = written(&Metrics::counting(), Figures { stored: None, uploads: Some(false) }).unwrap();
         assert!(text.contains("\narmwatch_database_up 0\n"), "{text}");
         assert!(text.contains("armwatch_cycles_stored_total 0") && !text.contains("armwatch_runs"), "{text}");
     }

@@ -1,9 +1,10 @@
-//! How many requests one address may send: a bucket of tokens that fills at a steady rate.
+//! How many requests one network may send: a bucket of tokens that fills at a steady rate.
 
 use std::collections::HashMap;
-use std::net::{IpAddr, Ipv6Addr};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+
+use super::network::Network;
 
 /// Seconds' worth of requests that may come at once, as a page asks for many things when it opens.
 const BURST_S: f64 = 4.0;
@@ -11,18 +12,14 @@ const BURST_S: f64 = 4.0;
 /// Least number of requests that may come at once, however low the rate.
 const LEAST_BURST: f64 = 20.0;
 
-/// Addresses that are remembered before those that have been silent are forgotten.
+/// Networks that are remembered before those that have been silent are forgotten.
 const REMEMBERED: usize = 4096;
 
-/// Where a request comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Peer(pub(super) IpAddr);
-
-/// Requests by address.
+/// Requests by network.
 #[derive(Debug)]
 pub(super) struct Rates {
     per_second: f64,
-    buckets: Mutex<HashMap<IpAddr, Bucket>>,
+    buckets: Mutex<HashMap<Network, Bucket>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +29,7 @@ struct Bucket {
 }
 
 impl Rates {
-    /// So many requests a second of each address; 0 is no bound.
+    /// So many requests a second of each network; 0 is no bound.
     pub(super) fn new(per_second: f64) -> Self {
         Self { per_second, buckets: Mutex::default() }
     }
@@ -40,8 +37,8 @@ impl Rates {
     /// Counts a request.
     ///
     /// # Errors
-    /// The time after which the address may send another one.
-    pub(super) fn count(&self, Peer(address): Peer, now: Instant) -> Result<(), Duration> {
+    /// The time after which the network may send another one.
+    pub(super) fn count(&self, network: Network, now: Instant) -> Result<(), Duration> {
         if self.per_second <= 0.0 {
             return Ok(());
         }
@@ -51,7 +48,7 @@ impl Rates {
             let full = Duration::from_secs_f64(most / self.per_second);
             buckets.retain(|_, bucket| now.saturating_duration_since(bucket.at) < full);
         }
-        let bucket = buckets.entry(network(address)).or_insert(Bucket { left: most, at: now });
+        let bucket = buckets.entry(network).or_insert(Bucket { left: most, at: now });
         let filled = now.saturating_duration_since(bucket.at).as_secs_f64() * self.per_second;
         *bucket = Bucket { left: (bucket.left + filled).min(most), at: now };
         if bucket.left < 1.0 {
@@ -62,33 +59,24 @@ impl Rates {
     }
 }
 
-/// What one client has of its own: an address of version 4, a network of 64 bits of version 6.
-fn network(address: IpAddr) -> IpAddr {
-    const PREFIX: u128 = u128::MAX << 64;
-    match address.to_canonical() {
-        IpAddr::V6(six) => IpAddr::V6(Ipv6Addr::from_bits(six.to_bits() & PREFIX)),
-        four @ IpAddr::V4(_) => four,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn peer(text: &str) -> Peer {
-        Peer(text.parse().unwrap())
+    fn network(text: &str) -> Network {
+        Network::of(text.parse().unwrap())
     }
 
     #[test]
-    fn an_address_has_its_rate_and_takes_none_of_the_others() {
+    fn a_network_has_its_rate_and_takes_none_of_the_others() {
         let (rates, begun) = (Rates::new(10.0), Instant::now());
-        let one = peer("10.0.0.1");
+        let one = network("10.0.0.1");
         for _ in 0..40 {
             assert_eq!(rates.count(one, begun), Ok(()));
         }
         let wait = rates.count(one, begun).unwrap_err();
         assert!((wait.as_secs_f64() - 0.1).abs() < 1e-9, "{wait:?}");
-        assert_eq!(rates.count(peer("::ffff:10.0.0.2"), begun), Ok(()));
+        assert_eq!(rates.count(network("::ffff:10.0.0.2"), begun), Ok(()));
         assert_eq!(rates.count(one, begun + wait), Ok(()));
         assert!(rates.count(one, begun + wait).is_err());
         assert!((0..1000).all(|_| Rates::new(0.0).count(one, begun).is_ok()));
@@ -97,13 +85,13 @@ mod tests {
     #[test]
     fn a_network_is_one_client_and_silent_ones_are_forgotten() {
         let (rates, begun) = (Rates::new(0.25), Instant::now());
-        assert!((0..20).all(|_| rates.count(peer("2001:db8::1"), begun).is_ok()));
-        assert!(rates.count(peer("2001:db8::2"), begun).is_err());
-        assert_eq!(rates.count(peer("2001:db8:0:1::1"), begun), Ok(()));
+        assert!((0..20).all(|_| rates.count(network("2001:db8::1"), begun).is_ok()));
+        assert!(rates.count(network("2001:db8::2"), begun).is_err());
+        assert_eq!(rates.count(network("2001:db8:0:1::1"), begun), Ok(()));
         for number in 0..u32::try_from(REMEMBERED).unwrap() {
-            assert!(rates.count(Peer(IpAddr::from(number.to_be_bytes())), begun).is_ok());
+            assert!(rates.count(Network::of(number.to_be_bytes().into()), begun).is_ok());
         }
-        assert!(rates.count(peer("10.9.9.9"), begun + Duration::from_secs(100)).is_ok());
+        assert!(rates.count(network("10.9.9.9"), begun + Duration::from_secs(100)).is_ok());
         assert_eq!(rates.buckets.lock().unwrap().len(), 1);
     }
 }

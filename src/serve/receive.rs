@@ -1,8 +1,7 @@
 //! From a request's body to a file: bounded in memory, size and time.
 
-use std::fs::File;
 use std::future::poll_fn;
-use std::io::{self, Write};
+use std::io;
 use std::pin::Pin;
 use std::time::Duration;
 
@@ -13,7 +12,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::answer::Refusal;
-use super::spool::Claim;
+use super::spool::{Claim, PartialFile};
 
 /// Pieces between the connection and the disk; each has some 16 to 400 kilobytes.
 const PIECES_IN_FLIGHT: usize = 2;
@@ -86,11 +85,16 @@ pub async fn receive(
 pub fn of_disk(error: &io::Error) -> Refusal {
     if is_full(error) {
         tracing::warn!(%error, "no space for uploads");
-        Refusal::new(StatusCode::INSUFFICIENT_STORAGE, "no space left for uploads; free some and send again")
-            .after(60)
+        no_uploads(&format!("no space left for uploads: {error}"))
     } else {
         Refusal::internal(error)
     }
+}
+
+/// The answer while uploads cannot be taken.
+pub fn no_uploads(reason: &str) -> Refusal {
+    let sentence = format!("{reason}; on the daemon's machine, free space or mend the spool, then send again");
+    Refusal::new(StatusCode::INSUFFICIENT_STORAGE, sentence).after(60)
 }
 
 fn is_full(error: &io::Error) -> bool {
@@ -98,11 +102,11 @@ fn is_full(error: &io::Error) -> bool {
     matches!(error.kind(), FileTooLarge | QuotaExceeded | StorageFull)
 }
 
-fn write(mut file: File, mut pieces: mpsc::Receiver<Bytes>) -> io::Result<()> {
+fn write(mut file: PartialFile, mut pieces: mpsc::Receiver<Bytes>) -> io::Result<()> {
     while let Some(piece) = pieces.blocking_recv() {
-        file.write_all(&piece)?;
+        file.append(&piece)?;
     }
-    file.sync_all()
+    file.sync()
 }
 
 async fn hand_on(
@@ -171,6 +175,7 @@ pub fn too_large(most: u64) -> Refusal {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::serve::reserve::Reserve;
     use crate::serve::spool::Spool;
 
     const BOUNDS: Bounds = Bounds {
@@ -182,8 +187,10 @@ mod tests {
 
     fn upload() -> (tempfile::TempDir, Spool, Claim) {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::open(folder.path()).unwrap();
-        let claim = spool.claim("A.csv", None).unwrap();
+        let spool = Spool::new(folder.path(), Reserve::new(folder.path(), None, Some(0)), 4);
+        spool.prepare().unwrap();
+        let mut claim = spool.claim("A.csv", None, "").unwrap().unwrap();
+        claim.begin(true, None).unwrap();
         (folder, spool, claim)
     }
 
@@ -202,7 +209,7 @@ mod tests {
     #[tokio::test]
     async fn a_stop_keeps_what_arrived() {
         let (_folder, _spool, claim) = upload();
-        claim.open(true).unwrap().write_all(b"0123").unwrap();
+        claim.open(true).unwrap().append(b"0123").unwrap();
         let stop = CancellationToken::new();
         stop.cancel();
         // the first byte comes at once and may be taken before the stop is seen, none after it

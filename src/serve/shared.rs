@@ -1,6 +1,7 @@
 //! What requests share.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -10,6 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::access::Access;
 use super::answer::Refusal;
 use super::rates::Rates;
+use super::reserve::Reserve;
 use super::spool::Spool;
 use crate::metrics::Metrics;
 use armwatch_config::{Config, UploadSettings};
@@ -22,7 +24,7 @@ pub(super) struct Shared {
     pub(super) store: Store,
     pub(super) access: Access,
     pub(super) uploads: Option<Uploads>,
-    /// Requests by address.
+    /// Requests by network.
     pub(super) rates: Rates,
     /// Turns of statements of people and programs: their work takes cores from the pipeline.
     pub(super) statements: Arc<Semaphore>,
@@ -63,20 +65,21 @@ impl Shared {
 pub(super) const STATEMENTS: usize = 2;
 
 /// What the last look said, and when it was.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Readiness {
     pub(super) at: Instant,
     /// Why the database cannot be used.
     pub(super) database: Result<(), &'static str>,
-    pub(super) spool: bool,
+    /// Why no uploads are taken, although they are on.
+    pub(super) obstacle: Option<String>,
 }
 
 /// Uploads remembered, so that a client can ask at once: those that the ledger may not know yet, and names of contents that
 /// it knew by another one.
 const REMEMBERED: usize = 1024;
 
-/// Time between two looks for uploads that nobody goes on with.
-pub(super) const CLEANING_INTERVAL: Duration = Duration::from_secs(3600);
+/// Time between two looks at the spool: for space, and for uploads that nobody goes on with.
+pub(super) const CLEANING_INTERVAL: Duration = Duration::from_secs(60);
 
 /// What uploads share.
 #[derive(Debug)]
@@ -92,6 +95,8 @@ pub struct Uploads {
     pub(super) waiting: Mutex<VecDeque<Sent>>,
     /// Uploads that were not taken, since their content was here or stored already; the latest last.
     pub(super) known: Mutex<VecDeque<Sent>>,
+    /// Whether the last look at the spool found an obstacle.
+    is_refusing: AtomicBool,
 }
 
 /// A content as it was sent.
@@ -102,8 +107,12 @@ pub(super) struct Sent {
 }
 
 impl Uploads {
-    /// Uploads into `spool` of robots that `config` knows.
-    pub fn new(settings: UploadSettings, spool: Spool, config: watch::Receiver<Arc<Config>>) -> Self {
+    /// Uploads into the spool of robots that `config` knows.
+    pub fn new(settings: UploadSettings, config: watch::Receiver<Arc<Config>>) -> Self {
+        let reserve =
+            Reserve::new(&settings.spool, config.borrow().database_file(), settings.reserve_bytes);
+        // a slow client leaves a place to others
+        let spool = Spool::new(&settings.spool, reserve, settings.at_once.saturating_sub(1).max(1));
         let places = Semaphore::new(settings.at_once);
         Self {
             settings,
@@ -113,6 +122,7 @@ impl Uploads {
             placing: tokio::sync::Mutex::default(),
             waiting: Mutex::default(),
             known: Mutex::default(),
+            is_refusing: AtomicBool::new(false),
         }
     }
 
@@ -132,10 +142,25 @@ impl Uploads {
         latest(&self.known, name)
     }
 
-    /// Whether the spool can be written to.
-    pub async fn is_writable(&self) -> bool {
+    /// Why no upload can be taken now: the spool cannot be written, or its disk or that of the database has no space
+    /// beyond the reserve. The log says so when it begins and ends.
+    pub async fn obstacle(&self) -> Option<String> {
         let spool = self.spool.clone();
-        matches!(tokio::task::spawn_blocking(move || spool.probe()).await, Ok(Ok(())))
+        let obstacle = match tokio::task::spawn_blocking(move || spool.check()).await {
+            Ok(Ok(())) => None,
+            Ok(Err(error)) => Some(error.to_string()),
+            Err(error) => Some(error.to_string()),
+        };
+        let was_refusing = self.is_refusing.swap(obstacle.is_some(), Ordering::Relaxed);
+        let spool = self.settings.spool.display();
+        match &obstacle {
+            Some(error) if !was_refusing => {
+                tracing::error!(%error, %spool, "uploads are refused until their folder can be written; all else goes on");
+            }
+            None if was_refusing => tracing::info!(%spool, "uploads are taken again"),
+            _ => {}
+        }
+        obstacle
     }
 
     /// Remembers a content that got this name.

@@ -1,7 +1,7 @@
 //! The folder that uploads go to. What is not whole yet lies in a hidden folder inside it, which no scan looks
 //! into, under a name made of what tells uploads apart; it survives a restart, and is renamed in when whole.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 use std::{fs, io};
 
+use super::reserve::Reserve;
 use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
 use armwatch_model::run::ContentHash;
 
@@ -24,14 +25,28 @@ const STALE: Duration = Duration::from_secs(10 * 24 * 3600);
 /// a battery takes the right date from the network after its start.
 const STALE_HERE: Duration = Duration::from_secs(24 * 3600);
 
-/// Uploads that are not whole at most: clients that begin and never end must not fill a disk's tables.
-pub const MOST_PARTIALS: usize = 1024;
+/// While space is short, an upload that its client has not continued for so long is deleted. Its client begins again;
+/// without space, no client could upload anything.
+const STALE_WHEN_SHORT: Duration = Duration::from_secs(3600);
+
+/// Most uploads that are not whole: clients that begin and never end must not fill a disk's tables.
+const MOST_PARTIALS: usize = 1024;
+
+/// The share of one client, so that a client that begins and never ends loses its own uploads only.
+const MOST_PARTIALS_OF_ONE: usize = MOST_PARTIALS / 4;
+
+/// Bytes of a file that are written before the reserve is checked again.
+const CHECK_INTERVAL_BYTES: usize = 4 << 20;
 
 /// The folder.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Spool {
     folder: PathBuf,
-    active: Arc<Mutex<HashSet<PathBuf>>>,
+    reserve: Arc<Reserve>,
+    /// Uploads that a request writes to, by key, with their clients.
+    active: Arc<Mutex<HashMap<String, String>>>,
+    /// Most uploads of one client that are written at once.
+    most_of_one: usize,
     probes: Arc<AtomicU64>,
     /// Uploads that are not whole, as they were when they changed last.
     standing: Arc<Mutex<HashMap<PathBuf, Standing>>>,
@@ -40,29 +55,78 @@ pub struct Spool {
 /// Length and time of modification of an upload, and since when it has had them.
 type Standing = (u64, SystemTime, Instant);
 
+/// An upload that is not whole. Its file is named `KEY.TOTAL.CLIENT`, so that total and client survive a restart. Earlier
+/// versions named it `KEY`.
+#[derive(Debug)]
+struct Partial {
+    path: PathBuf,
+    /// The hash of name and content.
+    key: String,
+    /// Bytes of the whole export, if a request has said it.
+    total: Option<u64>,
+    /// The client that sent the latest part.
+    client: String,
+    /// Bytes that are there.
+    bytes: u64,
+    modified: SystemTime,
+}
+
 /// An upload that is not whole, claimed by one request until it is dropped.
 #[derive(Debug)]
 pub struct Claim {
+    spool: Spool,
+    key: String,
+    client: String,
     path: PathBuf,
-    active: Arc<Mutex<HashSet<PathBuf>>>,
+    total: Option<u64>,
+}
+
+/// Why an upload cannot be claimed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Busy {
+    /// Another request writes to it.
+    Upload,
+    /// Its client writes to as many others as it may.
+    Client,
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        self.active.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.path);
+        self.spool.active().remove(&self.key);
     }
 }
 
 impl Spool {
-    /// Makes the folder where it is not there, and sees that it can be written to.
+    /// A folder that leaves a reserve free on its disk. One client writes at most `most_of_one` uploads at once.
+    #[must_use]
+    pub fn new(folder: &Path, reserve: Reserve, most_of_one: usize) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            reserve: Arc::new(reserve),
+            active: Arc::default(),
+            most_of_one,
+            probes: Arc::default(),
+            standing: Arc::default(),
+        }
+    }
+
+    /// Creates the folder if it is missing.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn open(folder: &Path) -> io::Result<Self> {
-        fs::create_dir_all(folder.join(PARTIAL))?;
-        let spool = Self { folder: folder.to_owned(), ..Self::default() };
-        spool.probe()?;
-        Ok(spool)
+    pub fn prepare(&self) -> io::Result<()> {
+        fs::create_dir_all(self.folder.join(PARTIAL))
+    }
+
+    /// Checks that uploads can be written and that the reserve is free. If it is not, deletes abandoned uploads as
+    /// [`Spool::room_for`] does.
+    ///
+    /// # Errors
+    /// Those of the file system; [`io::ErrorKind::StorageFull`] if the reserve is not free.
+    pub fn check(&self) -> io::Result<()> {
+        self.prepare()?;
+        self.room_for(0, SystemTime::now())?;
+        self.probe()
     }
 
     /// Sees that the folder can be written to.
@@ -78,13 +142,60 @@ impl Spool {
         written.and(removed)
     }
 
-    /// Claims the upload of this name and, where the client said it, content; `None` while another request
-    /// writes to it.
-    #[must_use]
-    pub fn claim(&self, name: &str, content: Option<&ContentHash>) -> Option<Claim> {
-        let path = self.partial(name, content);
-        let mut active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
-        active.insert(path.clone()).then(|| Claim { path, active: Arc::clone(&self.active) })
+    /// Checks that so many more bytes leave the reserve free. While they do not, deletes uploads that their clients have
+    /// not continued for an hour as of `date`, the oldest first. For 0 bytes it deletes as many as there are, otherwise
+    /// only if they free enough.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::StorageFull`] without space, otherwise those of the file system.
+    pub fn room_for(&self, bytes: u64, date: SystemTime) -> io::Result<()> {
+        let Some(short) = self.reserve.shortage(bytes)? else { return Ok(()) };
+        let mut idle = self.partials()?;
+        idle.retain(|partial| partial.age(date) > STALE_WHEN_SHORT);
+        idle.sort_by_key(|partial| partial.modified);
+        if idle.iter().map(|partial| partial.bytes).sum::<u64>() < short.bytes && bytes > 0 {
+            return Err(short.into());
+        }
+        for partial in idle {
+            if self.give_up(&partial)? {
+                tracing::warn!("deleted an unfinished upload of more than an hour ago, because space is short");
+            }
+            if self.reserve.shortage(bytes)?.is_none() {
+                return Ok(());
+            }
+        }
+        self.reserve.shortage(bytes)?.map_or(Ok(()), |short| Err(short.into()))
+    }
+
+    /// Claims the upload of this name and, where the client said it, content.
+    ///
+    /// # Errors
+    /// [`Busy`] while another request writes to it, or its client writes to too many. In the outer result, those of the
+    /// file system.
+    pub fn claim(
+        &self,
+        name: &str,
+        content: Option<&ContentHash>,
+        client: &str,
+    ) -> io::Result<Result<Claim, Busy>> {
+        let key = key(name, content);
+        let client = key_of(client).chars().take(16).collect::<String>();
+        {
+            let mut active = self.active();
+            if active.contains_key(&key) {
+                return Ok(Err(Busy::Upload));
+            }
+            if active.values().filter(|of| **of == client).count() >= self.most_of_one {
+                return Ok(Err(Busy::Client));
+            }
+            active.insert(key.clone(), client.clone());
+        }
+        let path = self.folder.join(PARTIAL).join(&key);
+        let mut claim = Claim { spool: self.clone(), key, client, path, total: None };
+        if let Some(partial) = self.partial(&claim.key)? {
+            (claim.path, claim.total) = (partial.path, partial.total);
+        }
+        Ok(Ok(claim))
     }
 
     /// How many bytes of an upload are there, and whether it is whole; `None` where nothing is.
@@ -92,8 +203,8 @@ impl Spool {
     /// # Errors
     /// Those of the file system.
     pub fn offset(&self, name: &str, content: Option<&ContentHash>) -> io::Result<Option<(u64, bool)>> {
-        if let Some(bytes) = length(&self.partial(name, content))? {
-            return Ok(Some((bytes, false)));
+        if let Some(partial) = self.partial(&key(name, content))? {
+            return Ok(Some((partial.bytes, false)));
         }
         Ok(length(&self.place(name))?.map(|bytes| (bytes, true)))
     }
@@ -125,14 +236,6 @@ impl Spool {
         File::open(&self.folder)?.sync_all()
     }
 
-    /// Number of uploads that are not whole.
-    ///
-    /// # Errors
-    /// Those of the file system.
-    pub fn partials(&self) -> io::Result<usize> {
-        Ok(fs::read_dir(self.folder.join(PARTIAL))?.count())
-    }
-
     /// Gives up uploads that were not gone on with for days, as of `date` and, by a clock that does not jump, `now`.
     /// Returns how many.
     ///
@@ -142,30 +245,119 @@ impl Spool {
         let mut removed = 0;
         let mut standing = self.standing.lock().unwrap_or_else(PoisonError::into_inner);
         let before = std::mem::take(&mut *standing);
-        for entry in fs::read_dir(self.folder.join(PARTIAL))? {
-            let entry = entry?;
-            let metadata = entry.metadata()?;
-            let (bytes, modified) = (metadata.len(), metadata.modified()?);
-            let known = before.get(&entry.path()).filter(|known| (known.0, known.1) == (bytes, modified));
+        for partial in self.partials()? {
+            let (bytes, modified) = (partial.bytes, partial.modified);
+            let known = before.get(&partial.path).filter(|known| (known.0, known.1) == (bytes, modified));
             let since = known.map_or(now, |known| known.2);
-            standing.insert(entry.path(), (bytes, modified, since));
-            let is_old = date.duration_since(modified).is_ok_and(|age| age > STALE);
-            let is_stale = is_old && now.duration_since(since) >= STALE_HERE;
-            let active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
-            if is_stale && !active.contains(&entry.path()) {
-                fs::remove_file(entry.path())?;
+            standing.insert(partial.path.clone(), (bytes, modified, since));
+            if partial.age(date) > STALE && now.duration_since(since) >= STALE_HERE && self.give_up(&partial)? {
                 removed += 1;
             }
         }
         Ok(removed)
     }
 
-    fn partial(&self, name: &str, content: Option<&ContentHash>) -> PathBuf {
-        // A hash: a name of 255 bytes leaves no room for an ending. Names hold no line feed.
-        let content = content.map(ToString::to_string).unwrap_or_default();
-        let key = of_bytes(format!("{name}\n{content}").as_bytes());
-        self.folder.join(PARTIAL).join(key.to_string())
+    /// Removes idle uploads until `client` may begin another one: the oldest of its own beyond its share, otherwise of
+    /// the client that has most.
+    fn make_room(&self, client: &str) -> io::Result<()> {
+        loop {
+            let mut partials = self.partials()?;
+            let mut counts: HashMap<&str, usize> = HashMap::new();
+            for partial in &partials {
+                *counts.entry(&partial.client).or_default() += 1;
+            }
+            let crowded = if counts.get(client).is_some_and(|own| *own >= MOST_PARTIALS_OF_ONE) {
+                Some(client)
+            } else if partials.len() >= MOST_PARTIALS {
+                counts.iter().max_by_key(|(_, count)| **count).map(|(client, _)| *client)
+            } else {
+                None
+            };
+            let Some(crowded) = crowded.map(str::to_owned) else { return Ok(()) };
+            partials.retain(|partial| partial.client == crowded);
+            partials.sort_by_key(|partial| partial.modified);
+            let mut removed = false;
+            for partial in partials {
+                removed = self.give_up(&partial)?;
+                if removed {
+                    tracing::warn!("deleted the oldest of too many unfinished uploads");
+                    break;
+                }
+            }
+            if !removed {
+                // requests write to all of them, and end
+                return Ok(());
+            }
+        }
     }
+
+    /// Removes an upload, unless a request writes to it. Returns whether it did.
+    fn give_up(&self, partial: &Partial) -> io::Result<bool> {
+        // held, so that no request claims it meanwhile
+        let active = self.active();
+        if active.contains_key(&partial.key) {
+            return Ok(false);
+        }
+        match fs::remove_file(&partial.path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(true),
+        }
+    }
+
+    /// Uploads that are not whole.
+    fn partials(&self) -> io::Result<Vec<Partial>> {
+        let entries = match fs::read_dir(self.folder.join(PARTIAL)) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(error) => return Err(error),
+        };
+        let mut partials = Vec::new();
+        for entry in entries {
+            let entry = entry?;
+            match entry.metadata() {
+                Ok(metadata) => partials.extend(Partial::of(entry.path(), &metadata)),
+                // it was deleted or became whole since the listing
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(partials)
+    }
+
+    fn partial(&self, key: &str) -> io::Result<Option<Partial>> {
+        Ok(self.partials()?.into_iter().find(|partial| partial.key == key))
+    }
+
+    fn active(&self) -> std::sync::MutexGuard<'_, HashMap<String, String>> {
+        self.active.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Partial {
+    /// Reads the name of a file; `None` for a probe.
+    fn of(path: PathBuf, metadata: &fs::Metadata) -> Option<Self> {
+        let name = path.file_name()?.to_str()?;
+        let mut words = name.split('.');
+        let key = words.next().filter(|key| !key.starts_with("probe-"))?.to_owned();
+        let total = words.next().and_then(|total| total.parse().ok());
+        let client = words.next().unwrap_or_default().to_owned();
+        Some(Self { path, key, total, client, bytes: metadata.len(), modified: metadata.modified().ok()? })
+    }
+
+    /// Time since the latest part as of `date`.
+    fn age(&self, date: SystemTime) -> Duration {
+        date.duration_since(self.modified).unwrap_or_default()
+    }
+}
+
+/// The key of an upload, a hash of its name and content: a name of 255 bytes leaves no room for an ending. Names hold no line feed.
+fn key(name: &str, content: Option<&ContentHash>) -> String {
+    let content = content.map(ToString::to_string).unwrap_or_default();
+    key_of(&format!("{name}\n{content}"))
+}
+
+fn key_of(text: &str) -> String {
+    of_bytes(text.as_bytes()).to_string()
 }
 
 impl Claim {
@@ -177,14 +369,43 @@ impl Claim {
         Ok(length(&self.path)?.unwrap_or(0))
     }
 
+    /// Bytes of the whole export, if an earlier request has said it.
+    #[must_use]
+    pub fn total(&self) -> Option<u64> {
+        self.total
+    }
+
+    /// Begins the upload, of which an earlier one may be there, or goes on with it. `total` are the bytes of the whole
+    /// export if the client says it; an upload that is gone on with keeps the total that it has.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn begin(&mut self, from_start: bool, total: Option<u64>) -> io::Result<()> {
+        let is_there = length(&self.path)?.is_some();
+        if !is_there {
+            self.spool.make_room(&self.client)?;
+        }
+        self.total = if from_start { total } else { self.total.or(total) };
+        let total = self.total.map_or_else(|| "-".to_owned(), |total| total.to_string());
+        let name = format!("{}.{total}.{}", self.key, self.client);
+        let path = self.spool.folder.join(PARTIAL).join(name);
+        if is_there {
+            fs::rename(&self.path, &path)?;
+        }
+        self.path = path;
+        Ok(())
+    }
+
     /// Opens the upload to be written from its start, or to be gone on with.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn open(&self, from_start: bool) -> io::Result<File> {
+    pub fn open(&self, from_start: bool) -> io::Result<PartialFile> {
         let mut options = File::options();
         options.create(true);
-        if from_start { options.write(true).truncate(true) } else { options.append(true) }.open(&self.path)
+        let file =
+            if from_start { options.write(true).truncate(true) } else { options.append(true) }.open(&self.path)?;
+        Ok(PartialFile { file, reserve: Arc::clone(&self.spool.reserve), unchecked: 0 })
     }
 
     /// Content and length, read from disk.
@@ -204,6 +425,40 @@ impl Claim {
     }
 }
 
+/// The file of an upload, which grows only while the reserve is free.
+#[derive(Debug)]
+pub struct PartialFile {
+    file: File,
+    reserve: Arc<Reserve>,
+    /// Bytes since the reserve was checked.
+    unchecked: usize,
+}
+
+impl PartialFile {
+    /// Appends bytes.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::StorageFull`] without space beyond the reserve, otherwise those of the file system.
+    pub fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.unchecked += bytes.len();
+        if self.unchecked >= CHECK_INTERVAL_BYTES {
+            self.unchecked = 0;
+            if let Some(short) = self.reserve.shortage(bytes.len() as u64)? {
+                return Err(short.into());
+            }
+        }
+        self.file.write_all(bytes)
+    }
+
+    /// Waits until all bytes are on disk.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn sync(&self) -> io::Result<()> {
+        self.file.sync_all()
+    }
+}
+
 fn length(path: &Path) -> io::Result<Option<u64>> {
     match fs::metadata(path) {
         Ok(metadata) => Ok(Some(metadata.len())),
@@ -216,36 +471,159 @@ fn length(path: &Path) -> io::Result<Option<u64>> {
 mod tests {
     use super::*;
 
+    const CLIENT: &str = "token of cell 3";
+
+    fn spool(folder: &Path) -> Spool {
+        let spool = Spool::new(folder, Reserve::new(folder, None, Some(0)), 2 * MOST_PARTIALS);
+        spool.prepare().unwrap();
+        spool
+    }
+
+    fn claim(spool: &Spool, name: &str, client: &str) -> Claim {
+        spool.claim(name, None, client).unwrap().unwrap()
+    }
+
+    /// Adds bytes to an upload.
+    fn send(spool: &Spool, name: &str, client: &str, bytes: &[u8]) -> Claim {
+        let mut claim = claim(spool, name, client);
+        claim.begin(false, None).unwrap();
+        claim.open(false).unwrap().append(bytes).unwrap();
+        claim
+    }
+
+    fn count(spool: &Spool) -> usize {
+        spool.partials().unwrap().len()
+    }
+
     #[test]
     fn an_upload_is_gone_on_with_and_renamed_in() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::open(&folder.path().join("spool")).unwrap();
-        assert_eq!(spool.offset("A.csv", None).unwrap(), None);
-        let claim = spool.claim("A.csv", None).unwrap();
-        assert!(spool.claim("A.csv", None).is_none(), "one at a time");
-        assert!(spool.claim("B.csv", None).is_some());
-        claim.open(true).unwrap().write_all(b"time,").unwrap();
+        let first = spool(&folder.path().join("spool"));
+        assert_eq!(first.offset("A.csv", None).unwrap(), None);
+        let mut claim = claim(&first, "A.csv", CLIENT);
+        assert_eq!(first.claim("A.csv", None, CLIENT).unwrap().unwrap_err(), Busy::Upload, "one at a time");
+        assert!(first.claim("B.csv", None, CLIENT).unwrap().is_ok());
+        claim.begin(true, Some(11)).unwrap();
+        claim.open(true).unwrap().append(b"time,").unwrap();
         drop(claim);
-        // after a restart
-        let spool = Spool::open(&folder.path().join("spool")).unwrap();
+        // after a restart, by another client
+        let spool = spool(&folder.path().join("spool"));
         assert_eq!(spool.offset("A.csv", None).unwrap(), Some((5, false)));
         assert_eq!(spool.offset("A.csv", Some(&of_bytes(b"x"))).unwrap(), None, "another content");
-        let claim = spool.claim("A.csv", None).unwrap();
-        claim.open(false).unwrap().write_all(b"pos_1\n").unwrap();
+        let mut claim = spool.claim("A.csv", None, "").unwrap().unwrap();
+        assert_eq!((claim.length().unwrap(), claim.total()), (5, Some(11)));
+        claim.begin(false, Some(11)).unwrap();
+        claim.open(false).unwrap().append(b"pos_1\n").unwrap();
         assert_eq!(claim.content().unwrap(), (of_bytes(b"time,pos_1\n"), 11));
         spool.put(&claim, "A.csv").unwrap();
         assert_eq!(fs::read(spool.place("A.csv")).unwrap(), b"time,pos_1\n");
         assert_eq!(spool.offset("A.csv", None).unwrap(), Some((11, true)));
-        assert_eq!(spool.partials().unwrap(), 0);
+        assert_eq!(count(&spool), 0);
+    }
+
+    #[test]
+    fn the_total_is_that_of_the_first_request_that_says_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = spool(folder.path());
+        let begun = |from_start, total| {
+            let mut claim = claim(&spool, "A.csv", CLIENT);
+            let before = claim.total();
+            claim.begin(from_start, total).unwrap();
+            claim.open(from_start).unwrap();
+            (before, claim.total(), count(&spool))
+        };
+        assert_eq!(begun(true, None), (None, None, 1));
+        assert_eq!(begun(false, Some(10)), (None, Some(10), 1));
+        assert_eq!(begun(false, Some(20)), (Some(10), Some(10), 1));
+        assert_eq!(begun(true, Some(30)), (Some(10), Some(30), 1), "begun again");
+        // of a version that wrote the key alone
+        fs::write(folder.path().join(PARTIAL).join(key("B.csv", None)), b"12").unwrap();
+        let earlier = claim(&spool, "B.csv", CLIENT);
+        assert_eq!((earlier.length().unwrap(), earlier.total()), (2, None));
+    }
+
+    #[test]
+    fn a_client_with_too_many_uploads_loses_its_own_oldest_that_is_idle() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = spool(folder.path());
+        let set_age = |name: &str, age: u64| {
+            let path = spool.partial(&key(name, None)).unwrap().unwrap().path;
+            let date = SystemTime::now() - Duration::from_secs(age);
+            File::options().write(true).open(path).unwrap().set_modified(date).unwrap();
+        };
+        drop(send(&spool, "honest.csv", "other", b"1"));
+        set_age("honest.csv", 5000);
+        for number in 0..MOST_PARTIALS_OF_ONE {
+            let name = format!("{number}.csv");
+            drop(send(&spool, &name, CLIENT, b"1"));
+            set_age(&name, 4000 - number as u64);
+        }
+        let in_progress = claim(&spool, "0.csv", CLIENT);
+        for name in ["x.csv", "y.csv"] {
+            drop(send(&spool, name, CLIENT, b"1"));
+        }
+        let is_there = |name: &str| spool.offset(name, None).unwrap().is_some();
+        let gone: Vec<bool> = ["0.csv", "1.csv", "2.csv", "3.csv"].map(|name| !is_there(name)).into();
+        assert_eq!(gone, [false, true, true, false], "the oldest but not the one in progress");
+        assert!(is_there("honest.csv") && is_there("y.csv"));
+        assert_eq!(count(&spool), MOST_PARTIALS_OF_ONE + 1);
+        drop(in_progress);
+    }
+
+    #[test]
+    fn when_there_are_too_many_uploads_the_client_with_most_loses_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = spool(folder.path());
+        for number in 0..MOST_PARTIALS {
+            // three clients with their share, and some with one upload each
+            let client = if number < 3 * MOST_PARTIALS_OF_ONE { number % 3 } else { number };
+            drop(send(&spool, &format!("{number}.csv"), &client.to_string(), b"1"));
+        }
+        drop(send(&spool, "new.csv", "new", b"1"));
+        assert_eq!(count(&spool), MOST_PARTIALS);
+        let small = 3 * MOST_PARTIALS_OF_ONE..MOST_PARTIALS;
+        assert!(small.into_iter().all(|at| spool.offset(&format!("{at}.csv"), None).unwrap().is_some()));
+    }
+
+    #[test]
+    fn one_client_leaves_a_turn_to_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let spool = Spool::new(folder.path(), Reserve::new(folder.path(), None, Some(0)), 1);
+        let held = claim(&spool, "A.csv", CLIENT);
+        assert_eq!(spool.claim("B.csv", None, CLIENT).unwrap().unwrap_err(), Busy::Client);
+        drop(claim(&spool, "B.csv", "other"));
+        drop(held);
+        drop(claim(&spool, "B.csv", CLIENT));
+    }
+
+    #[test]
+    fn without_space_idle_uploads_go_and_what_is_written_ends_before_the_reserve() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut spool = spool(folder.path());
+        drop(send(&spool, "A.csv", CLIENT, b"1"));
+        let active = send(&spool, "B.csv", CLIENT, b"1");
+        spool.reserve = Arc::new(Reserve::new(folder.path(), None, Some(1 << 60)));
+        let now = SystemTime::now();
+        assert!(spool.check().is_err() && count(&spool) == 2, "uploads of the last hour stay");
+        let later = now + 2 * STALE_WHEN_SHORT;
+        assert!(spool.room_for(1, later).is_err() && count(&spool) == 2, "they would not be enough");
+        let full = spool.room_for(0, later).unwrap_err();
+        assert_eq!((full.kind(), count(&spool)), (io::ErrorKind::StorageFull, 1));
+        drop(active);
+        let mut claim = spool.claim("B.csv", None, CLIENT).unwrap().unwrap();
+        claim.begin(false, None).unwrap();
+        let mut file = claim.open(false).unwrap();
+        let written = (0..).find_map(|_| file.append(&[b'1'; 1 << 20]).err()).unwrap();
+        assert_eq!(written.kind(), io::ErrorKind::StorageFull);
+        assert!(claim.length().unwrap() < 2 * CHECK_INTERVAL_BYTES as u64);
     }
 
     #[test]
     fn what_nobody_went_on_with_is_given_up_and_what_is_written_is_not() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::open(folder.path()).unwrap();
-        drop(spool.claim("A.csv", None).unwrap().open(true).unwrap());
-        let active = spool.claim("B.csv", None).unwrap();
-        drop(active.open(true).unwrap());
+        let spool = spool(folder.path());
+        drop(send(&spool, "A.csv", CLIENT, b""));
+        let _active = send(&spool, "B.csv", CLIENT, b"");
         let (date, now) = (SystemTime::now(), Instant::now());
         assert_eq!(spool.remove_stale(date, now).unwrap(), 0);
         assert_eq!(spool.remove_stale(date + 2 * STALE, now + STALE_HERE / 2).unwrap(), 0, "the date jumped");
@@ -256,11 +634,10 @@ mod tests {
     #[test]
     fn an_upload_that_is_gone_on_with_now_and_then_is_kept_whatever_the_date() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::open(folder.path()).unwrap();
+        let spool = spool(folder.path());
         let (date, now) = (SystemTime::now() + 2 * STALE, Instant::now());
         for day in 0..5 {
-            let mut file = spool.claim("A.csv", None).unwrap().open(false).unwrap();
-            file.write_all(b"1\n").unwrap();
+            drop(send(&spool, "A.csv", CLIENT, b"1\n"));
             assert_eq!(spool.remove_stale(date, now + day * STALE_HERE).unwrap(), 0, "{day}");
         }
     }
@@ -268,12 +645,12 @@ mod tests {
     #[test]
     fn looks_at_the_same_time_do_not_fail_each_other() {
         let folder = tempfile::tempdir().unwrap();
-        let spool = Spool::open(folder.path()).unwrap();
+        let spool = spool(folder.path());
         let look = || (0..300).try_for_each(|_| spool.probe());
         std::thread::scope(|scope| {
             let looks: Vec<_> = (0..4).map(|_| scope.spawn(look)).collect();
             looks.into_iter().for_each(|look| look.join().unwrap().unwrap());
         });
-        assert_eq!(spool.partials().unwrap(), 0);
+        assert_eq!(fs::read_dir(folder.path().join(PARTIAL)).unwrap().count(), 0);
     }
 }

@@ -48,8 +48,10 @@ pub struct Ready {
     ready: bool,
     /// Whether the database answers
     database: bool,
-    /// Whether the spool can be written, where uploads are on
+    /// Whether uploads can be taken, where they are on
     spool: bool,
+    /// Why uploads are refused, although they are on; everything else goes on meanwhile
+    uploads_refused: Option<String>,
     /// Whether every watched folder is looked at: a disk or file server that does not answer is not
     folders_answer: bool,
     /// The watched folders
@@ -203,7 +205,7 @@ const READY_HOLDS: Duration = Duration::from_secs(1);
 
 /// Whether the daemon can work
 ///
-/// The database answers, uploads can be written, and each watched folder is looked at. The answer holds for a second.
+/// The database answers, uploads can be taken, and each watched folder is looked at. The answer holds for a second.
 #[utoipa::path(
     get, path = "/ready", tag = "Daemon", operation_id = "ready",
     responses(
@@ -213,7 +215,7 @@ const READY_HOLDS: Duration = Duration::from_secs(1);
 )]
 pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     let stopping = shared.stop.is_cancelled();
-    let Readiness { database, spool, .. } = readiness(&shared).await;
+    let Readiness { database, obstacle: uploads_refused, .. } = readiness(&shared).await;
     let looked_at = |of: FolderState| WatchedFolder {
         folder: of.folder,
         last_scan_at: of.looked_at.map(time_in_views),
@@ -221,34 +223,37 @@ pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
     };
     let folders: Vec<WatchedFolder> = shared.metrics.folders().into_iter().map(looked_at).collect();
     let folders_answer = folders.iter().all(|of| of.answers);
+    let spool = uploads_refused.is_none();
     let reasons = [
         database.err(),
-        (!spool).then_some("the spool of uploads cannot be written to"),
+        (!spool).then_some("uploads are refused"),
         (!folders_answer).then_some("a watched folder does not answer"),
         stopping.then_some("it stops"),
     ];
     let reason = reasons.into_iter().flatten().next();
     let status = if reason.is_none() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     let (ready, database) = (reason.is_none(), database.is_ok());
-    (status, Json(Ready { ready, database, spool, folders_answer, folders, stopping, reason })).into_response()
+    let ready = Ready { ready, database, spool, uploads_refused, folders_answer, folders, stopping, reason };
+    (status, Json(ready)).into_response()
 }
 
-async fn readiness(shared: &Shared) -> Readiness {
+/// What a look at database and spool says, at most a second old.
+pub(super) async fn readiness(shared: &Shared) -> Readiness {
     // those that ask meanwhile wait for this look
     let mut last = shared.readiness.lock().await;
-    if let Some(known) = last.filter(|known| known.at.elapsed() < READY_HOLDS) {
-        return known;
+    if let Some(known) = last.as_ref().filter(|known| known.at.elapsed() < READY_HOLDS) {
+        return known.clone();
     }
     let database = shared.store.probe().await.map_err(|error| match error {
         // anybody may ask, and the whole sentence names paths
         StoreError::Displaced { .. } => "the open database is no longer the file at its path",
         _ => "the database does not answer",
     });
-    let spool = match &shared.uploads {
-        Some(uploads) => uploads.is_writable().await,
-        None => true,
+    let obstacle = match &shared.uploads {
+        Some(uploads) => uploads.obstacle().await,
+        None => None,
     };
-    *last.insert(Readiness { at: Instant::now(), database, spool })
+    last.insert(Readiness { at: Instant::now(), database, obstacle }).clone()
 }
 
 /// Any other address.

@@ -7,7 +7,7 @@ use std::path;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-use axum::Json;
+use axum::{Extension, Json};
 use axum::body::Body;
 use axum::extract::{Path, Query, State};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
@@ -18,10 +18,11 @@ use utoipa::ToSchema;
 
 use super::access::Scope;
 use super::answer::{Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
+use super::network::Network;
 use super::part::Part;
-use super::receive::{Bounds, SLOW_START, of_disk, receive};
+use super::receive::{Bounds, SLOW_START, no_uploads, of_disk, receive};
 use super::shared::{Shared, Uploads};
-use super::spool::{Claim, MOST_PARTIALS};
+use super::spool::{Busy, Claim};
 use super::status::content_hash;
 use crate::serve::shared::CLEANING_INTERVAL;
 use armwatch_ingest::bytes::source::is_export;
@@ -84,7 +85,7 @@ pub async fn offset(
     check_name(&name)?;
     let (content, spool) = (declared_content(&headers)?, uploads.spool.clone());
     let found = tokio::task::spawn_blocking(move || spool.offset(&name, content.as_ref())).await;
-    let found = found.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
+    let found = found.map_err(|e| Refusal::internal(&e))?.map_err(|e| no_spool(&e))?;
     match found {
         Some((bytes, whole)) => Ok((StatusCode::OK, offset_headers(bytes, whole)).into_response()),
         None => Err(Refusal::new(StatusCode::NOT_FOUND, "nothing of this name is here").at(0)),
@@ -110,18 +111,19 @@ pub async fn offset(
         (status = 400, description = "Name, range or hash is wrong, the body broke off, or the export is empty", body = Problem),
         (status = 404, description = "Uploads are off", body = Problem),
         (status = 408, description = "Too slow; go on from Upload-Offset", body = Problem),
-        (status = 409, description = "The name has another content, or the part does not begin at Upload-Offset", body = Problem),
+        (status = 409, description = "The name has another content, or the part does not begin at Upload-Offset or has another total", body = Problem),
         (status = 413, description = "Larger than allowed", body = Problem),
         (status = 415, description = "No export by name, media type or encoding", body = Problem),
         (status = 422, description = "The name says no robot of the configuration", body = Problem),
         (status = 503, description = "Other uploads are under way; try again after Retry-After", body = Problem),
-        (status = 507, description = "No space left", body = Problem),
+        (status = 507, description = "No space left, or the spool cannot be written; try again after Retry-After", body = Problem),
         Refused,
     ),
     security(("token" = ["upload"]), ()),
 )]
 pub async fn put(
     State(shared): State<Arc<Shared>>,
+    Extension(network): Extension<Network>,
     Path(name): Path<String>,
     wishes: Result<Query<Wishes>, axum::extract::rejection::QueryRejection>,
     headers: HeaderMap,
@@ -148,7 +150,8 @@ pub async fn put(
         Refusal::new(StatusCode::SERVICE_UNAVAILABLE, format!("{most} uploads are under way; try again"))
             .after(5)
     })?;
-    let claim = claimed(uploads, &name, content.as_ref(), part).await?;
+    let client = format!("{} {network}", shared.access.token_name(&headers));
+    let claim = claimed(uploads, &name, content, client, part).await?;
     let bounds = Bounds {
         bytes: part.most(uploads.settings.max_bytes),
         idle: uploads.settings.idle_timeout,
@@ -157,9 +160,7 @@ pub async fn put(
     };
     let claim = receive(claim, part.is_from_start(), body, bounds, &shared.stop).await?;
     let length = claim.length().map_err(|error| Refusal::internal(&error))?;
-    if let Some(total) = part.total
-        && length < total
-    {
+    if part.total.is_some_and(|total| length < total) {
         return Ok((StatusCode::ACCEPTED, offset_headers(length, false)).into_response());
     }
     if length == 0 {
@@ -173,10 +174,11 @@ pub async fn put(
     placed.await.map_err(|error| Refusal::internal(&error))?.map(Taken::answer)
 }
 
-/// Gives up uploads that nobody goes on with, until the stop.
+/// Deletes abandoned uploads, and logs when uploads can be taken and when they cannot, until the stop.
 pub async fn clean(shared: &Shared) {
     let Some(uploads) = &shared.uploads else { return };
     loop {
+        uploads.obstacle().await;
         let spool = uploads.spool.clone();
         match tokio::task::spawn_blocking(move || spool.remove_stale(SystemTime::now(), Instant::now())).await
         {
@@ -269,35 +271,70 @@ async fn stored(store: &Store, content: &ContentHash) -> Result<Option<KnownRun>
     Ok(known.filter(|run| run.status == RunStatus::Complete))
 }
 
-/// Claims the upload, and sees that the part goes on where it ends.
+/// Claims the upload, and checks that the part continues it and has space.
 async fn claimed(
     uploads: &Uploads,
     name: &str,
-    content: Option<&ContentHash>,
+    content: Option<ContentHash>,
+    client: String,
     part: Part,
 ) -> Result<Claim, Refusal> {
-    let Some(claim) = uploads.spool.claim(name, content) else {
-        let sentence = "an upload of this name is under way; try again when it has ended";
-        return Err(
-            Refusal::new(StatusCode::CONFLICT, sentence).after(uploads.settings.idle_timeout.as_secs())
-        );
+    let (spool, name) = (uploads.spool.clone(), name.to_owned());
+    let idle = uploads.settings.idle_timeout.as_secs();
+    let claim = move || {
+        spool.prepare().map_err(|error| no_spool(&error))?;
+        let claim = spool.claim(&name, content.as_ref(), &client).map_err(|error| no_spool(&error))?;
+        let mut claim = claim.map_err(|busy| under_way(busy, idle))?;
+        check_part(&claim, part)?;
+        spool.room_for(part.length.unwrap_or(0), SystemTime::now()).map_err(|error| of_disk(&error))?;
+        let total = part.total.or(part.length);
+        claim.begin(part.is_from_start(), total).map_err(|error| of_disk(&error))?;
+        Ok(claim)
     };
-    let spool = uploads.spool.clone();
-    let looked = tokio::task::spawn_blocking(move || {
-        let there = claim.length()?;
-        Ok::<_, std::io::Error>((there, spool.partials()?, claim))
-    });
-    let looked = looked.await.map_err(|error| Refusal::internal(&error))?;
-    let (there, partials, claim) = looked.map_err(|error| Refusal::internal(&error))?;
-    if !part.is_from_start() && there != part.first {
-        let sentence = format!("{there} bytes are here; go on from there, or send the whole export");
-        return Err(Refusal::new(StatusCode::CONFLICT, sentence).at(there));
+    tokio::task::spawn_blocking(claim).await.map_err(|error| Refusal::internal(&error))?
+}
+
+/// Checks that a part begins where the upload ends, and belongs to the same export.
+fn check_part(claim: &Claim, part: Part) -> Result<(), Refusal> {
+    if part.is_from_start() {
+        return Ok(());
     }
-    if there == 0 && partials >= MOST_PARTIALS {
-        let sentence = format!("{MOST_PARTIALS} uploads were begun and not ended; go on with those first");
-        return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, sentence));
+    let there = claim.length().map_err(|error| Refusal::internal(&error))?;
+    let refuse = |sentence: String| Err(Refusal::new(StatusCode::CONFLICT, sentence).at(there));
+    if let (Some(begun), Some(total)) = (claim.total(), part.total)
+        && begun != total
+    {
+        return refuse(format!(
+            "the upload was begun as one of {begun} bytes, and Content-Range says {total}; go on with {begun}, or send \
+             the whole export"
+        ));
     }
-    Ok(claim)
+    if there != part.first {
+        return refuse(format!("{there} bytes are here; go on from there, or send the whole export"));
+    }
+    Ok(())
+}
+
+/// An upload that cannot be claimed now; a client that stands still is cut after `idle` seconds.
+fn under_way(busy: Busy, idle: u64) -> Refusal {
+    match busy {
+        Busy::Upload => Refusal::new(
+            StatusCode::CONFLICT,
+            "an upload of this name is under way; try again when it has ended",
+        )
+        .after(idle),
+        Busy::Client => Refusal::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "other uploads with this token from this address are under way; try again",
+        )
+        .after(5),
+    }
+}
+
+/// A spool that cannot be used.
+fn no_spool(error: &std::io::Error) -> Refusal {
+    tracing::warn!(%error, "the folder for uploads cannot be used");
+    no_uploads(&format!("the folder for uploads cannot be used: {error}"))
 }
 
 /// An upload of which all bytes are there.

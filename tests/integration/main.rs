@@ -78,6 +78,7 @@ mod streaming;
 mod open_tests;
 #[cfg(unix)]
 mod writers;
+mod slow_clients;
 mod upload;
 mod reading;
 mod retention;

@@ -9,6 +9,7 @@ use crate::http::{self, Answer, answer};
 use crate::support::{Daemon, REFERENCE_NAME, Workshop, reference, text, wait_until};
 
 const TOKEN: &str = "a-token-of-this-test-0123456789";
+const GREEDY: &str = "a-token-of-a-greedy-client-0123";
 const COMPLETE_RUNS: &str = "SELECT count(*) FROM runs WHERE status = 'complete'";
 
 /// A daemon that takes uploads, and where it listens.
@@ -20,18 +21,30 @@ struct Receiver {
 
 impl Receiver {
     fn new(upload: &str) -> Self {
+        Self::with("", upload)
+    }
+
+    /// With more in `[serve]` and `[serve.upload]`.
+    fn with(serve: &str, upload: &str) -> Self {
+        let mut receiver = Self::prepared(serve, upload);
+        receiver.start();
+        receiver
+    }
+
+    /// Without a daemon.
+    fn prepared(serve: &str, upload: &str) -> Self {
         let workshop = Workshop::new();
         let port = http::free_port();
         let path = workshop.path("armwatch.toml");
         let config = fs::read_to_string(&path).expect("the configuration");
         let serve = format!(
-            "[serve]\nlisten = \"127.0.0.1:{port}\"\ntoken_file = \"token\"\n[serve.upload]\nspool = \"spool\"\n{upload}\n\n"
+            "[serve]\nlisten = \"127.0.0.1:{port}\"\ntoken_file = \"token\"\n{serve}\n\
+             [serve.upload]\nspool = \"spool\"\n{upload}\n\n"
         );
         fs::write(&path, serve + &config).expect("a configuration");
         fs::write(workshop.path("token"), TOKEN).expect("a token");
-        let mut receiver = Self { workshop, daemon: None, port };
-        receiver.start();
-        receiver
+        fs::write(workshop.path("greedy"), GREEDY).expect("a token");
+        Self { workshop, daemon: None, port }
     }
 
     fn start(&mut self) {
@@ -319,6 +332,135 @@ fn a_faulty_upload_is_told_and_corrected_under_its_name() {
     assert_eq!(corrected.status, 201, "{}", corrected.body);
     receiver.workshop.wait_for(COMPLETE_RUNS, 1);
     assert_eq!(receiver.workshop.number("SELECT count(*) FROM quarantine WHERE state = 'open'"), 0);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_part_of_another_total_is_refused_and_makes_no_cut_export() {
+    let mut receiver = Receiver::new("");
+    let bytes = export();
+    let put = |range: &str, body: &[u8]| {
+        receiver.put(REFERENCE_NAME, &format!("Content-Range: bytes {range}\r\n"), body)
+    };
+    let total = bytes.len();
+    assert_eq!(put(&format!("0-999/{total}"), &bytes[..1000]).status, 202);
+    for (range, body) in [("1000-1999/2000", &bytes[1000..2000]), ("*/1000", b"")] {
+        let refused = put(range, body);
+        assert_eq!((refused.status, refused.header("upload-offset")), (409, Some("1000")), "{}", refused.body);
+        assert!(refused.body.contains(&format!("one of {total} bytes")), "{}", refused.body);
+    }
+    // a whole export that was cut says its length too
+    let mut cut = receiver.connect();
+    let head = format!(
+        "PUT /v1/exports/{REFERENCE_NAME} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\
+         Content-Length: {total}\r\n\r\n"
+    );
+    cut.write_all(&[head.as_bytes(), &bytes[..3000]].concat()).expect("sent");
+    receiver.wait_for_offset(REFERENCE_NAME, 3000);
+    drop(cut);
+    let mut refused = None;
+    wait_until(
+        || refused.insert(put("3000-3999/4000", &bytes[3000..4000])).body.contains("one of"),
+        || "the cut upload does not end".to_owned(),
+    );
+    assert_eq!(refused.expect("an answer").status, 409);
+    assert_eq!(put(&format!("3000-{}/{total}", total - 1), &bytes[3000..]).status, 201);
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+#[test]
+fn a_client_that_begins_uploads_and_ends_none_leaves_room_for_others() {
+    let greedy = "requests_per_s = 0\n[[serve.token]]\nname = \"greedy\"\nfile = \"greedy\"\nscopes = [\"upload\"]";
+    let mut receiver = Receiver::with(greedy, "unknown_robots = \"take\"");
+    let part = |token: &str, name: &str| {
+        let headers = format!("Authorization: Bearer {token}\r\nContent-Range: bytes 0-0/900\r\n");
+        let sent = receiver.try_send(&format!("PUT /v1/exports/{name}"), &headers, b"t").expect("an answer");
+        assert_eq!(sent.status, 202, "{name}: {}", sent.body);
+    };
+    part(TOKEN, "honest.csv");
+    for number in 0..300 {
+        part(GREEDY, &format!("greedy{number}.csv"));
+    }
+    assert_eq!(receiver.partials(), 1 + 256);
+    let offset = |name: &str| receiver.send(&format!("HEAD /v1/exports/{name}"), "", b"").status;
+    assert_eq!(["honest.csv", "greedy0.csv", "greedy299.csv"].map(offset), [200, 404, 200]);
+    let whole = receiver.put(REFERENCE_NAME, "", &export());
+    assert_eq!(whole.status, 201, "{}", whole.body);
+    assert_eq!(receiver.stop("TERM"), Some(0));
+}
+
+/// The daemon with a spool on a disk of its own that is full until the file `free` is there; it ends with 99 where the
+/// machine gives none.
+const FULL_SPOOL: &str = r#"
+mkdir spool
+mount -t tmpfs -o size=8m tmpfs spool || exit 99
+mkdir spool/.partial
+dd if=/dev/zero of=spool/.partial/filler bs=4096 count=100000
+(until [ -e free ]; do sleep 0.1; done; rm spool/.partial/filler) &
+exec "$ARMWATCH" run
+"#;
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_spool_stops_uploads_and_nothing_else() {
+    let mut receiver = Receiver::prepared("", "");
+    let log = fs::File::create(receiver.workshop.path("daemon.log")).expect("a log");
+    let child = std::process::Command::new("unshare")
+        .args(["--user", "--map-root-user", "--mount", "sh", "-c", FULL_SPOOL])
+        .current_dir(receiver.workshop.path(""))
+        .env("ARMWATCH", env!("CARGO_BIN_EXE_armwatch"))
+        .env("ARMWATCH_LOG", crate::support::LOG_LEVELS)
+        .env_remove("ARMWATCH_CONFIG")
+        .stdout(std::process::Stdio::null())
+        .stderr(log)
+        .spawn();
+    receiver.daemon = Some(Daemon { child: child.expect("unshare starts") });
+    let port = receiver.port;
+    let listens = || http::try_send(port, "GET /health", "", b"").is_some();
+    let mut ended = None;
+    let daemon = receiver.daemon.as_mut().expect("a daemon");
+    wait_until(
+        || {
+            ended = daemon.child.try_wait().expect("a child");
+            ended.is_some() || listens()
+        },
+        || "the daemon neither listens nor ends".to_owned(),
+    );
+    if ended.is_some_and(|status| status.code() != Some(74)) {
+        println!("skipped: this machine gives no file system of its own ({ended:?})");
+        return;
+    }
+    assert!(listens(), "{ended:?} {}", receiver.workshop.log());
+    let ready = || receiver.try_send("GET /ready", "", b"").expect("an answer");
+    let said = ready().json();
+    assert_eq!((ready().status, &said["spool"], &said["database"]), (503, &false.into(), &true.into()), "{said}");
+    assert!(said["uploads_refused"].as_str().is_some_and(|why| why.contains("disk of the spool")), "{said}");
+    let refused = receiver.put(REFERENCE_NAME, "", &export());
+    assert_eq!(refused.status, 507, "{}", refused.body);
+    assert!(refused.body.contains("free space"), "{}", refused.body);
+    assert!(receiver.workshop.log().contains("uploads are refused"), "{}", receiver.workshop.log());
+    let figures = || receiver.send("GET /metrics", "", b"").body;
+    assert!(figures().contains("armwatch_uploads_up 0"), "{}", figures());
+    assert_eq!(receiver.send("GET /", "", b"").status, 200, "the dashboard");
+    // watched folders are read
+    receiver.workshop.add_reference("inbox");
+    receiver.workshop.wait_for(COMPLETE_RUNS, 1);
+
+    fs::write(receiver.workshop.path("free"), b"").expect("written");
+    wait_until(|| ready().status == 200, || format!("{}", ready().json()));
+    // 8.4 MB, of which 5 % stay free
+    let mut large = receiver.connect();
+    let head = format!(
+        "PUT /v1/exports/R01_20260106_0847.csv HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n\
+         Content-Length: 8200000\r\n\r\n"
+    );
+    large.write_all(head.as_bytes()).expect("sent");
+    let refused = answer(&mut large).expect("an answer");
+    assert!(refused.status == 507 && refused.body.contains("reserved"), "{}{}", refused.head, refused.body);
+    let name = "R01_20260107_0847.csv";
+    assert_eq!(receiver.put(name, "Content-Range: bytes 0-3/9\r\n", b"time").status, 202);
+    assert!(figures().contains("armwatch_uploads_up 1"), "{}", figures());
     assert_eq!(receiver.stop("TERM"), Some(0));
 }
 

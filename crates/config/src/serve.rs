@@ -16,10 +16,10 @@ const DEFAULT_IDLE_TIMEOUT_S: f64 = 30.0;
 /// Most uploads at once: each holds an open file, a thread and some hundred kilobytes.
 const MAX_UPLOADS_AT_ONCE: i64 = 256;
 
-/// Largest upload that may be allowed, 1 TiB: a bound against a mistyped number.
-const MAX_MAX_BYTES: i64 = 1 << 40;
+/// Largest upload that may be allowed and largest reserve, 1 TiB: a bound against a mistyped number.
+const MAX_BYTES: i64 = 1 << 40;
 
-/// Requests a second of one address, where the configuration does not say.
+/// Requests per second of one client, where the configuration does not say.
 const DEFAULT_REQUESTS_PER_S: f64 = 50.0;
 
 /// How long an upload may take in all, where the configuration does not say, min.
@@ -67,7 +67,7 @@ pub struct TokenSettings {
 pub struct ClientSettings {
     /// Tokens with scopes; that of `token_file` may do everything.
     pub tokens: Vec<TokenSettings>,
-    /// Requests a second of one address; 0 is no bound.
+    /// Requests per second of one client, which is an IPv4 address or an IPv6 /64; 0 is no limit.
     pub requests_per_s: f64,
 }
 
@@ -101,6 +101,8 @@ pub struct UploadSettings {
     pub idle_timeout: Duration,
     /// How long one request may take over what it sends, however fast.
     pub total_timeout: Duration,
+    /// Bytes that uploads leave free on the disks of the spool and the database; `None`: 5 % of each disk, at most 1 GiB.
+    pub reserve_bytes: Option<u64>,
     /// Whether exports are taken whose name says no robot of the configuration.
     pub unknown_robots: bool,
 }
@@ -189,7 +191,7 @@ fn read_address(value: &Value<'_>) -> Option<SocketAddr> {
 fn read_upload(table: &Table<'_>) -> Option<UploadSettings> {
     let spool = table.text_or("spool", DEFAULT_SPOOL);
     let max_bytes = match table.optional("max_bytes") {
-        Some(value) => value.integer(1..=MAX_MAX_BYTES).and_then(|bytes| u64::try_from(bytes).ok()),
+        Some(value) => value.integer(1..=MAX_BYTES).and_then(|bytes| u64::try_from(bytes).ok()),
         None => Some(DEFAULT_MAX_BYTES),
     };
     let at_once = match table.optional("uploads_at_once") {
@@ -199,6 +201,10 @@ fn read_upload(table: &Table<'_>) -> Option<UploadSettings> {
     let idle = table.number_or("idle_timeout_s", &Limits::between(1.0, 3600.0, "s"), DEFAULT_IDLE_TIMEOUT_S);
     let total = Limits::between(1.0, 14_400.0, "min");
     let total = table.number_or("total_timeout_min", &total, DEFAULT_TOTAL_TIMEOUT_MIN);
+    let reserve_bytes = match table.optional("reserve_bytes") {
+        Some(value) => value.integer(0..=MAX_BYTES).and_then(|bytes| u64::try_from(bytes).ok()).map(Some),
+        None => Some(None),
+    };
     let unknown_robots = match table.optional("unknown_robots") {
         Some(value) => read_choice(&value),
         None => Some(false),
@@ -209,6 +215,7 @@ fn read_upload(table: &Table<'_>) -> Option<UploadSettings> {
         at_once: at_once?,
         idle_timeout: Duration::try_from_secs_f64(idle?).ok()?,
         total_timeout: Duration::try_from_secs_f64(60.0 * total?).ok()?,
+        reserve_bytes: reserve_bytes?,
         unknown_robots: unknown_robots?,
     })
 }

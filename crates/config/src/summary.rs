@@ -116,12 +116,13 @@ fn serve(serve: &ServeSettings) -> String {
     };
     let upload = match &serve.upload {
         Some(upload) => format!(
-            "uploads to {}, {} at most, {} at once, {} idle, {} in all",
+            "uploads to {}, {} at most, {} at once, {} idle, {} in all, {} stay free",
             upload.spool.display(),
             size(upload.max_bytes),
             upload.at_once,
             seconds(upload.idle_timeout),
-            seconds(upload.total_timeout)
+            seconds(upload.total_timeout),
+            upload.reserve_bytes.map_or_else(|| "5 % of the disk (1 GiB at most)".to_owned(), size)
         ),
         None => "no uploads".to_owned(),
     };

@@ -11,6 +11,7 @@ use axum::response::sse::{Event, KeepAlive};
 use futures_util::Stream;
 use futures_util::stream::unfold;
 use serde_json::json;
+use tokio::time::{Instant, sleep_until};
 
 use crate::serve::answer::{Refusal, Refused};
 use crate::serve::shared::Shared;
@@ -21,12 +22,17 @@ const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 /// Time after which a silent stream says that it lives.
 const ALIVE_INTERVAL: Duration = Duration::from_secs(15);
 
+/// How long a stream lasts; then its client asks for another one. Otherwise a client that reads nothing would hold a
+/// stream for days, because the few bytes of a quiet one fit into the buffers on the way.
+const LONGEST_STREAM: Duration = Duration::from_secs(600);
+
 /// Hear of changes
 ///
-/// Server-sent events: `changed` when the database has changed, at most once a second; `alive` every 15 s.
+/// Server-sent events: `changed` when the database has changed, at most once a second; `alive` every 15 s. The stream
+/// ends after 10 minutes; ask again.
 #[utoipa::path(
     get, path = "/v1/events", tag = "Rows", operation_id = "events",
-    responses((status = 200, description = "Events without an end", body = String, content_type = "text/event-stream"), Refused),
+    responses((status = 200, description = "Events", body = String, content_type = "text/event-stream"), Refused),
     security(("token" = ["read"]), ()),
 )]
 pub async fn events(
@@ -38,15 +44,17 @@ pub async fn events(
     let (mut changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
     // what a page has asked for before may be older than the stream
     changes.mark_changed();
-    let stream = unfold((changes, stop), async |(mut changes, stop)| {
+    let end = Instant::now() + LONGEST_STREAM;
+    let stream = unfold((changes, stop, end), async |(mut changes, stop, end)| {
         let changed = tokio::select! {
             () = stop.cancelled() => return None,
+            () = sleep_until(end) => return None,
             changed = changes.changed() => changed,
         };
         changed.ok()?;
         let version = *changes.borrow_and_update();
         let event = Event::default().event("changed").data(json!({"version": version}).to_string());
-        Some((Ok(event), (changes, stop)))
+        Some((Ok(event), (changes, stop, end)))
     });
     Ok(Sse::new(stream).keep_alive(
         KeepAlive::new().interval(ALIVE_INTERVAL).event(Event::default().event("alive").data("{}")),

@@ -71,6 +71,7 @@ export function follow({ changed, note }) {
       }
       tell(true);
       retry = 0;
+      const opened = heard;
       let text = "";
       for (;;) {
         const { value, done } = await reader.read();
@@ -81,6 +82,11 @@ export function follow({ changed, note }) {
         const blocks = text.split("\n\n");
         text = blocks.pop();
         for (const block of blocks) take(block);
+      }
+      // The daemon ends a long stream in good order: the next one follows without a word.
+      if (own === stream && Date.now() - opened > SILENCE_MS) {
+        connect();
+        return;
       }
       throw new Error("ended");
     } catch {
