@@ -137,3 +137,18 @@ demo() { timeout 60 cargo run --release -- demo --once --dir "$work/demo"; }
 
 # Runs ignored integration tests. Without `-p`, dependencies have the features of `cargo test` and are not built again.
 ignored() { cargo test --test integration -- --ignored "$@"; }
+
+# A fault at system calls of a scenario, on the program that is built already. `tests/faults/run` takes the options.
+faults() {
+    debian python3=python3 cc=gcc || return
+    tests/faults/run target/release/armwatch "$@"
+}
+
+# Syncs of the archive that do nothing: the harness must find the lost exports, which it reports with status 1.
+planted_bug() {
+    faults --lie archive --mode power --share 400 >"$work/planted"
+    local status=$?
+    tail -n 3 "$work/planted"
+    [ "$status" != "$CANNOT" ] || return "$CANNOT"
+    [ "$status" = 1 ]
+}

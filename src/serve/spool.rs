@@ -12,6 +12,7 @@ use std::{fs, io};
 
 use super::reserve::Reserve;
 use armwatch_ingest::bytes::fingerprint::{fingerprint, of_bytes};
+use armwatch_ingest::find::durable::sync_names;
 use armwatch_model::run::ContentHash;
 
 /// Folder of uploads that are not whole, inside the spool: hidden, and on the same file system.
@@ -233,7 +234,7 @@ impl Spool {
     /// Those of the file system; nothing is lost then.
     pub fn put(&self, claim: &Claim, name: &str) -> io::Result<()> {
         fs::rename(&claim.path, self.place(name))?;
-        File::open(&self.folder)?.sync_all()
+        sync_names(&self.folder)
     }
 
     /// Gives up uploads that were not gone on with for days, as of `date` and, by a clock that does not jump, `now`.

@@ -10,6 +10,7 @@ use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
+use super::durable::sync_names;
 use super::tail::mark_of;
 use crate::bytes::fingerprint::{HashingReader, fingerprint, id_of, regular_file};
 use armwatch_model::run::ContentHash;
@@ -81,6 +82,8 @@ fn place(
             // left by an attempt that was cut short before the source went, or by a copy of it
             Ok((found, _)) if found == *content => {
                 File::open(&target)?.sync_all()?;
+                // the attempt may have been cut short before it synced the name
+                sync_names(folder)?;
                 return Ok(Some(target));
             }
             Ok(_) => continue,
@@ -94,11 +97,7 @@ fn place(
             return Ok(None);
         }
         fs::rename(&partial, &target)?;
-        File::open(folder)?.sync_all()?;
-        if let Some(parent) = folder.parent() {
-            // the folder itself may be new
-            File::open(parent)?.sync_all()?;
-        }
+        sync_names(folder)?;
         return Ok(Some(target));
     }
     let taken = format!("{} has other contents under every name tried", text::of_path(folder));

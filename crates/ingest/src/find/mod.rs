@@ -4,3 +4,4 @@ pub mod watch;
 pub mod settle;
 pub mod tail;
 pub mod archive;
+pub mod durable;
