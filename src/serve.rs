@@ -32,6 +32,7 @@ mod reserve;
 mod shared;
 mod spool;
 mod status;
+mod unread_answers;
 mod upload;
 mod watched_stream;
 
@@ -73,6 +74,7 @@ use connections::{CONNECTIONS, Connections, Place};
 use network::Network;
 use rates::Rates;
 use shared::{STATEMENTS, Uploads};
+use unread_answers::UnreadAnswers;
 use watched_stream::{WRITE_STALL, WatchedStream};
 
 /// Most bytes of a request's headers: a name of 255 bytes, percent-encoded, and a dozen usual headers.
@@ -186,6 +188,7 @@ pub async fn start(
         access,
         uploads,
         rates: Rates::new(clients.requests_per_s),
+        unread: UnreadAnswers::default(),
         statements: Arc::new(Semaphore::new(STATEMENTS)),
         replays: Arc::new(Semaphore::new(1)),
         description: OnceLock::new(),
@@ -242,9 +245,10 @@ fn router(shared: Arc<Shared>) -> Router {
 async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     let path = request.uri().path();
     let costs = path.starts_with("/v1/") || path == "/metrics";
+    let network = request.extensions().get::<Network>().copied();
     if costs
-        && let Some(network) = request.extensions().get::<Network>()
-        && let Err(wait) = shared.rates.count(*network, Instant::now())
+        && let Some(network) = network
+        && let Err(wait) = shared.rates.count(network, Instant::now())
     {
         return Refusal::too_many(wait.as_secs() + 1).into_response();
     }
@@ -253,7 +257,10 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
         return next.run(request).await;
     }
     match tokio::time::timeout(REQUEST_TIME, next.run(request)).await {
-        Ok(answer) => explained(answer).await,
+        Ok(answer) => match network {
+            Some(network) => shared.unread.count(network, explained(answer).await).await,
+            None => explained(answer).await,
+        },
         Err(_) => Refusal::new(StatusCode::REQUEST_TIMEOUT, "the request took too long; send it again")
             .into_response(),
     }

@@ -169,7 +169,7 @@ impl Pipeline {
             if self.is_suspect(&name).await? {
                 return Ok(None);
             }
-            self.begin_attempt(&name, Some(state)).await?;
+            self.begin_attempt(&name, Some(state), stop).await?;
         }
         let hashed = match state.bytes <= hashing.first_up_to {
             true => match self.new_content_of(path, retry).await? {

@@ -216,7 +216,9 @@ impl Pipeline {
         let is_spent = match &reading {
             // counted before it was read ahead
             Reading::Begun(Some(_)) => false,
-            Reading::NotBegun | Reading::Begun(None) => self.begin_attempt(name, state).await?.is_spent(),
+            Reading::NotBegun | Reading::Begun(None) => {
+                self.begin_attempt(name, state, stop).await?.is_spent()
+            }
         };
         let outcome = if is_spent {
             self.quarantine_unread(path, name, state).await?

@@ -176,15 +176,19 @@ mod tests {
     fn of_one_network_the_connection_that_stood_still_longest_gives_way() {
         let connections = old();
         // 300 addresses of one network
-        let held: Vec<Place> =
-            (0..300).map(|number| enter(&connections, &format!("2001:db8::{number:x}"), 1000 + number)).collect();
+        let held: Vec<Place> = (0..300)
+            .map(|number| enter(&connections, &format!("2001:db8::{number:x}"), 1000 + number))
+            .collect();
         let open: Vec<usize> = (0..300).filter(|at| is_open(&held[*at])).collect();
         assert_eq!(open, (300 - CONNECTIONS_OF_ONE..300).collect::<Vec<_>>());
         held[299].progress.moved();
         let other = enter(&connections, "10.0.0.1", 1);
         let mapped = enter(&connections, "::ffff:10.0.0.1", 1);
         assert_eq!(mapped.progress.network, other.progress.network);
-        assert!(held[300 - CONNECTIONS_OF_ONE..].iter().chain([&other]).all(is_open), "others are left alone");
+        assert!(
+            held[300 - CONNECTIONS_OF_ONE..].iter().chain([&other]).all(is_open),
+            "others are left alone"
+        );
         drop((held, other, mapped));
         assert!(connections.open.lock().unwrap().by_number.is_empty());
     }

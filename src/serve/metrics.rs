@@ -46,7 +46,8 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
         Some(_) => Some(readiness(&shared).await.obstacle.is_none()),
         None => None,
     };
-    let text = written(&shared.metrics, Figures { stored, uploads }).map_err(|error| Refusal::internal(&error))?;
+    let text =
+        written(&shared.metrics, Figures { stored, uploads }).map_err(|error| Refusal::internal(&error))?;
     Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 

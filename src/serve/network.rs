@@ -46,15 +46,21 @@ mod tests {
         ] {
             assert_eq!(of(one), of(other), "{one}, {other}");
         }
-        for (one, other) in
-            [("2001:db8::1", "2001:db8:0:1::1"), ("10.0.0.1", "10.0.0.2"), ("::1", "::2"), ("::1", "127.0.0.1")]
-        {
+        for (one, other) in [
+            ("2001:db8::1", "2001:db8:0:1::1"),
+            ("10.0.0.1", "10.0.0.2"),
+            ("::1", "::2"),
+            ("::1", "127.0.0.1"),
+        ] {
             assert_ne!(of(one), of(other), "{one}, {other}");
         }
         for here in ["127.0.0.1", "127.1.2.3", "::1", "::ffff:127.0.0.1"] {
             assert!(of(here).is_loopback(), "{here}");
         }
         assert!(!of("::2").is_loopback());
-        assert_eq!((of("2001:db8::7").to_string(), of("::1").to_string()), ("2001:db8::/64".into(), "::1".into()));
+        assert_eq!(
+            (of("2001:db8::7").to_string(), of("::1").to_string()),
+            ("2001:db8::/64".into(), "::1".into())
+        );
     }
 }

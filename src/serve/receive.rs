@@ -93,7 +93,8 @@ pub fn of_disk(error: &io::Error) -> Refusal {
 
 /// The answer while uploads cannot be taken.
 pub fn no_uploads(reason: &str) -> Refusal {
-    let sentence = format!("{reason}; on the daemon's machine, free space or mend the spool, then send again");
+    let sentence =
+        format!("{reason}; on the daemon's machine, free space or mend the spool, then send again");
     Refusal::new(StatusCode::INSUFFICIENT_STORAGE, sentence).after(60)
 }
 

@@ -13,6 +13,7 @@ use super::answer::Refusal;
 use super::rates::Rates;
 use super::reserve::Reserve;
 use super::spool::Spool;
+use super::unread_answers::UnreadAnswers;
 use crate::metrics::Metrics;
 use armwatch_config::{Config, UploadSettings};
 use armwatch_model::run::ContentHash;
@@ -26,6 +27,8 @@ pub(super) struct Shared {
     pub(super) uploads: Option<Uploads>,
     /// Requests by network.
     pub(super) rates: Rates,
+    /// Large answers that clients have not read yet.
+    pub(super) unread: UnreadAnswers,
     /// Turns of statements of people and programs: their work takes cores from the pipeline.
     pub(super) statements: Arc<Semaphore>,
     /// The turn of requests that read an export again: one at a time. The task that reads holds it.
@@ -109,8 +112,7 @@ pub(super) struct Sent {
 impl Uploads {
     /// Uploads into the spool of robots that `config` knows.
     pub fn new(settings: UploadSettings, config: watch::Receiver<Arc<Config>>) -> Self {
-        let reserve =
-            Reserve::new(&settings.spool, config.borrow().database_file(), settings.reserve_bytes);
+        let reserve = Reserve::new(&settings.spool, config.borrow().database_file(), settings.reserve_bytes);
         // a slow client leaves a place to others
         let spool = Spool::new(&settings.spool, reserve, settings.at_once.saturating_sub(1).max(1));
         let places = Semaphore::new(settings.at_once);

@@ -159,7 +159,9 @@ impl Spool {
         }
         for partial in idle {
             if self.give_up(&partial)? {
-                tracing::warn!("deleted an unfinished upload of more than an hour ago, because space is short");
+                tracing::warn!(
+                    "deleted an unfinished upload of more than an hour ago, because space is short"
+                );
             }
             if self.reserve.shortage(bytes)?.is_none() {
                 return Ok(());
@@ -251,7 +253,10 @@ impl Spool {
             let known = before.get(&partial.path).filter(|known| (known.0, known.1) == (bytes, modified));
             let since = known.map_or(now, |known| known.2);
             standing.insert(partial.path.clone(), (bytes, modified, since));
-            if partial.age(date) > STALE && now.duration_since(since) >= STALE_HERE && self.give_up(&partial)? {
+            if partial.age(date) > STALE
+                && now.duration_since(since) >= STALE_HERE
+                && self.give_up(&partial)?
+            {
                 removed += 1;
             }
         }
@@ -404,8 +409,8 @@ impl Claim {
     pub fn open(&self, from_start: bool) -> io::Result<PartialFile> {
         let mut options = File::options();
         options.create(true);
-        let file =
-            if from_start { options.write(true).truncate(true) } else { options.append(true) }.open(&self.path)?;
+        let file = if from_start { options.write(true).truncate(true) } else { options.append(true) }
+            .open(&self.path)?;
         Ok(PartialFile { file, reserve: Arc::clone(&self.spool.reserve), unchecked: 0 })
     }
 

@@ -10,8 +10,8 @@ use armwatch_config::Config;
 
 const CHECK: &str = "limits";
 
-/// Files that the daemon has open besides exports: connections of the database, log, sockets.
-const OTHER_FILES: u64 = 256;
+/// Files that the daemon has open besides exports: 320 connections of clients, connections of the database, log.
+const OTHER_FILES: u64 = 384;
 
 /// Folders are counted up to here: to walk a tree of millions takes minutes.
 const MOST_COUNTED: u64 = 100_000;

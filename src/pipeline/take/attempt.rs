@@ -3,15 +3,18 @@
 
 use std::path::Path;
 
+use tokio_util::sync::CancellationToken;
+
 use super::{intake, record};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_model::run::RunStatus;
-use armwatch_store::{Attempt, AttemptOn, EarlierRun, SourceState, Work};
+use armwatch_store::{Attempt, AttemptOn, EarlierRun, SourceState, Work, wait_for_quiet};
 
 impl Pipeline {
-    /// Counts an attempt at the file that the ledger calls `name`, before it is read.
+    /// Counts an attempt at the file that the ledger calls `name`, before it is read. Waits first until this process is old
+    /// enough for a last attempt, or a stop is asked for.
     ///
     /// # Errors
     /// Those of the store; the file is not to be read then.
@@ -19,7 +22,13 @@ impl Pipeline {
         &self,
         name: &str,
         state: Option<SourceState>,
+        stop: &CancellationToken,
     ) -> Result<Attempt, PipelineError> {
+        let next = Attempt { number: self.store.failed_attempts(Work::Export, name).await? + 1 };
+        if let Some(rest) = wait_for_quiet().filter(|_| next.is_last()) {
+            // either way it is time to go on
+            let _ = tokio::time::timeout(rest, stop.cancelled()).await;
+        }
         let on =
             state.map(|state| AttemptOn { inode: state.file.inode, bytes: state.bytes }).unwrap_or_default();
         Ok(self.store.begin_attempt_at(Work::Export, name, on).await?)

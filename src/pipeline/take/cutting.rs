@@ -18,7 +18,7 @@ use armwatch_model::run::{ContentHash, ContentPrefix, Cycle};
 use armwatch_store::{ReadSoFar, StoredPoint};
 
 /// A cycle, and what it and those before it were read from.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct CutCycle {
     /// The cycle.
     pub cycle: Cycle,

@@ -31,6 +31,7 @@ use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions, Step};
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, RunKind};
+use armwatch_model::text;
 use armwatch_store::{Block, Identity, SourceState, StoreError, Work};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
@@ -91,7 +92,7 @@ impl Pipeline {
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
-        if self.begin_attempt(name, intake::source_state(path)).await?.is_spent() {
+        if self.begin_attempt(name, intake::source_state(path), &ends.stop).await?.is_spent() {
             // the count stays until the file has settled, which ends in quarantine
             return self.blocked((path, name), attempt::spent(path)).await;
         }

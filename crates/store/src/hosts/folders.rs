@@ -38,7 +38,7 @@ impl Store {
                  ON CONFLICT (host, folder) DO UPDATE SET looked_at = excluded.looked_at",
             ),
         };
-        let mut statement = statement.bind(self.own_host.host()).bind(folder);
+        let mut statement = statement.bind(self.own_host.place().host()).bind(folder);
         if !answers {
             statement = statement.bind(looked_at.map(Timestamp::as_microsecond));
         }
@@ -53,7 +53,7 @@ impl Store {
     pub async fn forget_folders(&self) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         let forgotten =
-            sqlx::query("DELETE FROM unanswered_folder WHERE host = $1").bind(self.own_host.host());
+            sqlx::query("DELETE FROM unanswered_folder WHERE host = $1").bind(self.own_host.place().host());
         self.checked(forgotten.execute(&mut *transaction).await)?;
         self.commit(transaction).await
     }
