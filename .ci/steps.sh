@@ -140,7 +140,7 @@ ignored() { cargo test --test integration -- --ignored "$@"; }
 
 # A fault at system calls of a scenario, on the program that is built already. `tests/faults/run` takes the options.
 faults() {
-    debian python3=python3 cc=gcc || return
+    debian python3=python3 || return
     tests/faults/run target/release/armwatch "$@"
 }
 

@@ -198,8 +198,9 @@ impl FileSchedule {
         self.settled.clear();
         self.count += 1;
         let mut longest_wait = self.count;
-        let mut is_suspect_read =
-            self.suspects.any(|path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file)));
+        let mut is_suspect_read = self
+            .suspects
+            .any(|path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file)));
         for (file, looked) in files {
             if *looked == Seen::Now {
                 let seen = Observation { size: file.size, modified: file.modified, at: now };

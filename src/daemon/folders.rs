@@ -89,6 +89,8 @@ pub(super) struct Folders {
     hints: (mpsc::Sender<()>, mpsc::Receiver<()>),
     /// Asks the thread of the shared watch to take up folders that have come.
     shared: Option<threads::Sender<()>>,
+    /// Folders that did not answer and are not watched any more.
+    dropped: Vec<PathBuf>,
     metrics: Metrics,
 }
 
@@ -111,6 +113,7 @@ impl Folders {
             ended: mpsc::unbounded_channel(),
             hints: watch::hints(),
             shared: None,
+            dropped: Vec::new(),
             metrics,
         };
         folders.set(settings);
@@ -119,11 +122,12 @@ impl Folders {
 
     /// Looks at other folders from now on. Those that stay keep their threads, so that one that hangs gets no second.
     pub(super) fn set(&mut self, settings: &WatchSettings) {
-        if std::mem::replace(&mut self.follow_links, settings.follow_links) != settings.follow_links {
-            self.folders.clear();
-        }
+        let others =
+            std::mem::replace(&mut self.follow_links, settings.follow_links) != settings.follow_links;
         self.interval = settings.scan_interval;
-        self.folders.retain(|folder| settings.folders.contains(&folder.path));
+        let is_dropped = |folder: &mut Folder| others || !settings.folders.contains(&folder.path);
+        let dropped = self.folders.extract_if(.., is_dropped).filter(|folder| folder.is_silent);
+        self.dropped.extend(dropped.map(|folder| folder.path));
         let now = Instant::now();
         self.folders.iter_mut().for_each(|folder| folder.next = now);
         for (place, path) in settings.folders.iter().enumerate() {
@@ -239,7 +243,8 @@ impl Folders {
 
     /// Folders that have stopped or begun to answer since the last call, each said in the log.
     pub(super) fn turned(&mut self, now: Instant) -> Vec<Turned> {
-        let mut turned = Vec::new();
+        let forgotten = |folder| Turned { folder, looked_at: None, answers: true };
+        let mut turned: Vec<Turned> = self.dropped.drain(..).map(forgotten).collect();
         for folder in &mut self.folders {
             let calls = folder.calls.load(Ordering::Relaxed);
             if calls != folder.seen.0 {

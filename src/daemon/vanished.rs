@@ -84,7 +84,7 @@ mod tests {
             files: vec![(&moved, Seen::Now)],
             folders: ["/in", "/share"].map(Path::new).into(),
             hidden: vec![Path::new("/share")],
-            is_whole: true,
+            ..Look::default()
         };
         let start = Instant::now();
         let mut missing = Missing::default();
@@ -98,7 +98,7 @@ mod tests {
     fn a_file_that_comes_back_in_time_is_waited_for_anew() {
         let runs = [unfinished(1, "/in/a.csv")];
         let file = found("/in/a.csv");
-        let look = |files| Look { files, folders: vec![Path::new("/in")], hidden: Vec::new(), is_whole: true };
+        let look = |files| Look { files, folders: vec![Path::new("/in")], ..Look::default() };
         let (here, away) = (look(vec![(&file, Seen::Now)]), look(Vec::new()));
         let start = Instant::now();
         let mut missing = Missing::default();

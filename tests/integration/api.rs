@@ -247,7 +247,11 @@ fn an_alarm_is_answered_and_its_history_says_who_did_it() {
     let too_long =
         served.post("/v1/anomalies/2/shelve", &json!({"who": "Lena", "until": "2999-01-01T00:00:00Z"}));
     assert_eq!(too_long.status, 400, "{}", too_long.body);
-    assert!(too_long.body.contains("is critical and can be shelved for 90 days at most"), "{}", too_long.body);
+    assert!(
+        too_long.body.contains("is critical and can be shelved for 90 days at most"),
+        "{}",
+        too_long.body
+    );
     served.end();
 }
 

@@ -159,6 +159,9 @@ fn a_name_that_is_no_text_is_found_again_by_its_bytes() {
     assert_eq!(workshop.number("SELECT count(*) FROM source_file"), known, "no file is new");
     let name = path.file_name().map(OsStr::as_bytes);
     assert_eq!(name, Some(&b"lat\xe9in.csv"[..]));
+    let run = workshop
+        .number("SELECT run_id FROM runs WHERE robot = 'lat\\xE9in' AND status = 'complete'")
+        .to_string();
     let replayed = workshop.run(&["torque", "--run", &run, "--cycle", "1"]);
     assert!(!text(&replayed.stderr).contains("not at hand"), "{}", text(&replayed.stderr));
 }

@@ -135,7 +135,7 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     let bad = lines.len() / 2;
     let path = workshop.inbox(&growing.name);
     let written = [&lines[..bad].concat()[..], b"nothing\n"].concat();
-    fs::write(&path, &lines[..2].concat()).expect("written");
+    fs::write(&path, lines[..2].concat()).expect("written");
     workshop.wait_for_a_look();
     fs::write(&path, &written).expect("written");
     let corrected = AtomicBool::new(false);
@@ -173,7 +173,7 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
         );
         // the row is corrected, and the writer goes on
         let mended = workshop.path("mended");
-        fs::write(&mended, &lines[..bad + 1].concat()).expect("written");
+        fs::write(&mended, lines[..bad + 1].concat()).expect("written");
         corrected.store(true, Ordering::Relaxed);
         writer.join().expect("the writer");
         fs::rename(&mended, &path).expect("renamed");
@@ -182,7 +182,9 @@ fn a_growing_file_with_a_bad_row_is_seen_while_it_grows() {
     });
     workshop.wait_for("SELECT count(*) FROM blocked_files", 0);
     workshop.wait_for("SELECT count(*) FROM runs WHERE status = 'complete'", 2);
-    assert_eq!(workshop.query("SELECT count(*) FROM runs WHERE reason IS NOT NULL"), ["0"]);
+    let reasons =
+        workshop.query("SELECT status, reason FROM runs WHERE reason IS NOT NULL AND status <> 'superseded'");
+    assert_eq!(reasons, [""; 0]);
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
 }

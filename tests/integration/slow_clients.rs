@@ -104,6 +104,7 @@ impl Served {
             scope.spawn(|| {
                 let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
                 runtime.expect("a runtime").block_on(async {
+                    let mut pace = tokio::time::interval(Duration::from_millis(5));
                     let mut held: Vec<Option<TcpStream>> = (0..count).map(|_| None).collect();
                     for at in (0..count).cycle() {
                         if stop.load(Ordering::Relaxed) {
@@ -112,7 +113,7 @@ impl Served {
                         // the daemon may have closed it at once
                         held[at] = attack(kind, address(at), self.port).await.ok();
                         if opened.fetch_add(1, Ordering::Relaxed) >= count {
-                            tokio::time::sleep(Duration::from_millis(5)).await;
+                            pace.tick().await;
                         }
                     }
                 });

@@ -142,7 +142,7 @@ fn locate_in(folder: &Path, argument: Option<&Path>, variable: Option<&OsStr>) -
     if let Some(path) = variable.filter(|path| !path.is_empty()) {
         return ConfigSource::Environment(PathBuf::from(path));
     }
-    let found = PLACES.iter().map(|place| folder.join(place)).find(|path| path.is_file());
+    let found = PLACES.iter().map(|place| folder.join(place)).find(|path| path.exists() && !path.is_dir());
     found.map_or(ConfigSource::Shipped, ConfigSource::WorkingDirectory)
 }
 

@@ -11,29 +11,26 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use armwatch_model::run::FileId;
 
-static KEPT: Mutex<BTreeMap<(u64, u64), Arc<File>>> = Mutex::new(BTreeMap::new());
+/// Descriptors by device and inode. The first one of a file is used.
+type Descriptors = BTreeMap<(u64, u64), Vec<Arc<File>>>;
+
+static KEPT: Mutex<Descriptors> = Mutex::new(Descriptors::new());
 
 /// Device and inode of the file that `metadata` describes.
 pub(super) fn id_of(metadata: &Metadata) -> FileId {
     FileId { device: metadata.dev(), inode: metadata.ino() }
 }
 
-/// The file at `path`, opened for writing if this user may write to it. Each file is opened once.
+/// The file at `path`, opened for writing if this user may write to it. A known file is not opened again.
 pub(super) fn of(path: &Path) -> io::Result<Arc<File>> {
     let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
     let key = |metadata: &Metadata| (metadata.dev(), metadata.ino());
-    if let Some(known) = kept.get(&key(&std::fs::metadata(path)?)) {
+    if let Some(known) = kept.get(&key(&std::fs::metadata(path)?)).and_then(|files| files.first()) {
         return Ok(Arc::clone(known));
     }
     let opened = File::options().read(true).write(true).open(path).or_else(|_| File::open(path))?;
-    let key = key(&opened.metadata()?);
-    let opened = Arc::new(opened);
-    match kept.get(&key) {
-        // the path led elsewhere a moment ago; this descriptor must not be closed either
-        Some(known) => {
-            std::mem::forget(opened);
-            Ok(Arc::clone(known))
-        }
-        None => Ok(Arc::clone(kept.entry(key).or_insert(opened))),
-    }
+    let files = kept.entry(key(&opened.metadata()?)).or_default();
+    // the file may be known all the same, if the path led elsewhere a moment ago; this descriptor stays open, too
+    files.push(Arc::new(opened));
+    Ok(Arc::clone(&files[0]))
 }

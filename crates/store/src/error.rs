@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use super::engine::sqlstate::{ServerFault, fault_of};
-use super::write_ahead_log;
 use armwatch_config::is_on_server;
 
 /// Why the database could not be used. Every message names the file and a remedy.
@@ -149,8 +148,8 @@ pub enum StoreError {
     },
     /// The log beside a database is that of another one.
     #[error(
-        "{} belongs to another database than {}, as after a restore: delete it and {}, or move them away, and start again",
-        .log.display(), .path.display(), write_ahead_log::index_path_of(.path).display()
+        "{} belongs to another database than {}, as after a restore: delete it and {}-shm, or move them away, and start again",
+        .log.display(), .path.display(), .path.display()
     )]
     ForeignLog {
         /// Database file.

@@ -27,6 +27,15 @@ pub struct Store {
 }
 
 impl Store {
+    /// Checks that the open database is still the file at its path. Rows that are written to a deleted or replaced file are
+    /// lost when the program ends.
+    ///
+    /// # Errors
+    /// [`StoreError::Displaced`], after which nothing more is stored.
+    pub fn check_files(&self) -> Result<(), StoreError> {
+        self.files.as_ref().map_or(Ok(()), |files| files.check(&self.path))
+    }
+
     /// Moves the write-ahead log into the database file and closes it, for all clones.
     ///
     /// # Errors

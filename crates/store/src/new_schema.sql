@@ -1,4 +1,4 @@
--- made from migrations e004ca317d66668aeb4ade1f2382f1b990f6aa82a722c1155d0c3912cb91f724
+-- made from migrations 42674a7e1a1610e06f5fe496612b3080c0f7f97fbb2393d15606ef30a6343d8e
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -2093,6 +2093,14 @@ FROM judged
 LEFT JOIN run_joint_summary
        ON run_joint_summary.run_id = judged.run_id AND run_joint_summary.joint = judged.joint
 LEFT JOIN run AS result ON result.run_id = judged.last_result_run_id;
+CREATE TABLE unanswered_folder (
+    -- The name that --host or [cluster] gives; empty without one.
+    host      TEXT NOT NULL,
+    folder    TEXT NOT NULL,
+    -- When the daemon last looked into it, microseconds since 1970; NULL if not since its start.
+    looked_at INTEGER,
+    PRIMARY KEY (host, folder)
+) STRICT, WITHOUT ROWID;
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

@@ -16,6 +16,7 @@ use super::open_files::OpenFiles;
 use super::own_host::OwnHost;
 use super::results::intervals;
 use super::schema::{latest_schema, migrate};
+use super::verified_copy::{APPLICATION_ID, SNAPSHOT};
 use super::{descriptor, server, small_blocks, view_columns, write_ahead_log};
 use armwatch_config::{ClusterSettings, foreign_scheme, is_on_server, shown_database};
 use armwatch_model::run::FileId;
@@ -36,13 +37,6 @@ const READERS: u32 = 4;
 
 /// The write-ahead log shrinks back to this after a burst.
 const LOG_LIMIT_BYTES: &str = "67108864";
-
-/// Set in the header of the file by the first migration.
-pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
-
-/// `PRAGMA user_version` of a copy. It has no triggers, so that nothing may write to it; and only a copy is replaced by
-/// another one.
-pub(super) const SNAPSHOT: i64 = 0x736e_6170;
 
 impl Store {
     /// Opens the database at `path`, a file or the address of a server; makes it, and the folder of a file, if there is

@@ -49,14 +49,3 @@ impl OpenFiles {
         displaced.map_or(Ok(()), |detail| Err(StoreError::Displaced { path: database.to_path_buf(), detail }))
     }
 }
-
-impl super::handle::Store {
-    /// Checks that the open database is still the file at its path. Rows that are written to a deleted or replaced file are
-    /// lost when the program ends.
-    ///
-    /// # Errors
-    /// [`StoreError::Displaced`], after which nothing more is stored.
-    pub fn check_files(&self) -> Result<(), StoreError> {
-        self.files.as_ref().map_or(Ok(()), |files| files.check(&self.path))
-    }
-}

@@ -9,7 +9,7 @@ use sqlx::{SqlSafeStr, SqliteConnection};
 
 use super::engine::{EnginePool, as_sqlite, begin_writing};
 use super::error::StoreError;
-use super::{backup, new_schema, write_ahead_log};
+use super::{new_schema, verified_copy, write_ahead_log};
 
 /// A database of this size is said to take its time, bytes.
 const LARGE_BYTES: u64 = 1 << 30;
@@ -45,7 +45,7 @@ pub(super) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), Stor
         MIGRATOR.iter().map(|migration| migration.version).filter(|version| *version > found).collect();
     if found > 0 && !missing.is_empty() {
         // nobody else can change it meanwhile
-        backup::before_migration(path, found).await?;
+        verified_copy::before_migration(path, found).await?;
         say_beginning(path, found);
     }
     for (step, version) in missing.iter().enumerate() {

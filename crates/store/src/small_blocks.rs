@@ -8,7 +8,6 @@ use std::path::Path;
 
 use nix::fcntl::{FallocateFlags, fallocate};
 use nix::sys::statvfs::{Statvfs, statvfs};
-use nix::unistd::geteuid;
 
 use super::error::StoreError;
 use super::{descriptor, write_ahead_log};
@@ -31,8 +30,8 @@ pub(super) const LEAST_TO_WRITE_BYTES: u64 = 2 << 20;
 /// [`StoreError::Full`].
 pub(super) fn refuse_full(database: &Path, least_bytes: u64) -> Result<(), StoreError> {
     let Some(disk) = with_small_blocks(database) else { return Ok(()) };
-    let free = if geteuid().is_root() { disk.blocks_free() } else { disk.blocks_available() };
-    let free = free.saturating_mul(disk.fragment_size());
+    // ext4 keeps blocks for itself that are free and that not even root can use
+    let free = disk.blocks_available().saturating_mul(disk.fragment_size());
     if free >= least_bytes {
         return Ok(());
     }

@@ -9,13 +9,14 @@ use std::path::Path;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, SqliteConnection};
 
-use super::backup::{first_fault, is_same_file, not_written};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
-use super::open::{APPLICATION_ID, SNAPSHOT};
 use super::partial::Partial;
 use super::question;
+use super::verified_copy::{
+    APPLICATION_ID, SNAPSHOT, copy_error, first_fault, header_of, is_same_file, not_written,
+};
 
 /// Tables whose rows are left out.
 const LEFT_OUT: [&str; 11] = [
@@ -88,48 +89,10 @@ impl Store {
     }
 }
 
-/// The error of copying from `source`: damage that is found while copying is that of the source, whatever the name of the
-/// copy is by then.
-pub(super) fn copy_error(source: &Path, error: StoreError) -> StoreError {
-    match error {
-        StoreError::Corrupt { detail, .. }
-        | StoreError::NotADatabase { detail, .. }
-        // rows that break a rule of the schema which they were stored under
-        | StoreError::Refused { detail, .. } => StoreError::Corrupt { path: source.to_owned(), detail },
-        error => error,
-    }
-}
-
 /// Whether nothing lies at `target` but an earlier copy.
 fn is_free(target: &Path) -> std::io::Result<bool> {
     let found = header_of(target)?;
     Ok(found.is_none_or(|found| found == Some([SNAPSHOT, APPLICATION_ID])))
-}
-
-/// Whether the file at `target` is a database of this program; `None` if there is none.
-pub(super) fn is_ours(target: &Path) -> std::io::Result<Option<bool>> {
-    let found = header_of(target)?;
-    Ok(found.map(|found| found.is_some_and(|[_, application_id]| application_id == APPLICATION_ID)))
-}
-
-/// The numbers that tell what a database is, of its user and of its application, by the header of the file (SQLite,
-/// "Database File Format"); inner `None` of what is too short or no file, outer of nothing.
-fn header_of(target: &Path) -> std::io::Result<Option<Option<[i64; 2]>>> {
-    const HEADER: usize = 72;
-    let mut file = match std::fs::File::open(target) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        file => file?,
-    };
-    if !file.metadata()?.is_file() {
-        return Ok(Some(None));
-    }
-    let mut header = Vec::new();
-    std::io::Read::read_to_end(&mut std::io::Read::take(&mut file, HEADER as u64), &mut header)?;
-    let number = |at: usize| {
-        let bytes = header.get(at..at + 4)?.try_into().ok()?;
-        Some(i64::from(u32::from_be_bytes(bytes)))
-    };
-    Ok(Some(number(60).zip(number(68)).map(|(user, application)| [user, application])))
 }
 
 async fn copy(source: &Path, partial: &Path) -> Result<(), sqlx::Error> {

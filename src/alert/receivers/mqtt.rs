@@ -1,7 +1,10 @@
 //! MQTT 5: each message is published with quality of service 1 and done when the broker acknowledges it.
 
 use ring::digest;
-use rumqttc::mqttbytes::v5::{DisconnectReasonCode, PubAckReason};
+use rumqttc::mqttbytes::{
+    self,
+    v5::{DisconnectReasonCode, PubAckReason},
+};
 use rumqttc::{
     AsyncClient, ConnectionError, Event, MqttOptions, Outgoing, PublishNoticeError, PublishOptions, QoS,
     StateError, TlsConfiguration, Transport,
@@ -107,7 +110,10 @@ impl Receiver for Mqtt {
 fn failure(detail: String, error: &ConnectionError, is_sent: bool) -> SendError {
     use DisconnectReasonCode as Reason;
     match error {
-        ConnectionError::MqttState(StateError::OutgoingPacketTooLarge { .. }) => SendError::never(detail),
+        ConnectionError::MqttState(
+            StateError::OutgoingPacketTooLarge { .. }
+            | StateError::Deserialization(mqttbytes::Error::OutgoingPacketTooLarge { .. }),
+        ) => SendError::never(detail),
         ConnectionError::MqttState(StateError::ServerDisconnect { reason_code, .. }) if is_sent => {
             match reason_code {
                 Reason::MalformedPacket

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{Begun, Closing, FileSchedule, NextAttempt, Seen, Sighting};
+use super::{Begun, Closing, FileSchedule, NextAttempt, Seen};
 use crate::daemon::suspects::Suspects;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
@@ -40,6 +40,11 @@ impl WatchedFolder {
         let now = self.start + Duration::from_secs(at_s);
         let files: Vec<_> = self.files.iter().map(|file| (file, seen)).collect();
         self.schedule.note(&files, now, lane);
+    }
+
+    fn unseen(&self) -> Vec<&FoundFile> {
+        let files: Vec<_> = self.files.iter().map(|file| (file, Seen::Now)).collect();
+        self.schedule.unseen(&files)
     }
 
     fn growing(&mut self) -> Option<NextAttempt> {
@@ -105,13 +110,11 @@ fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
 fn what_was_decided_before_is_left_alone_until_it_changes() {
     let mut folder = WatchedFolder::new();
     ["a1", "a2"].into_iter().for_each(|name| folder.write(name, 10));
-    let sightings: Vec<Sighting<'_>> = folder.files.iter().map(|file| (file, Seen::Now)).collect();
-    let unseen: Vec<&Path> = folder.schedule.unseen(&sightings).into_iter().map(|file| file.path.as_path()).collect();
+    let unseen: Vec<&Path> = folder.unseen().iter().map(|file| file.path.as_path()).collect();
     assert_eq!(unseen, [Path::new("a1"), Path::new("a2")]);
     folder.schedule.taken_before(["a1".into()].into_iter());
     [0, 3].into_iter().for_each(|at| folder.look(at));
-    let sightings: Vec<Sighting<'_>> = folder.files.iter().map(|file| (file, Seen::Now)).collect();
-    assert!(folder.schedule.unseen(&sightings).is_empty());
+    assert_eq!(folder.unseen().len(), 0);
     assert_eq!(folder.schedule.waiting(folder.start), 1);
     assert_eq!(name(folder.settled(&[]).as_ref()), Some("a2"));
     assert_eq!(name(folder.settled(&[]).as_ref()), None);

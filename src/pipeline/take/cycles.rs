@@ -58,7 +58,7 @@ pub struct RowCutter {
     in_cycles: u64,
     /// Rows that were pushed, with those before the first of them.
     rows_pushed: u64,
-    /// Where rows stand in the file: so many rows are before this line. Of those that are not settled; `None` where the
+    /// Where rows stand in the file: so many rows are before this line. Of the open cycle and of short ones; `None` where the
     /// layout lets bad rows be passed over, so that lines are not rows.
     lines: Option<VecDeque<(u64, u64)>>,
     /// The column of the cycle counter, as the layout names it.
@@ -234,7 +234,10 @@ impl RowCutter {
                 return Ok(Some(cycle));
             }
             match self.cutter.next_cycle() {
-                Ok(Some(cycle)) => self.take(cycle)?,
+                Ok(Some(cycle)) => {
+                    let first_row = self.cutter.state().rows_cut - cycle.samples.rows() as u64;
+                    self.take(cycle, first_row)?;
+                }
                 Ok(None) => match self.fault.take() {
                     Some(fault) => self.fail(fault)?,
                     None if self.is_ending => self.end()?,
@@ -269,8 +272,8 @@ impl RowCutter {
         self.cutter.push(staged);
     }
 
-    /// Takes a cycle that was cut, and gives it, unless it is short.
-    fn take(&mut self, mut cycle: Cycle) -> Result<(), Rejection> {
+    /// Takes a cycle that was cut, from a row of the recording on, and gives it, unless it is short.
+    fn take(&mut self, mut cycle: Cycle, first_row: u64) -> Result<(), Rejection> {
         cycle.samples.shrink_to_fit();
         take_delays(&self.delays, &mut cycle.samples);
         if cycle.samples.rows() >= LEAST_ROWS || self.division == Division::Windows {
@@ -279,7 +282,7 @@ impl RowCutter {
             return Ok(());
         }
         if self.short.is_empty() {
-            self.short_from = self.cutter.state().rows_cut - cycle.samples.rows() as u64;
+            self.short_from = first_row;
         }
         self.short.push(cycle);
         if self.short.len() < SHORT_IN_A_ROW { Ok(()) } else { Err(self.too_short()) }
@@ -288,10 +291,10 @@ impl RowCutter {
     /// Ends with the last cycles.
     fn end(&mut self) -> Result<(), Rejection> {
         self.is_ending = false;
-        let before = self.cutter.state().cycles_cut as usize;
+        let CutterState { cycles_cut, rows_cut, .. } = self.cutter.state();
         let last = std::mem::take(&mut self.cutter).finish().map_err(|error| self.not_cut(&error))?;
-        let cut = before + usize::from(last.is_some());
-        last.map_or(Ok(()), |cycle| self.take(cycle))?;
+        let cut = cycles_cut as usize + usize::from(last.is_some());
+        last.map_or(Ok(()), |cycle| self.take(cycle, rows_cut))?;
         if self.short.len() == cut && cut >= SHORT_ALONE {
             return Err(self.too_short());
         }
@@ -309,10 +312,11 @@ impl RowCutter {
         Ok(())
     }
 
-    /// Forgets where rows stand that are settled.
+    /// Forgets where rows stand of cycles that are not short.
     fn forget_lines(&mut self) {
         if let Some(lines) = &mut self.lines {
-            let kept_from = if self.short.is_empty() { self.rows_settled } else { self.short_from };
+            let kept_from =
+                if self.short.is_empty() { self.cutter.state().rows_cut } else { self.short_from };
             while lines.get(1).is_some_and(|(rows, _)| *rows <= kept_from) {
                 lines.pop_front();
             }
@@ -597,11 +601,26 @@ mod tests {
     fn a_counter_that_counts_rows_is_told_and_gives_no_cycle_whatever_the_pieces() {
         let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
         for (lengths, given, line, told) in [
-            (vec![1; 1000], 0, 2, "the column cycle counts rows, not cycles: 100 cycles in a row have 1 row each"),
-            (vec![5; 400], 0, 2, "the column cycle changes too often to count cycles: 100 cycles in a row have 5 rows each"),
+            (
+                vec![1; 1000],
+                0,
+                2,
+                "the column cycle counts rows, not cycles: 100 cycles in a row have 1 row each",
+            ),
+            (
+                vec![5; 400],
+                0,
+                2,
+                "the column cycle changes too often to count cycles: 100 cycles in a row have 5 rows each",
+            ),
             (vec![1; 12], 0, 2, "12 cycles in a row have 1 row each"),
             ([vec![500, 40], vec![31; 120]].concat(), 2, 542, "100 cycles in a row have 31 rows each"),
-            ([vec![20; 60], vec![500], vec![1, 3].repeat(60)].concat(), 61, 1702, "100 cycles in a row have 1 to 3 rows"),
+            (
+                [vec![20; 60], vec![500], [1, 3].repeat(60)].concat(),
+                61,
+                1702,
+                "100 cycles in a row have 1 to 3 rows",
+            ),
         ] {
             for chunk in [1, 7, 999, 100_000] {
                 let (cycles, fault) = cut_or_not(&layout, &mut rows_of(&lengths), chunk);
@@ -628,7 +647,7 @@ mod tests {
         let layout = parse_layout("layout.toml", NATIVE).expect("no problems");
         for lengths in [
             vec![32; 300],
-            vec![1, 40].repeat(150),
+            [1, 40].repeat(150),
             vec![31; 9],
             [vec![500], vec![1; 99]].concat(),
             [vec![1; 99], vec![500], vec![1; 99], vec![32]].concat(),

@@ -49,10 +49,13 @@ pub(crate) fn read_work_limits(table: &Table<'_>) -> Option<WorkLimits> {
     let large = number("large_file_bytes", 1..=MOST_BYTES);
     let bytes = number("export_max_bytes", 1..=MOST_BYTES);
     let rows = number("cycle_max_rows", FEWEST_ROWS..=MOST_ROWS);
-    let memory = table.at_most_one_of(&["cycles_max_bytes", "open_cycles_max_rows"]).map(|(form, value)| match form {
-        0 => value.integer(LEAST_CYCLES_BYTES..=MOST_BYTES),
-        _ => value.integer(FEWEST_ROWS..=MOST_OPEN_ROWS).map(|rows| (rows * ROW_BYTES).max(LEAST_CYCLES_BYTES)),
-    });
+    let memory =
+        table.at_most_one_of(&["cycles_max_bytes", "open_cycles_max_rows"]).map(|(form, value)| match form {
+            0 => value.integer(LEAST_CYCLES_BYTES..=MOST_BYTES),
+            _ => value
+                .integer(FEWEST_ROWS..=MOST_OPEN_ROWS)
+                .map(|rows| (rows * ROW_BYTES).max(LEAST_CYCLES_BYTES)),
+        });
     let count = |read: Option<Option<i64>>, default: usize| match read {
         Some(given) => usize::try_from(given?).ok(),
         None => Some(default),

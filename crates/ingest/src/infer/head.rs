@@ -174,11 +174,7 @@ impl<'t> Above<'t> {
     }
 }
 
-fn assembled<'t>(
-    mut lines: impl Iterator<Item = &'t str>,
-    format: Format,
-    encoding: Found,
-) -> Option<Head> {
+fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encoding: Found) -> Option<Head> {
     let mut above = Above::default();
     let first_row = loop {
         let line = lines.next()?;

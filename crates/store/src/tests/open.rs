@@ -10,8 +10,9 @@ use sqlx::{
 use super::support::*;
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::open::{APPLICATION_ID, open};
+use crate::open::open;
 use crate::schema::{MIGRATOR, latest_schema};
+use crate::verified_copy::APPLICATION_ID;
 use armwatch_testing::er3a;
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures/migrations");
