@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Fewest numbers of a channel that is used again. Allocators keep shorter ones at hand, and a short channel must not take the
+/// Fewest numbers of a channel that is used again. Allocators cache shorter ones, and a short channel must not take the
 /// memory of a long one.
 const LEAST: usize = 512;
 

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use armwatch_model::run::FileId;
 
-/// Descriptors by device and inode. The first one of a file is used.
+/// Descriptors by device and inode. The first descriptor of each file is used.
 type Descriptors = BTreeMap<(u64, u64), Vec<Arc<File>>>;
 
 static KEPT: Mutex<Descriptors> = Mutex::new(Descriptors::new());

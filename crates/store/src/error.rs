@@ -146,7 +146,7 @@ pub enum StoreError {
         /// Which of its files, and what became of it.
         detail: String,
     },
-    /// The log beside a database is that of another one.
+    /// The log next to a database belongs to another database.
     #[error(
         "{} belongs to another database than {}, as after a restore: delete it and {}-shm, or move them away, and start again",
         .log.display(), .path.display(), .path.display()

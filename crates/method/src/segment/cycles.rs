@@ -15,7 +15,7 @@ use armwatch_model::run::{Cycle, Samples, Stage};
 /// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
-/// Most rows that the first cycle of a recording gets room for beyond twice those at hand, since its length is unknown: one of
+/// Most rows that the first cycle of a recording gets room for beyond twice those already read, since its length is unknown: one of
 /// six minutes at 250 Hz. Channels that grow in small steps leave memory idle.
 const GUESSED_ROWS: usize = 100_000;
 
