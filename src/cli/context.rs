@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use tokio_util::sync::CancellationToken;
 
 use crate::pipeline::context::PipelineError;
-use armwatch_config::{Config, ConfigErrors, KINDS_OF_DATABASE, foreign_scheme, shown_database};
+use armwatch_config::{Config, ConfigErrors, ConfigSource, KINDS_OF_DATABASE, foreign_scheme, shown_database};
 use armwatch_store::{Store, StoreError};
 
 /// All done.
@@ -60,6 +60,18 @@ pub struct Global {
 }
 
 impl Global {
+    /// The same options with the configuration file that is found now.
+    #[must_use]
+    pub fn pinned(&self) -> Self {
+        let config = match ConfigSource::locate(self.config.as_deref()) {
+            ConfigSource::Argument(path)
+            | ConfigSource::Environment(path)
+            | ConfigSource::WorkingDirectory(path) => Some(path),
+            ConfigSource::Shipped => None,
+        };
+        Self { config, ..self.clone() }
+    }
+
     /// The configuration, with the command line's database.
     ///
     /// # Errors

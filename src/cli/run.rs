@@ -46,6 +46,8 @@ pub(super) struct RunArgs {
 const THREADS_END_WITHIN: Duration = Duration::from_secs(1);
 
 pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
+    // SIGHUP reads the same file again: while it is missing, the shipped settings must not take its place
+    let global = &global.pinned();
     let config = checked(as_host(global.read_config()?, args))?;
     let runtime = runtime()?;
     let ended = runtime.block_on(until_stopped(global, args, config));

@@ -28,14 +28,25 @@ const SLOWEST_BYTES_MS: u64 = 500;
 /// answer blocks no export and only one thread.
 static HANGING: AtomicUsize = AtomicUsize::new(0);
 
-/// Archives the export at `path`, of so many bytes, if its run is complete. Whatever fails is logged and leaves the source where
-/// it is; it is tried again when the file is looked at anew, at the latest after a restart.
-pub async fn after(pipeline: &Pipeline, path: &Path, bytes: u64, outcome: &Outcome) {
-    let Some(folder) = pipeline.config().watch.archive.clone() else { return };
+/// Archives the export at `path`, of so many bytes, if its run is complete. If the archive refuses, that is logged and the
+/// source stays. The daemon tries again when it sees the file the next time, at the latest after a restart.
+///
+/// # Errors
+/// [`PipelineError`] if the database cannot be synced. Linux reports a lost write only once, so the daemon cannot go on:
+/// committed rows may be missing after the next start, when this source is read again.
+pub async fn after(
+    pipeline: &Pipeline,
+    path: &Path,
+    bytes: u64,
+    outcome: &Outcome,
+) -> Result<(), PipelineError> {
+    let Some(folder) = pipeline.config().watch.archive.clone() else { return Ok(()) };
     let (Outcome::Stored(_) | Outcome::AlreadyStored { .. }, Some(run_id)) = (outcome, outcome.run_id())
     else {
-        return;
+        return Ok(());
     };
+    // a commit survives the end of the process, and only a synced one survives a loss of power
+    pipeline.store().sync().await?;
     let file = text::of_path(path);
     match moved(pipeline, (path, bytes), folder, run_id).await {
         Ok(Some(Archived::At(target))) => tracing::info!(%file, target = %text::of_path(&target), "archived"),
@@ -43,6 +54,7 @@ pub async fn after(pipeline: &Pipeline, path: &Path, bytes: u64, outcome: &Outco
         Ok(None) => {}
         Err(error) => tracing::warn!(%file, %error, "not archived; it stays where it is"),
     }
+    Ok(())
 }
 
 async fn moved(
@@ -54,8 +66,6 @@ async fn moved(
     let store = pipeline.store();
     let is_complete = store.known_run(run_id).await?.is_some_and(|run| run.status == RunStatus::Complete);
     let Some(run) = store.run_source(run_id).await?.filter(|_| is_complete) else { return Ok(None) };
-    // what is committed outlasts the process, and only what is synced a loss of power: the source may go after that
-    store.sync().await?;
     let below = below(path, &pipeline.config().watch.folders);
     let (source, content) = (path.to_owned(), run.content_hash);
     let archiving = move || {

@@ -306,7 +306,7 @@ impl ExportTasks {
             let (path, bytes) = (due.path.clone(), due.seen.size);
             let reading = on_own_thread(access, async move {
                 let outcome = pipeline.process(&path, Retry::Never, &stop, progress).await?;
-                archive::after(&pipeline, &path, bytes, &outcome).await;
+                archive::after(&pipeline, &path, bytes, &outcome).await?;
                 Ok(Followed::Outcome(outcome))
             });
             let result = reading.await.unwrap_or_else(|panic| Err(panic.into()));

@@ -1,14 +1,14 @@
 //! Answers: JSON, and refusals that say what to do.
 
-use axum::Json;
 use axum::extract::rejection::{BytesRejection, JsonRejection};
-use axum::http::header::{CONNECTION, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::header::{CONNECTION, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
 
 use armwatch_config::Scope;
+use armwatch_model::text;
 use armwatch_store::AskError;
 
 /// Most bytes of a body that is no upload.
@@ -19,6 +19,24 @@ pub const UPLOAD_OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 
 /// Whether an upload is whole: `?1` or `?0`.
 pub const UPLOAD_COMPLETE: HeaderName = HeaderName::from_static("upload-complete");
+
+/// An answer in JSON, its hidden characters escaped, so that a log or terminal that shows it is not fooled.
+#[derive(Debug)]
+pub struct Json<T>(pub T);
+
+impl<T: Serialize> IntoResponse for Json<T> {
+    fn into_response(self) -> Response {
+        match serde_json::to_string(&self.0) {
+            Ok(body) => {
+                ([(CONTENT_TYPE, "application/json")], text::json(&body).into_owned()).into_response()
+            }
+            Err(error) => {
+                tracing::error!(%error, "an answer is no JSON");
+                StatusCode::INTERNAL_SERVER_ERROR.into_response()
+            }
+        }
+    }
+}
 
 /// Why a request is refused
 #[derive(Debug, Serialize, ToSchema)]
@@ -191,5 +209,20 @@ impl IntoResponse for Refusal {
         // what the client still sends is not read
         headers.insert(CONNECTION, HeaderValue::from_static("close"));
         response
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn hidden_characters_of_names_are_escaped_in_answers() {
+        let name = "E\u{202e}vsc \u{200b}ü";
+        let answer = Json([name]).into_response();
+        assert_eq!(answer.headers()[CONTENT_TYPE], "application/json");
+        let bytes = axum::body::to_bytes(answer.into_body(), 1000).await.unwrap();
+        assert_eq!(bytes, "[\"E\\u202evsc \\u200bü\"]".as_bytes());
+        assert_eq!(serde_json::from_slice::<[String; 1]>(&bytes).unwrap(), [name]);
     }
 }

@@ -321,7 +321,12 @@ impl Spool {
         for entry in entries {
             let entry = entry?;
             match entry.metadata() {
-                Ok(metadata) => partials.extend(Partial::of(entry.path(), &metadata)),
+                Ok(metadata) => match Partial::of(entry.path(), &metadata) {
+                    Some(partial) => partials.push(partial),
+                    // of a process that was killed meanwhile
+                    None if is_old(&metadata) => drop(fs::remove_file(entry.path())),
+                    None => {}
+                },
                 // it was deleted or became whole since the listing
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {}
                 Err(error) => return Err(error),
@@ -337,6 +342,12 @@ impl Spool {
     fn active(&self) -> std::sync::MutexGuard<'_, HashMap<String, String>> {
         self.active.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Whether a probe is no longer in use.
+fn is_old(probe: &fs::Metadata) -> bool {
+    let age = probe.modified().ok().and_then(|modified| modified.elapsed().ok());
+    age.is_some_and(|age| age > STALE_WHEN_SHORT)
 }
 
 impl Partial {

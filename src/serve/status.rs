@@ -4,7 +4,6 @@ use std::path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
@@ -12,7 +11,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::access::Scope;
-use super::answer::{Problem, Refusal, Refused};
+use super::answer::{Json, Problem, Refusal, Refused};
 use super::shared::Shared;
 use crate::metrics::FolderState;
 use crate::serve::shared::{Readiness, Uploads};

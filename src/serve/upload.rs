@@ -12,12 +12,12 @@ use axum::extract::{Path, Query, State};
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
-use axum::{Extension, Json};
+use axum::Extension;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::access::Scope;
-use super::answer::{Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
+use super::answer::{Json, Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::network::Network;
 use super::part::Part;
 use super::receive::{Bounds, SLOW_START, no_uploads, of_disk, receive};

@@ -37,6 +37,11 @@ fn a_hangup_reads_the_configuration_again_and_a_wrong_one_changes_nothing() {
     workshop.wait_until(|| said(&workshop, "the earlier configuration stays in force") == 2);
     assert!(workshop.log().contains("is the whole file system"), "{}", workshop.log());
 
+    // a missing file does not put the shipped settings in force
+    fs::remove_file(workshop.path("armwatch.toml")).expect("deleted");
+    daemon.signal("HUP");
+    workshop.wait_until(|| said(&workshop, "the earlier configuration stays in force") == 3);
+
     // another folder and database: the one is watched now, the other at the next start
     let new = sound.replace("[\"inbox\"]", "[\"inbox\", \"second\"]");
     fs::write(workshop.path("armwatch.toml"), format!("database = \"other.db\"\n{new}")).expect("written");

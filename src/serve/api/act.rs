@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use axum::Json;
 use axum::extract::rejection::JsonRejection;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -13,7 +12,7 @@ use utoipa::ToSchema;
 use super::number::number;
 use super::row::Row;
 use crate::serve::access::Scope;
-use crate::serve::answer::{Problem, Refusal, Refused};
+use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{AlarmAction, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views};
@@ -108,7 +107,7 @@ pub async fn on_anomaly(
     State(shared): State<Arc<Shared>>,
     Path((id, action)): Path<(String, String)>,
     headers: HeaderMap,
-    deed: Result<Json<Deed>, JsonRejection>,
+    deed: Result<axum::Json<Deed>, JsonRejection>,
 ) -> Result<Json<Option<Row>>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let id = number(&id, "anomaly", "GET /v1/views/anomalies has the numbers in its column anomaly_id")?;
@@ -160,7 +159,7 @@ pub async fn maintenance(
     State(shared): State<Arc<Shared>>,
     Path(robot): Path<String>,
     headers: HeaderMap,
-    work: Result<Json<Work>, JsonRejection>,
+    work: Result<axum::Json<Work>, JsonRejection>,
 ) -> Result<(StatusCode, Json<Entered>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let Work { who, what, joint, at } = body(work, WORK_EXAMPLE)?;
@@ -230,8 +229,8 @@ pub async fn retry(
     Ok((StatusCode::ACCEPTED, Json(Noted { run_id, outcome: "it is read again at the next scan" })))
 }
 
-fn body<T>(sent: Result<Json<T>, JsonRejection>, example: &str) -> Result<T, Refusal> {
-    sent.map(|Json(body)| body).map_err(|rejection| Refusal::of_json(&rejection, example))
+fn body<T>(sent: Result<axum::Json<T>, JsonRejection>, example: &str) -> Result<T, Refusal> {
+    sent.map(|axum::Json(body)| body).map_err(|rejection| Refusal::of_json(&rejection, example))
 }
 
 fn named(who: &str) -> Result<String, Refusal> {

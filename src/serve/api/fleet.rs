@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::{Extension, Json};
+use axum::Extension;
 use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::row::Row;
-use crate::serve::answer::{Refusal, Refused};
+use crate::serve::answer::{Json, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::{Counts, Store, Table, ViewRows, time_in_views};
 

@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use axum::Json;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use jiff::Timestamp;
@@ -11,6 +10,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::serve::access::Scope;
+use crate::serve::answer::Json;
 use crate::serve::shared::Shared;
 use armwatch_config::shown_database;
 use armwatch_store::time_in_views;

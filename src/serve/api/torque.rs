@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Json;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode};
@@ -15,7 +14,7 @@ use utoipa::{IntoParams, ToSchema};
 use super::number::number;
 use crate::pipeline::look::replay::ReplayError;
 use crate::pipeline::look::torque::{CycleTorque, JointTorque, cycle_torque};
-use crate::serve::answer::{Problem, Refusal, Refused};
+use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_model::robot::JointKind;
 

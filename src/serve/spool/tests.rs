@@ -182,3 +182,17 @@ fn looks_at_the_same_time_do_not_fail_each_other() {
     });
     assert_eq!(fs::read_dir(folder.path().join(PARTIAL)).unwrap().count(), 0);
 }
+
+#[test]
+fn a_probe_of_a_killed_process_is_deleted() {
+    let folder = tempfile::tempdir().unwrap();
+    let spool = spool(folder.path());
+    spool.prepare().unwrap();
+    let left = folder.path().join(PARTIAL).join("probe-1-0");
+    let probe = File::create(&left).unwrap();
+    assert_eq!(count(&spool), 0);
+    assert!(left.exists(), "it may be in use");
+    probe.set_modified(SystemTime::now() - 2 * STALE_WHEN_SHORT).unwrap();
+    assert_eq!(count(&spool), 0);
+    assert!(!left.exists());
+}
