@@ -188,7 +188,7 @@ async function connectionLost() {
   await wake(page);
   await new Promise((resolve) => setTimeout(resolve, 2500));
   const lost = await page.$eval(".connection", (one) => one.textContent);
-  check(/^Reconnecting; data is \d+ seconds? old$/.test(lost), "a lost connection is said", lost);
+  check(/^Not live; data is \d+ seconds? old$/.test(lost), "a lost connection is said", lost);
   check(await page.$(".robot-row, .empty") !== null, "what was shown stays");
   await page.screenshot({ path: `${out}/lost.png` });
   await client.send("Fetch.disable");

@@ -321,6 +321,9 @@ fn a_page_hears_of_a_change_and_the_stream_ends_with_the_daemon() {
         lines.by_ref().map_while(Result::ok).take_while(until).any(|line| line.contains(wanted))
     };
     assert!(heard("text/event-stream"));
+    // proxies pass each event on, and a page knows at once that they do
+    assert!(heard("x-accel-buffering: no"));
+    assert!(heard("event: alive"));
     // the first look only learns where the database stands
     std::thread::scope(|scope| {
         scope.spawn(|| {

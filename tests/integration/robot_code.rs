@@ -129,9 +129,34 @@ fn an_identified_arm_becomes_code_that_gives_its_torques() {
     workshop.stdout(&of_set, 0);
     assert_eq!(generated(&workshop.path("set")), files);
 
+    python_takes_numbers_of_numpy(&folder);
     friction_follows_the_warmth(&workshop);
     a_wrong_constant_is_found(&folder);
     what_cannot_be_is_said(&workshop);
+}
+
+/// Comparisons of numpy's numbers give truth values without arithmetic.
+fn python_takes_numbers_of_numpy(folder: &Path) {
+    const CALL: &str = "
+import er3a_torque
+
+class Truth:
+    def __init__(self, value): self.value = value
+    def __bool__(self): return self.value
+
+class Number(float):
+    def __gt__(self, other): return Truth(float(self) > other)
+    def __lt__(self, other): return Truth(float(self) < other)
+
+q, v = [0.1] * 6, [0.3, -0.2, 0.0, 0.1, -0.4, 0.5]
+assert er3a_torque.torque(q, [Number(x) for x in v], q) == er3a_torque.torque(q, v, q)
+";
+    let Some(python) = found("python3") else {
+        println!("skipped: there is no python3");
+        return;
+    };
+    let output = Command::new(python).args(["-B", "-c", CALL]).current_dir(folder).output().expect("python3");
+    assert!(output.status.success(), "{}", text(&output.stderr));
 }
 
 /// A value of a constant of generated Rust.

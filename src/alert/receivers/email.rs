@@ -1,7 +1,7 @@
 //! Mail by SMTP.
 
 use lettre::message::header::{HeaderName, HeaderValue};
-use lettre::message::{Mailbox, Message as Mail};
+use lettre::message::{Mailbox, Message as Mail, SinglePart};
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, Tls, TlsParameters};
 use lettre::{AsyncSmtpTransport, AsyncTransport, Tokio1Executor};
@@ -96,7 +96,7 @@ impl Email {
         for to in &self.to {
             mail = mail.to(to.clone());
         }
-        mail.body(message.text()).map_err(|error| format!("mail: {error}"))
+        mail.singlepart(SinglePart::plain(message.text())).map_err(|error| format!("mail: {error}"))
     }
 }
 

@@ -44,7 +44,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     source += &format!("JOINTS = {joints}\n\n");
     source += &constants(&functions.constants, &SYNTAX);
     let helpers = [
-        (Function::Sign, "\n\ndef _sign(x):\n    return (x > 0.0) - (x < 0.0)\n"),
+        (Function::Sign, "\n\ndef _sign(x):\n    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else 0.0\n"),
         (Function::PositivePart, "\n\ndef _positive_part(x):\n    return x if x > 0.0 else 0.0\n"),
         (Function::NegativePart, "\n\ndef _negative_part(x):\n    return x if x < 0.0 else 0.0\n"),
     ];

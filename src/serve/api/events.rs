@@ -1,15 +1,16 @@
 //! `GET /v1/events`: a page hears that the database has changed, and asks for what it shows.
 
 use std::convert::Infallible;
+use std::future::ready;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::Sse;
 use axum::response::sse::{Event, KeepAlive};
-use futures_util::Stream;
-use futures_util::stream::unfold;
+use axum::response::{IntoResponse, Sse};
+use futures_util::StreamExt;
+use futures_util::stream::{once, unfold};
 use serde_json::json;
 use tokio::time::{Instant, sleep_until};
 
@@ -20,7 +21,10 @@ use crate::serve::shared::Shared;
 const LOOK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Time after which a silent stream says that it lives.
-const ALIVE_INTERVAL: Duration = Duration::from_secs(15);
+const ALIVE_INTERVAL: Duration = Duration::from_secs(10);
+
+/// Asks nginx, and proxies that copy it, to pass each event on at once.
+const UNBUFFERED: (&str, &str) = ("x-accel-buffering", "no");
 
 /// How long a stream lasts; then its client asks for another one. Otherwise a client that reads nothing would hold a
 /// stream for days, because the few bytes of a quiet one fit into the buffers on the way.
@@ -28,7 +32,8 @@ const LONGEST_STREAM: Duration = Duration::from_secs(600);
 
 /// Hear of changes
 ///
-/// Server-sent events: `changed` when the database has changed, at most once a second; `alive` every 15 s. The stream
+/// Server-sent events: `changed` when the database has changed, at most once a second; `alive` at once and every
+/// 10 s. The stream
 /// ends after 10 minutes; ask again.
 #[utoipa::path(
     get, path = "/v1/events", tag = "Rows", operation_id = "events",
@@ -38,7 +43,7 @@ const LONGEST_STREAM: Duration = Duration::from_secs(600);
 pub async fn events(
     State(shared): State<Arc<Shared>>,
     headers: HeaderMap,
-) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Refusal> {
+) -> Result<impl IntoResponse, Refusal> {
     shared.access.check(&headers)?;
     shared.looking().await?;
     let (mut changes, stop) = (shared.changes.subscribe(), shared.stop.clone());
@@ -56,9 +61,13 @@ pub async fn events(
         let event = Event::default().event("changed").data(json!({"version": version}).to_string());
         Some((Ok(event), (changes, stop, end)))
     });
-    Ok(Sse::new(stream).keep_alive(
-        KeepAlive::new().interval(ALIVE_INTERVAL).event(Event::default().event("alive").data("{}")),
-    ))
+    let stream = once(ready(Ok::<_, Infallible>(alive()))).chain(stream);
+    let sent = Sse::new(stream).keep_alive(KeepAlive::new().interval(ALIVE_INTERVAL).event(alive()));
+    Ok(([UNBUFFERED], sent))
+}
+
+fn alive() -> Event {
+    Event::default().event("alive").data("{}")
 }
 
 /// Looks whether the database has changed, while anybody listens, until the program stops.

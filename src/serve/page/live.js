@@ -2,9 +2,12 @@ import { headers } from "./api.js";
 import { announce } from "./dom.js";
 import { plural } from "./format.js";
 
-// A server says "alive" every 15 s; after three of them the connection is taken for lost.
-const SILENCE_MS = 45_000;
+// The server says "alive" at once and then every 10 s. After three of them the connection counts as lost: a proxy that
+// buffers answers passes on nothing, not even the status.
+const SILENCE_MS = 30_000;
 const PAUSE_MS = 1000;
+// Without the stream, the page asks by itself.
+const POLL_MS = 10_000;
 
 /** Follows the daemon's events, and calls `changed` at most once a second and never twice at a time. */
 export function follow({ changed, note }) {
@@ -29,7 +32,7 @@ export function follow({ changed, note }) {
     if (document.hidden) return;
     if (connected === null) note("", "");
     else if (connected) note("live", "Live");
-    else note("lost", `Reconnecting; data is ${plural(Math.round((Date.now() - fresh) / 1000), "second")} old`);
+    else note("lost", `Not live; data is ${plural(Math.round((Date.now() - fresh) / 1000), "second")} old`);
   }
 
   async function run() {
@@ -58,6 +61,7 @@ export function follow({ changed, note }) {
     const old = stream;
     stream = own;
     old?.abort();
+    heard = Date.now();
     try {
       const answer = await fetch(new URL("v1/events", document.baseURI), {
         headers: { Accept: "text/event-stream", ...headers() }, signal: own.signal, cache: "no-store",
@@ -105,8 +109,13 @@ export function follow({ changed, note }) {
   }
 
   setInterval(() => {
-    if (stream && connected && Date.now() - heard > SILENCE_MS) stream.abort();
-    if (connected === false) words();
+    if (stream && Date.now() - heard > SILENCE_MS) stream.abort();
+    if (connected !== false) return;
+    words();
+    if (Date.now() - began > POLL_MS) {
+      due = true;
+      run();
+    }
   }, 1000);
   // A hidden tab would hold one of the few connections that a browser opens to a host.
   document.addEventListener("visibilitychange", () => {

@@ -326,6 +326,8 @@ fn a_mail_server_takes_a_mail_for_each_event() {
             format!("References: <armwatch-{identity}-anomaly-{anomaly}@example.org>"),
             "From: armwatch <armwatch@example.org>".to_owned(),
             "X-RcptTo: wartung@example.org, shift@example.org".to_owned(),
+            "MIME-Version: 1.0".to_owned(),
+            "Content-Type: text/plain; charset=utf-8".to_owned(),
         ] {
             assert!(mail.lines().any(|found| found == line), "{line}\nnot in\n{mail}");
         }
