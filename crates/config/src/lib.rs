@@ -27,7 +27,7 @@ pub use self::cluster::{ClusterSettings, host_name};
 pub use self::daemon::recognition::{RecogniseError, Recognised, UNKNOWN_ROBOT};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{
-    Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
+    BLANKS,     Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
     StartSource, TimeSource, TorqueQuantity,
 };
 pub use self::layout::column::{Column, JointColumns, ScaledColumn};

@@ -11,12 +11,16 @@ use crate::robot::joint::{
 use armwatch_model::robot::{Joint, JointKind, Robot};
 use armwatch_model::run::channel_delays::ChannelDelays;
 
+/// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's `savetxt`,
+/// MATLAB's `-ascii` and `printf`.
+pub const BLANKS: u8 = b' ';
+
 /// How an export's columns become channels in SI.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Name, such as `native`.
     pub name: String,
-    /// Separator between columns.
+    /// Separator between columns; [`BLANKS`] for any number of blanks.
     pub delimiter: u8,
     /// Encoding, decimal mark and lines around the header.
     pub text: TextFormat,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::channels::{Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
+use super::channels::{BLANKS, Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
 use super::column::JointColumns;
 use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
 use super::stage_source::read_stage_source;
@@ -187,8 +187,9 @@ fn read_delimiter(root: &Table<'_>) -> Option<u8> {
     // Not `text()`: a tab is a delimiter, and looks empty.
     match value.any_text()? {
         text if DELIMITERS.contains(&text) => text.bytes().next(),
+        "blank" => Some(BLANKS),
         _ => {
-            value.refuse("must be one of \",\", \";\", \"\\t\" and \"|\"".into(), None);
+            value.refuse("must be one of \",\", \";\", \"\\t\", \"|\" and \"blank\"".into(), None);
             None
         }
     }

@@ -339,8 +339,11 @@ impl Search<'_> {
     fn refuse_foreign_delimiter(&self) -> Result<(), Rejection> {
         let [only] = self.names else { return Ok(()) };
         let found = [(',', "comma"), (';', "semicolon"), ('\t', "tab"), ('|', "bar")];
-        match found.iter().find(|(sign, _)| only.contains(*sign)) {
-            Some((_, name)) => Err(self.rejection(
+        let found = found.iter().find(|(sign, _)| only.contains(*sign)).map(|(_, name)| *name);
+        // as blanks are written in a layout
+        let in_blanks = only.split_whitespace().nth(2).map(|_| "\"blank\"");
+        match found.or(in_blanks) {
+            Some(name) => Err(self.rejection(
                 format!("a header separated by {name}, not by {:?}", char::from(self.layout.delimiter)),
                 format!("set the delimiter of layout \"{}\"", self.layout.name),
             )),

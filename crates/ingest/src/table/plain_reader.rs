@@ -6,6 +6,7 @@
 
 use super::channels::{self, RawColumns};
 use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::fields::single;
 use super::plain_number::number_at;
 use armwatch_config::DecimalMark;
 
@@ -44,9 +45,10 @@ impl PlainReader {
             DecimalMark::Point => b'.',
             DecimalMark::Comma => b',',
         };
-        let sound = map.delimiter != point && !matches!(map.delimiter, b'-' | b'0'..=b'9');
+        let delimiter = single(map.delimiter);
+        let sound = delimiter != point && !matches!(delimiter, b'-' | b'0'..=b'9');
         let kinds = map.roles.iter().map(kind).collect::<Option<Vec<Kind>>>()?;
-        sound.then_some(Self { kinds, delimiter: map.delimiter, point })
+        sound.then_some(Self { kinds, delimiter, point })
     }
 
     /// The columns of a block of whole lines, or `None` where one of them is not plain.

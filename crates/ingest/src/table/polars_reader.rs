@@ -18,13 +18,13 @@ use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 use super::cell_reader::{PassedOver, PreviousTime};
 use super::channels::RawColumns;
 use super::column_map::{ColumnMap, Role, TimeColumn};
-use super::fields::fields;
+use super::fields::{fields, single, with_tabs};
 use super::plain_reader::PlainReader;
 use super::{cell, cell_reader, channels};
 use crate::bytes::blocks::{Block, count, line_count};
 use crate::bytes::encoding::without_bom;
 use crate::rejection::Rejection;
-use armwatch_config::DecimalMark;
+use armwatch_config::{BLANKS, DecimalMark};
 use armwatch_model::run::RawSamples;
 
 /// Reads blocks of one export; several threads may share it.
@@ -131,6 +131,11 @@ impl Parser {
 
     /// The needed columns, or `None` if anything is out of the ordinary.
     fn columns(&self, bytes: &[u8]) -> Option<RawColumns> {
+        let bytes = match self.map.delimiter {
+            BLANKS => with_tabs(bytes)?,
+            _ => Cow::Borrowed(bytes),
+        };
+        let bytes = &*bytes;
         let plain = self.plain.as_ref().and_then(|plain| plain.columns(bytes));
         plain.or_else(|| {
             let rows = usize::try_from(line_count(bytes)).ok().filter(|rows| *rows > 0)?;
@@ -143,7 +148,7 @@ impl Parser {
         let map = &self.map;
         // Without quotes a delimiter is a delimiter: with as many as there must be, and polars
         // refusing lines with more, no line has fewer.
-        let delimiters = usize::try_from(count(bytes, map.delimiter)).ok()?;
+        let delimiters = usize::try_from(count(bytes, single(map.delimiter))).ok()?;
         let fields = delimiters / rows + 1;
         let regular = delimiters % rows == 0
             && (map.least_fields..=map.names.len() + 1).contains(&fields)
@@ -200,7 +205,7 @@ impl Parser {
     }
 
     fn parsed(&self, bytes: &[u8], fields: usize) -> Option<DataFrame> {
-        let format = CsvParseOptions::default().with_separator(self.map.delimiter).with_quote_char(None);
+        let format = CsvParseOptions::default().with_separator(single(self.map.delimiter)).with_quote_char(None);
         // polars cuts a block into sixteen parts for each of its threads, whatever pool they run
         // on; only 0 keeps a block whole, and one part is parsed by one thread.
         let threads = if self.threads <= 1 { 0 } else { self.threads };

@@ -4,7 +4,9 @@ use super::{ExportReader, ReadOptions};
 use crate::bytes::source::open;
 use crate::fixture::{fixture, native as layout, read, read_bytes};
 use crate::rejection::Rejection;
-use armwatch_config::{Column, DecimalMark, Layout, ScaledColumn, TextFormat, TimeSource};
+use std::path::Path;
+
+use armwatch_config::{BLANKS, Column, DecimalMark, Layout, ScaledColumn, TextFormat, TimeSource};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::{FrictionSignal, RawSamples, Stage, StageReading};
 use armwatch_testing::er3a;
@@ -47,6 +49,36 @@ fn the_native_layout_is_read_as_it_is_written() {
     assert_eq!(samples.cycle.as_deref(), Some(&[1, 1, 1, 1, 2][..]));
     let tested = Some(FrictionSignal { joint: JointIndex::new(2), level: 5 });
     assert_eq!(samples.friction_signal.as_deref(), Some(&[None, None, tested, None, None][..]));
+}
+
+#[test]
+fn columns_of_blanks_read_the_same() {
+    let commas = std::fs::read_to_string(fixture("native.csv")).unwrap();
+    let blanks = Layout { delimiter: BLANKS, ..layout() };
+    let read = |text: &str| {
+        let path = Path::new("blanks.csv");
+        let reader = ExportReader::new(text.as_bytes(), path, &blanks, &er3a(), ReadOptions::default());
+        reader?.next().expect("rows").map(|chunk| chunk.samples)
+    };
+    for (name, text) in [
+        ("numpy", commas.replace(',', " ")),
+        ("printf", commas.replace(',', "  \t").replace('\n', " \r\n ").trim_end_matches(' ').to_owned()),
+        ("quoted", commas.replacen("time", "\"time\"", 1).replace(',', "   ")),
+    ] {
+        assert_eq!(read(&text).unwrap(), native(), "{name}");
+    }
+    // exponents, as `savetxt` writes them
+    let exponents = commas.replace(',', " ").replace("0.002", "2.000000000000000042e-03");
+    assert_eq!(read(&exponents).unwrap(), native());
+    let short = |(number, line): (usize, &str)| match number {
+        2 => line.rsplit_once(',').unwrap().0.replace(',', " ") + "\n",
+        _ => line.replace(',', " ") + "\n",
+    };
+    let cut: String = commas.lines().enumerate().map(short).collect();
+    let said = read(&cut).unwrap_err().to_string();
+    assert!(said.contains(":3:") && said.contains("fields"), "{said}");
+    let comma = read_bytes(commas.replace(',', " ").as_bytes(), &layout(), ReadOptions::default()).unwrap_err().to_string();
+    assert!(comma.contains("a header separated by \"blank\""), "{comma}");
 }
 
 #[test]
