@@ -4,8 +4,6 @@ use super::{ExportReader, ReadOptions};
 use crate::bytes::source::open;
 use crate::fixture::{fixture, native as layout, read, read_bytes};
 use crate::rejection::Rejection;
-use std::path::Path;
-
 use armwatch_config::{BLANKS, Column, DecimalMark, Layout, ScaledColumn, TextFormat, TimeSource};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::{FrictionSignal, RawSamples, Stage, StageReading};
@@ -55,11 +53,7 @@ fn the_native_layout_is_read_as_it_is_written() {
 fn columns_of_blanks_read_the_same() {
     let commas = std::fs::read_to_string(fixture("native.csv")).unwrap();
     let blanks = Layout { delimiter: BLANKS, ..layout() };
-    let read = |text: &str| {
-        let path = Path::new("blanks.csv");
-        let reader = ExportReader::new(text.as_bytes(), path, &blanks, &er3a(), ReadOptions::default());
-        reader?.next().expect("rows").map(|chunk| chunk.samples)
-    };
+    let read = |text: &str| read_bytes(text.as_bytes(), &blanks, ReadOptions::default());
     for (name, text) in [
         ("numpy", commas.replace(',', " ")),
         ("printf", commas.replace(',', "  \t").replace('\n', " \r\n ").trim_end_matches(' ').to_owned()),
