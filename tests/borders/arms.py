@@ -120,6 +120,70 @@ class Arm:
             moment = numpy.einsum("tij,tj->ti", frames[k], moment) + numpy.cross(places[k], force)
         return torque + self.rotor[:, None] * a
 
+    def columns(self, q, v, a, gravity, geometry=None):
+        """Regressor of the rigid torques `[n, rows, 10 n]`: m, m c and the inertia about the joint's origin of each link."""
+        geometry, rows = geometry or self.rows, q.shape[1]
+        spin, turning = numpy.zeros((rows, 3)), numpy.zeros((rows, 3))
+        pushed, z = numpy.tile(-gravity, (rows, 1)), numpy.array([0, 0, 1.0])
+        frames, places, wrenches = [], [], []
+        for k, (a_m, alpha, d_m, offset, kind) in enumerate(geometry):
+            slides, alpha = kind == "p", math.radians(alpha)
+            frame = turn_x(alpha) @ turn_z(math.radians(offset) + (0 if slides else q[k]) * numpy.ones(rows))
+            depth = d_m + (q[k] if slides else 0) * numpy.ones(rows)
+            place = numpy.stack([a_m * numpy.ones(rows), -math.sin(alpha) * depth, math.cos(alpha) * depth], -1)
+            pushed = pushed + numpy.cross(turning, place) + numpy.cross(spin, numpy.cross(spin, place))
+            pushed, spin, turning = (numpy.einsum("tji,tj->ti", frame, x) for x in (pushed, spin, turning))
+            if slides:
+                pushed = pushed + 2 * v[k][:, None] * numpy.cross(spin, z) + a[k][:, None] * z
+            else:
+                turning = turning + v[k][:, None] * numpy.cross(spin, z) + a[k][:, None] * z
+                spin = spin + v[k][:, None] * z
+            force, moment = numpy.zeros((rows, 10, 3)), numpy.zeros((rows, 10, 3))
+            force[:, 0] = pushed
+            for axis, unit in enumerate(numpy.eye(3)):
+                force[:, 1 + axis] = numpy.cross(turning, unit) + numpy.cross(spin, numpy.cross(spin, unit))
+                moment[:, 1 + axis] = numpy.cross(unit, pushed)
+            for column, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+                entry = numpy.zeros((3, 3))
+                entry[i, j] = entry[j, i] = 1
+                moment[:, 4 + column] = turning @ entry + numpy.cross(spin, spin @ entry)
+            frames.append(frame)
+            places.append(place)
+            wrenches.append((force, moment))
+        out = numpy.zeros((self.n, rows, 10 * self.n))
+        for link in range(self.n):
+            force, moment = wrenches[link]
+            for k in range(link, -1, -1):
+                out[k, :, 10 * link:10 * link + 10] = (force if geometry[k][4] == "p" else moment)[:, :, 2]
+                force = numpy.einsum("tij,tcj->tci", frames[k], force)
+                moment = numpy.einsum("tij,tcj->tci", frames[k], moment) + numpy.cross(places[k][:, None], force)
+        return out
+
+    def parameters(self):
+        """What [`Arm.columns`] multiplies."""
+        values = []
+        for m, c, i in zip(self.mass, self.centre, self.inertia):
+            about = i + m * (c.dot(c) * numpy.eye(3) - numpy.outer(c, c))
+            values += [m, *(m * c), *about[numpy.triu_indices(3)]]
+        return numpy.array(values)
+
+    def misfit(self, q, v, a, torque, gravity, geometry=None):
+        """Squares that the best parameters and friction leave, each joint relative to its torque."""
+        some = slice(None, None, max(1, q.shape[1] // 400))
+        q, v, a, torque = (x[:, some] for x in (q, v, a, torque))
+        rigid, rows = self.columns(q, v, a, gravity, geometry), q.shape[1]
+        own = numpy.zeros((self.n, rows, 5 * self.n))
+        for k in range(self.n):
+            sign = numpy.tanh(v[k] / .02)
+            own[k, :, 5 * k:5 * k + 5] = numpy.stack([a[k], sign, v[k], sign * v[k] ** 2, numpy.ones(rows)], -1)
+        size = numpy.sqrt((torque ** 2).mean(1))[:, None]
+        columns = (numpy.concatenate([rigid, own], 2) / size[:, :, None]).reshape(self.n * rows, -1)
+        wanted = (torque / size).reshape(-1)
+        scale = numpy.sqrt((columns ** 2).sum(0))
+        columns = columns[:, scale > 0] / scale[scale > 0]
+        found = numpy.linalg.lstsq(columns, wanted, rcond=1e-7)[0]
+        return ((wanted - columns @ found) ** 2).sum()
+
     def friction(self, v, load):
         """Friction `[n, rows]` at the speeds `v` under the torque `load`."""
         out = numpy.zeros_like(v)
