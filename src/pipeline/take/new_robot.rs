@@ -36,7 +36,7 @@ pub(in crate::pipeline) async fn question(
             format!("delete the copy, or rename it if it is another test of {original}; {own}"),
         ),
     };
-    Ok(Some(Rejection::of_file(path, reason, &remedy)))
+    Ok(Some(Rejection::of_file(path, reason, remedy)))
 }
 
 /// Says that a file has made a new robot although the pattern of file names does not match it.

@@ -3,5 +3,4 @@
 pub(super) mod work_limits;
 pub(super) mod recognition;
 mod like_date;
-mod like_date;
 pub(super) mod daemon_file;
