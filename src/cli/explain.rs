@@ -300,7 +300,8 @@ fn problems(of: &Explanation) -> Vec<String> {
 
 /// What is odd about name and start, and what the analysis remarks of cycles that it takes.
 fn remarks(of: &Explanation) -> Vec<String> {
-    let of_cycles = of.reading.iter().flat_map(|reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()));
+    let of_cycles =
+        of.reading.iter().flat_map(|reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()));
     of.doubts.iter().cloned().chain(of_cycles).collect()
 }
 

@@ -73,7 +73,9 @@ pub(super) fn run_date(global: &Global, args: &RunDateArgs) -> Result<u8, CliErr
     let decision = match (args.at, args.as_arrived, args.as_recorded) {
         (Some(at), ..) if args.runs.len() > 1 => {
             let at = time_in_views(at);
-            return Err(CliError::Usage(format!("two runs of one robot cannot both begin at {at}; name one run")));
+            return Err(CliError::Usage(format!(
+                "two runs of one robot cannot both begin at {at}; name one run"
+            )));
         }
         (Some(at), ..) => RunDecision::StartedAt(at),
         (_, true, _) => RunDecision::StartedAtArrival,
@@ -160,6 +162,9 @@ fn print(global: &Global, run_id: i64, run: &DecidedRun, decision: &RunDecision)
             "recorded_start_at": run.recorded_start.map(time_in_views), "outcome": outcome,
         }));
     } else {
-        output::line(&format!("{outcome:<12} run {run_id} of {}, {}: {started_at}", run.robot, run.source_name));
+        output::line(&format!(
+            "{outcome:<12} run {run_id} of {}, {}: {started_at}",
+            run.robot, run.source_name
+        ));
     }
 }

@@ -22,7 +22,9 @@ use armwatch_config::{Config, ConfigErrors, host_name, shown_database};
 use armwatch_store::SessionKind;
 
 #[derive(Debug, Clone, Args)]
-#[command(args_conflicts_with_subcommands = true, after_help = "\
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "\
 Examples:
   armwatch run
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
@@ -36,7 +38,8 @@ it takes exports over HTTP too, see docs/upload.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/
 
-Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md.")]
+Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md."
+)]
 pub(super) struct RunArgs {
     /// Name of this daemon among several on a database of a server, instead of the configuration's
     #[arg(long, value_name = "NAME", value_parser = host_name)]

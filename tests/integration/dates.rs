@@ -25,7 +25,8 @@ fn own(_: usize, file: &Path) -> String {
     file.file_name().expect("a name").to_string_lossy().into_owned()
 }
 
-const ALARM: &str = "SELECT count(*) FROM anomalies WHERE joint = 3 AND severity <> 'info' AND state = 'open'";
+const ALARM: &str =
+    "SELECT count(*) FROM anomalies WHERE joint = 3 AND severity <> 'info' AND state = 'open'";
 
 #[test]
 fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
@@ -35,14 +36,23 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
     workshop.stdout(&["ingest", "inbox"], 0);
     add(&workshop, &files[6..9], |at, _| format!("R01_2099030{}_0847_x.csv", at + 1));
     let said = text(&workshop.run(&["ingest", "inbox"]).stderr);
-    assert!(said.contains("days after the file arrived") && said.contains("armwatch run-date 7 --at TIME"), "{said}");
+    assert!(
+        said.contains("days after the file arrived") && said.contains("armwatch run-date 7 --at TIME"),
+        "{said}"
+    );
     let status = workshop.stdout(&["status"], 0);
-    assert!(status.contains("the date of the latest test, R01_20990303_0847_x.csv, cannot be right"), "{status}");
+    assert!(
+        status.contains("the date of the latest test, R01_20990303_0847_x.csv, cannot be right"),
+        "{status}"
+    );
     assert_eq!(workshop.query("SELECT DISTINCT status FROM fleet_health"), ["unknown"]);
     add(&workshop, &files[9..], own);
     workshop.stdout(&["ingest", "inbox"], 0);
     assert!(workshop.number(ALARM) > 0, "{}", workshop.stdout(&["status"], 0));
-    assert_eq!(workshop.query("SELECT joint, kind, quantity, state FROM anomalies WHERE severity = 'info'"), ["NULL|sensor|implausible_date|open"]);
+    assert_eq!(
+        workshop.query("SELECT joint, kind, quantity, state FROM anomalies WHERE severity = 'info'"),
+        ["NULL|sensor|implausible_date|open"]
+    );
 
     let next = workshop.path("R01_21060207_0847_x.csv");
     fs::copy(&files[15], &next).expect("copied");
@@ -57,14 +67,19 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
         let at = format!("2026-01-{day}T08:47");
         workshop.stdout(&["run-date", &run.to_string(), "--at", &at], 0);
     }
-    let runs = "SELECT started_at, recorded_start_at, status FROM runs WHERE run_id BETWEEN 7 AND 9 ORDER BY run_id";
+    let runs =
+        "SELECT started_at, recorded_start_at, status FROM runs WHERE run_id BETWEEN 7 AND 9 ORDER BY run_id";
     let corrected = workshop.query(runs);
     assert_eq!(corrected[0], "2026-01-11T08:47:00.000Z|2099-03-01T08:47:00.000Z|complete");
     workshop.stdout(&["ingest", "--again", "7"], 0);
     workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(workshop.query(runs), corrected);
     assert!(workshop.number(ALARM) > 0);
-    assert_eq!(workshop.number("SELECT count(*) FROM anomalies WHERE quantity = 'implausible_date' AND state = 'open'"), 0);
+    assert_eq!(
+        workshop
+            .number("SELECT count(*) FROM anomalies WHERE quantity = 'implausible_date' AND state = 'open'"),
+        0
+    );
     workshop.stdout(&["run", "date", "7", "--undo"], 0);
     assert_eq!(workshop.query(runs)[0], "2099-03-01T08:47:00.000Z|NULL|set_aside");
 }

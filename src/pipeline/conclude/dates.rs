@@ -5,7 +5,9 @@ use jiff::Timestamp;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 use armwatch_model::run::RunKind;
-use armwatch_model::run::arrival::{Arrival, DateProblem, IMPLAUSIBLE_DATE, ImplausibleDate, implausible_dates};
+use armwatch_model::run::arrival::{
+    Arrival, DateProblem, IMPLAUSIBLE_DATE, ImplausibleDate, implausible_dates,
+};
 use armwatch_store::{DatedRun, StaleRobot};
 
 /// Recordings that a message names.
@@ -61,7 +63,8 @@ impl Pipeline {
         }
         let is_new = |of: &&Misdated| changed.iter().any(|(run_id, _)| *run_id == of.run.run_id);
         for Misdated { run, date, .. } in judged.misdated.iter().filter(is_new) {
-            let effect = if date.is_in_order { "it counts in the order of arrival" } else { "it is left out" };
+            let effect =
+                if date.is_in_order { "it counts in the order of arrival" } else { "it is left out" };
             tracing::warn!(
                 robot = robot.name,
                 run_id = run.run_id,
@@ -78,7 +81,8 @@ impl JudgedDates {
     /// The anomaly that names them.
     pub(super) fn anomaly(&self) -> Option<Anomaly> {
         let (first, last) = (self.misdated.first()?, self.misdated.last()?);
-        let (from, to) = (self.misdated.iter().map(|of| of.place).min()?, self.misdated.iter().map(|of| of.place).max()?);
+        let (from, to) =
+            (self.misdated.iter().map(|of| of.place).min()?, self.misdated.iter().map(|of| of.place).max()?);
         let days = |of: &Misdated| match of.date.problem {
             DateProblem::AfterArrival(by)
             | DateProblem::AheadOfLater(by)
@@ -126,7 +130,9 @@ impl JudgedDates {
         let effect = match self.misdated.iter().filter(|of| !of.date.is_in_order).count() {
             0 => "the order of arrival counts".to_owned(),
             left_out if left_out == all => "no conclusion is drawn from such a recording".to_owned(),
-            left_out => format!("{left_out} of {all} are left out, of the others the order of arrival counts"),
+            left_out => {
+                format!("{left_out} of {all} are left out, of the others the order of arrival counts")
+            }
         };
         format!(
             "the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a start",
@@ -134,3 +140,6 @@ impl JudgedDates {
         )
     }
 }
+
+#[cfg(test)]
+mod tests;

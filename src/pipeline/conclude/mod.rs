@@ -9,8 +9,6 @@ pub mod windows;
 pub mod work;
 
 #[cfg(test)]
-mod dates_tests;
-#[cfg(test)]
 mod judged_in_brief_tests;
 #[cfg(test)]
 mod test_database;

@@ -271,7 +271,11 @@ impl Explainer {
 }
 
 /// What is odd about the robot's name and the start of an export, beside the runs that are stored.
-async fn doubts_of(pipeline: &Pipeline, path: &Path, of: &RecognisedAs) -> Result<Vec<String>, PipelineError> {
+async fn doubts_of(
+    pipeline: &Pipeline,
+    path: &Path,
+    of: &RecognisedAs,
+) -> Result<Vec<String>, PipelineError> {
     let mut doubts = Vec::new();
     if of.pattern.is_none() && !pipeline.store().knows_robot(&of.robot).await? {
         doubts.push(format!(
@@ -297,8 +301,11 @@ async fn doubts_of(pipeline: &Pipeline, path: &Path, of: &RecognisedAs) -> Resul
         |run| run.arrival(),
     ));
     if let Some(date) = implausible_dates(&arrivals).pop().flatten() {
-        let effect = if date.is_in_order { "the order of arrival counts" } else { "no conclusion is drawn from it" };
-        doubts.push(format!("the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects it"));
+        let effect =
+            if date.is_in_order { "the order of arrival counts" } else { "no conclusion is drawn from it" };
+        doubts.push(format!(
+            "the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects it"
+        ));
     }
     Ok(doubts)
 }

@@ -28,11 +28,15 @@ pub(in crate::pipeline) async fn question(
     let (reason, remedy) = match likeness(robot, known.iter().map(String::as_str)) {
         None => return Ok(None),
         Some(Likeness::Spelling(same)) => (
-            format!("no robot \"{robot}\" is known, and the name differs from \"{same}\" only in case, blanks or form"),
+            format!(
+                "no robot \"{robot}\" is known, and the name differs from \"{same}\" only in case, blanks or form"
+            ),
             format!("rename the file if it is an export of {same}; {own}"),
         ),
         Some(Likeness::Copy(original)) => (
-            format!("no robot \"{robot}\" is known, and the file is named as a copy of an export of {original}"),
+            format!(
+                "no robot \"{robot}\" is known, and the file is named as a copy of an export of {original}"
+            ),
             format!("delete the copy, or rename it if it is another test of {original}; {own}"),
         ),
     };

@@ -139,8 +139,8 @@ fn forms(file_name: &str) -> [&str; 3] {
     [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name]
 }
 
-/// The robot in a name without date and time. What could be a date that the pattern does not read must not make a robot of
-/// its own.
+/// The robot in a name without date and time. A possible date that the pattern does not read must not become part of a
+/// robot's name.
 fn plain_robot(stem: &str) -> Option<&str> {
     let named = stem.chars().any(char::is_alphanumeric) && !stem.starts_with(['_', '.']);
     (named && !has_date_like(stem)).then_some(stem)
@@ -208,9 +208,15 @@ mod tests {
 
     #[test]
     fn names_without_robot_date_or_time_show_pattern_and_example() {
-        for name in
-            ["_.csv", "_20260105_0847.csv", "R00_2026015_0847.csv", "R00_20260105_08471.csv", "KR7-01.03.2026 08-00.csv", ".gz", ""]
-        {
+        for name in [
+            "_.csv",
+            "_20260105_0847.csv",
+            "R00_2026015_0847.csv",
+            "R00_20260105_08471.csv",
+            "KR7-01.03.2026 08-00.csv",
+            ".gz",
+            "",
+        ] {
             let error = native().recognise(name).expect_err(name);
             assert!(matches!(error, RecogniseError::NoMatch { .. }), "{error}");
             let message = error.to_string();
@@ -221,9 +227,12 @@ mod tests {
 
     #[test]
     fn a_name_with_nothing_like_a_date_is_the_robots() {
-        for (name, robot) in
-            [("R00.csv.gz", "R00"), ("cell_4_left.csv", "cell_4_left"), ("er3a-0815.csv", "er3a-0815"), ("Gro\u{308}ße.csv", "Größe")]
-        {
+        for (name, robot) in [
+            ("R00.csv.gz", "R00"),
+            ("cell_4_left.csv", "cell_4_left"),
+            ("er3a-0815.csv", "er3a-0815"),
+            ("Gro\u{308}ße.csv", "Größe"),
+        ] {
             let found = native().recognise(name).expect(name);
             assert_eq!(found, Recognised { robot: robot.into(), started_at: None, is_definite: false });
         }

@@ -9,8 +9,7 @@ use crate::rejection::Rejection;
 use armwatch_config::{
     Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TimeSource,
 };
-use armwatch_model::robot::name::composed;
-use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::robot::{JointIndex, Robot, name::composed};
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -301,7 +300,8 @@ pub(super) fn known_columns(header: &str, layout: &Layout, robot: &Robot, path: 
     if !layout.header {
         return 0;
     }
-    let names: Vec<String> = fields(header, layout.delimiter).take(MAX_COLUMNS).map(|name| composed(name).into_owned()).collect();
+    let names: Vec<String> =
+        fields(header, layout.delimiter).take(MAX_COLUMNS).map(|name| composed(name).into_owned()).collect();
     let search = Search { names: &names, layout, robot, path };
     names.iter().filter(|name| search.is_named(name)).count()
 }

@@ -86,7 +86,8 @@ fn without_mark(name: &str) -> Option<&str> {
         let (before, behind) = (&name[..at], &lower[at + word.len()..]);
         let is_parted = before.ends_with([' ', '-', '_', '.', '#']);
         // a number or a moment may follow
-        let is_end = behind.chars().all(|c| c.is_ascii_digit() || " -_.".contains(c)) || *word == "sync-conflict";
+        let is_end =
+            behind.chars().all(|c| c.is_ascii_digit() || " -_.".contains(c)) || *word == "sync-conflict";
         if is_parted && is_end { original(before) } else { None }
     })
 }
@@ -126,15 +127,43 @@ mod tests {
     #[test]
     fn copies_of_file_managers_are_known() {
         for new in [
-            "R01 (1)", "R01(2)", "R01 - Copy", "R01 - Copy (2)", "R01 - Kopie", "R01 copy", "R01 copy 3", "Copy of R01",
-            "Copy (2) of R01", "Kopie von R01", "Kopie von R01 (1)", "R01_conflict", "R01_conflict-20260105-084700", "~R01", "~$R01",
-            "R01~", "R01.sync-conflict-20260105-084700-ABCDEF7", "r01 (1)", "R01 (Anna's conflicted copy 2026-01-05)",
-            "R01 - Copia", "copia di R01", ".~lock.R01",
+            "R01 (1)",
+            "R01(2)",
+            "R01 - Copy",
+            "R01 - Copy (2)",
+            "R01 - Kopie",
+            "R01 copy",
+            "R01 copy 3",
+            "Copy of R01",
+            "Copy (2) of R01",
+            "Kopie von R01",
+            "Kopie von R01 (1)",
+            "R01_conflict",
+            "R01_conflict-20260105-084700",
+            "~R01",
+            "~$R01",
+            "R01~",
+            "R01.sync-conflict-20260105-084700-ABCDEF7",
+            "r01 (1)",
+            "R01 (Anna's conflicted copy 2026-01-05)",
+            "R01 - Copia",
+            "copia di R01",
+            ".~lock.R01",
         ] {
             assert_eq!(likeness(new, ["R01"]), Some(Likeness::Copy("R01".into())), "{new:?}");
             assert_eq!(likeness(new, ["R02"]), None, "{new:?}, of no known robot");
         }
-        for new in ["R01b", "R01_left", "R01 (left)", "Copycat R01", "R01 (1234)", "R01_copy_arm", "R01copy", "~", "(1)"] {
+        for new in [
+            "R01b",
+            "R01_left",
+            "R01 (left)",
+            "Copycat R01",
+            "R01 (1234)",
+            "R01_copy_arm",
+            "R01copy",
+            "~",
+            "(1)",
+        ] {
             assert_eq!(likeness(new, ["R01"]), None, "{new:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! Whether the start of a recording can be right, from the sequence in which recordings arrived.
+//! Implausible starts of recordings, from the sequence of their arrival.
 //!
 //! The order of tests decides every comparison, so a date is checked as a channel is. Evidence for a date is the time of
 //! the file; evidence against it is its arrival and the recordings that arrived before and after it. The rule is in
@@ -12,7 +12,7 @@ use jiff::{SignedDuration, Timestamp};
 /// Quantity of the anomaly that names recordings whose starts cannot be right.
 pub const IMPLAUSIBLE_DATE: &str = "implausible_date";
 
-/// Grace of a date that lies after the arrival: clocks and time zones differ by less.
+/// Grace for a start after the arrival: clocks and time zones differ by less.
 const GRACE: SignedDuration = SignedDuration::from_hours(24);
 
 /// A file is written within this time of its recording, time zones included.
@@ -61,7 +61,7 @@ pub struct Arrival<'a> {
     pub arrived_at: Timestamp,
     /// Modification time of its file.
     pub file_time: Option<Timestamp>,
-    /// Folder in which it arrived.
+    /// Folder of the file.
     pub folder: &'a str,
     /// Whether a person has said that the start is right.
     pub is_confirmed: bool,
@@ -86,13 +86,13 @@ impl Arrival<'_> {
 /// Why a start cannot be right.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DateProblem {
-    /// It lies after the arrival of the file.
+    /// It is later than the arrival of the file.
     AfterArrival(SignedDuration),
-    /// It is ahead of recordings that arrived later and follow the ones before it.
+    /// It is ahead of later arrivals, which continue the recordings before it.
     AheadOfLater(SignedDuration),
-    /// It lies years before recordings that had arrived, without any in between.
+    /// It is years before earlier arrivals, without any recording between them.
     YearsBefore(SignedDuration),
-    /// It lies before recordings that had arrived, by more than this robot's ever did.
+    /// It is before earlier arrivals, by more than any recording of this folder was late.
     OutOfOrder(SignedDuration),
     /// It is the start of so many other recordings.
     SameStart(usize),
@@ -139,7 +139,7 @@ pub fn implausible_dates(arrivals: &[Arrival<'_>]) -> Vec<Option<ImplausibleDate
     let isolated = isolated(arrivals);
     let ordered = ordered_folders(arrivals);
     let mut ahead: HashMap<usize, SignedDuration> = HashMap::new();
-    // what turns out to have been ahead must not count for what came after it
+    // a recording that was ahead must not count for later arrivals
     loop {
         let mut sequence = Sequence::new(arrivals, &isolated, &ordered, &ahead);
         match (0..arrivals.len()).try_for_each(|at| sequence.take(at)) {
@@ -153,10 +153,10 @@ pub fn implausible_dates(arrivals: &[Arrival<'_>]) -> Vec<Option<ImplausibleDate
     }
 }
 
-/// Recordings in the order of arrival, as far as they were looked at.
+/// The recordings so far, in the order of arrival.
 struct Sequence<'a> {
     arrivals: &'a [Arrival<'a>],
-    /// By recording, the group of neighbours in time, rising; `None` where a file supports the group.
+    /// By recording, the group of neighbours in time, rising; `None` if a file supports the group.
     isolated: &'a [Option<usize>],
     ordered: &'a HashSet<&'a str>,
     ahead: &'a HashMap<usize, SignedDuration>,
@@ -176,7 +176,7 @@ struct Folder {
     lateness: SignedDuration,
 }
 
-/// Recordings that are found to have been ahead, and by how much.
+/// Recordings that were ahead, and by how much.
 type Ahead = Vec<(usize, SignedDuration)>;
 
 impl<'a> Sequence<'a> {
@@ -198,7 +198,7 @@ impl<'a> Sequence<'a> {
         }
     }
 
-    /// Looks at the next recording. Those before it that it shows to have been ahead are given back.
+    /// Judges the next recording. Fails with the recordings that it shows to have been ahead.
     fn take(&mut self, at: usize) -> Result<(), Ahead> {
         let of = self.arrivals[at];
         let after_arrival = DateProblem::AfterArrival(of.started_at.duration_since(of.arrived_at));
@@ -223,7 +223,9 @@ impl<'a> Sequence<'a> {
         if !block.is_empty() {
             return Err(block);
         }
-        if !of.is_supported() && let Some(problem) = self.too_early(at) {
+        if !of.is_supported()
+            && let Some(problem) = self.too_early(at)
+        {
             self.doubt(at, problem, false);
             return Ok(());
         }
@@ -253,17 +255,14 @@ impl<'a> Sequence<'a> {
         self.counted.insert((of.started_at, at));
     }
 
-    /// Recordings that this one shows to have been ahead: it goes on with those before them.
+    /// Recordings that this one shows to have been ahead, because it continues the recordings before them.
     fn ahead_of(&self, at: usize) -> Ahead {
         let of = &self.arrivals[at];
         let block: Vec<usize> =
             self.counted.range((of.started_at, usize::MAX)..).map(|(_, other)| *other).collect();
-        let by = |other: usize| {
-            (other, self.arrivals[other].started_at.duration_since(of.started_at))
-        };
-        // after the arrival anyway: no recording is needed that goes on
-        let future: Ahead =
-            block.iter().filter(|at| self.found[**at].is_some()).map(|at| by(*at)).collect();
+        let by = |other: usize| (other, self.arrivals[other].started_at.duration_since(of.started_at));
+        // later than their arrival: no further evidence is needed
+        let future: Ahead = block.iter().filter(|at| self.found[**at].is_some()).map(|at| by(*at)).collect();
         if !future.is_empty() || block.is_empty() {
             return future;
         }
@@ -294,7 +293,7 @@ impl<'a> Sequence<'a> {
         starts.windows(2).map(|pair| pair[1].duration_since(pair[0])).max()
     }
 
-    /// Why a recording lies too far before those that had arrived.
+    /// Why a recording is too far before earlier arrivals.
     fn too_early(&self, at: usize) -> Option<DateProblem> {
         let of = &self.arrivals[at];
         let (latest, other) = *self.counted.last()?;
@@ -310,7 +309,7 @@ impl<'a> Sequence<'a> {
     }
 }
 
-/// Whether a start goes on with the rhythm of those before it.
+/// Tells whether a start continues the rhythm of those before it.
 fn goes_on(
     latest: Option<Timestamp>,
     recordings: usize,
@@ -327,7 +326,7 @@ fn goes_on(
     step >= SignedDuration::ZERO && step <= usual.max(GRACE)
 }
 
-/// By recording, the number of its group, where no file supports one of it: a group lies more than a year from the next.
+/// By recording, the number of its group, unless a file supports one of the group. Groups are more than a year apart.
 fn isolated(arrivals: &[Arrival<'_>]) -> Vec<Option<usize>> {
     let mut by_start: Vec<usize> =
         (0..arrivals.len()).filter(|at| !arrivals[*at].is_after_arrival()).collect();

@@ -1,4 +1,4 @@
-//! Starts of runs: which cannot be right, what a person has corrected, and which runs take no part in conclusions.
+//! Starts that cannot be right, starts that a person has corrected, and runs that take no part in conclusions.
 //!
 //! A run that takes no part is its own successor, with the status of a superseded one. It keeps its rows, and whatever
 //! leaves out superseded runs leaves it out.
@@ -20,7 +20,7 @@ use armwatch_model::run::{RunKind, RunStatus};
 pub struct DatedRun {
     /// Database key.
     pub run_id: i64,
-    /// What it is a recording of.
+    /// Test or ordinary work.
     pub kind: RunKind,
     /// File name of the export.
     pub source_name: String,
@@ -54,7 +54,7 @@ impl DatedRun {
     }
 }
 
-/// What a person decides about one run.
+/// A decision of a person about one run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum RunDecision {
     /// Its start is this.
@@ -91,7 +91,7 @@ pub struct DecidedRun {
     pub source_name: String,
     /// Start of the recording from now on.
     pub started_at: Timestamp,
-    /// Start as recorded, where a person has corrected or confirmed it.
+    /// Start as recorded, if a person has corrected or confirmed it.
     pub recorded_start: Option<Timestamp>,
 }
 
@@ -104,7 +104,7 @@ impl Store {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
-    /// Writes down what is found of the starts of these runs: those out of order are set aside, others take part again.
+    /// Stores the judgement on the starts of these runs. Runs out of order are set aside, others take part again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -115,7 +115,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Carries out what a person decides about a run. What is concluded of the robot is stale then.
+    /// Carries out a decision about a run, which makes the conclusions of its robot stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -260,7 +260,9 @@ async fn decide(
     run_id: i64,
     decision: &RunDecision,
 ) -> Result<Result<DecidedRun, NotDecided>, sqlx::Error> {
-    let Some(Standing { mut run, status, set_aside, arrived_at }) = standing(&mut *connection, run_id).await? else {
+    let Some(Standing { mut run, status, set_aside, arrived_at }) =
+        standing(&mut *connection, run_id).await?
+    else {
         return Ok(Err(NotDecided::NoRun));
     };
     if !matches!(status, RunStatus::Complete | RunStatus::SetAside) {
@@ -297,8 +299,8 @@ async fn decide(
     Ok(Ok(run))
 }
 
-/// Gives a run the start of `run`. It leaves the history and comes back, so that whatever follows from it follows from its new
-/// place.
+/// Gives a run the start of `run`. It leaves the history and comes back, so that everything that depends on its place is
+/// computed anew.
 async fn correct_start(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -310,12 +312,14 @@ async fn correct_start(
         leave(&mut *connection, run_id, "implausible_date", "its start is being corrected").await?;
     }
     move_start(&mut *connection, run_id, run.started_at).await?;
-    sqlx::query("UPDATE run SET recorded_start = $2, recorded_start_text = $3, date_problem = NULL WHERE run_id = $1")
-        .bind(run_id)
-        .bind(run.recorded_start.map(Timestamp::as_microsecond))
-        .bind(run.recorded_start.map(time_in_views))
-        .execute(&mut *connection)
-        .await?;
+    sqlx::query(
+        "UPDATE run SET recorded_start = $2, recorded_start_text = $3, date_problem = NULL WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .bind(run.recorded_start.map(Timestamp::as_microsecond))
+    .bind(run.recorded_start.map(time_in_views))
+    .execute(&mut *connection)
+    .await?;
     if !by_person {
         come_back(&mut *connection, run_id, "implausible_date").await?;
     }

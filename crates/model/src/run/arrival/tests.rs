@@ -25,7 +25,13 @@ fn copied(starts: &[Timestamp]) -> Vec<Arrival<'static>> {
 fn live(starts: &[Timestamp]) -> Vec<Arrival<'static>> {
     let of = |(at, start): (usize, &Timestamp)| {
         let arrived_at = after(day("2026-01-05"), at as i64) + SignedDuration::from_hours(3);
-        Arrival { started_at: *start, arrived_at, file_time: Some(arrived_at), folder: "/inbox", is_confirmed: false }
+        Arrival {
+            started_at: *start,
+            arrived_at,
+            file_time: Some(arrived_at),
+            folder: "/inbox",
+            is_confirmed: false,
+        }
     };
     starts.iter().enumerate().map(of).collect()
 }
@@ -94,9 +100,12 @@ fn one_start_for_all_is_named_and_the_order_of_arrival_counts() {
     for at in ["2000-01-01T00:05:00Z", "2000-01-01T00:00:00Z"] {
         let same: Timestamp = at.parse().expect("a time");
         let found = implausible_dates(&copied(&[same; 9]));
-        assert!(found.iter().all(|of| of.is_some_and(|of| {
-            of.is_in_order && of.problem == DateProblem::SameStart(8)
-        })), "{at}: {found:?}");
+        assert!(
+            found
+                .iter()
+                .all(|of| of.is_some_and(|of| { of.is_in_order && of.problem == DateProblem::SameStart(8) })),
+            "{at}: {found:?}"
+        );
     }
     // names with a date alone
     let midnight: Timestamp = "2026-01-05T00:00:00Z".parse().expect("a time");
@@ -117,7 +126,8 @@ fn an_arrival_by_a_clock_that_is_wrong_is_no_evidence() {
     let arrivals: Vec<_> = copied(&starts).into_iter().map(arrived).collect();
     assert_eq!(left_out(&arrivals), [6, 7, 8]);
     // months behind: all that arrives is ahead of it alike, is named, and counts
-    let behind = |of: Arrival<'static>| Arrival { arrived_at: of.arrived_at - SignedDuration::from_hours(2400), ..of };
+    let behind =
+        |of: Arrival<'static>| Arrival { arrived_at: of.arrived_at - SignedDuration::from_hours(2400), ..of };
     let arrivals: Vec<_> = live(&with_wrong(0, 0, day_of)).into_iter().map(behind).collect();
     assert_eq!(left_out(&arrivals), [0_usize; 0]);
     let found = implausible_dates(&live(&with_wrong(0, 0, day_of)));
@@ -154,8 +164,9 @@ fn late_files_are_right_where_their_times_or_their_folder_speak_for_them() {
     let arrivals: Vec<_> = copied(&all).into_iter().enumerate().map(second_folder).collect();
     assert_eq!(left_out(&arrivals), [0_usize; 0], "a second folder");
     assert_eq!(left_out(&copied(&all)), (12..24).collect::<Vec<_>>(), "the same folder, no witness");
-    let with_times = |of: Arrival<'static>| {
-        Arrival { file_time: Some(of.started_at + SignedDuration::from_hours(2)), ..of }
+    let with_times = |of: Arrival<'static>| Arrival {
+        file_time: Some(of.started_at + SignedDuration::from_hours(2)),
+        ..of
     };
     let mut arrivals: Vec<_> = copied(&all).into_iter().map(with_times).collect();
     assert_eq!(left_out(&arrivals), [0_usize; 0], "times of files");

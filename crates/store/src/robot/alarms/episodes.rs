@@ -109,7 +109,7 @@ fn is_of_one_cause(old: &Episode, new: &Episode) -> bool {
     old.kind == new.kind && (old.quantity == new.quantity || (of_friction(old) && of_friction(new)))
 }
 
-/// A comparison with other arms is no correction of what the arm's own history says, nor is a date one of a fault.
+/// A comparison with other arms does not correct the arm's own history, and a wrong date does not correct a fault.
 fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
     let is_of_dates = |of: &Episode| of.quantity == IMPLAUSIBLE_DATE;
     old.kind != "fleet" && new.kind != "fleet" && !is_of_dates(old) && !is_of_dates(new)

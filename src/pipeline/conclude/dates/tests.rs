@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::test_database::{Database, assert_sound, change, count, fresh};
+use crate::pipeline::conclude::test_database::{Database, assert_sound, change, count, fresh};
 use crate::pipeline::context::Pipeline;
 use armwatch_config::Config;
 use armwatch_store::{NotDecided, RunDecision};
@@ -40,7 +40,8 @@ async fn date(store: &Database, run: i64, second: i64) {
 
 async fn arrival(store: &Database, run: i64, second: i64) {
     change(store, &format!("UPDATE run SET ingested_at = {second} * 1000000 WHERE run_id = {run}")).await;
-    change(store, &format!("UPDATE source_file SET modified = {second} * 1000000 WHERE run_id = {run}")).await;
+    change(store, &format!("UPDATE source_file SET modified = {second} * 1000000 WHERE run_id = {run}"))
+        .await;
 }
 
 /// The tests as far as the first so many have arrived.
@@ -57,8 +58,10 @@ async fn texts(store: &Database, statement: &'static str) -> Vec<String> {
     sqlx::query_scalar(statement).fetch_all(&store.rows).await.expect("texts")
 }
 
-const ALARMS: &str = "SELECT count(*) FROM anomaly WHERE severity > 'info' AND NOT ended AND NOT withdrawn AND state = 'open'";
-const NAMED: &str = "SELECT message FROM anomaly WHERE quantity = 'implausible_date' AND state = 'open' AND NOT withdrawn";
+const ALARMS: &str =
+    "SELECT count(*) FROM anomaly WHERE severity > 'info' AND NOT ended AND NOT withdrawn AND state = 'open'";
+const NAMED: &str =
+    "SELECT message FROM anomaly WHERE quantity = 'implausible_date' AND state = 'open' AND NOT withdrawn";
 const OPENED: &str = "SELECT count(*) FROM anomaly_event JOIN anomaly USING (anomaly_id)
                       WHERE what = 'opened' AND quantity <> 'implausible_date' AND anomaly.severity > 'info'";
 
@@ -104,7 +107,10 @@ async fn an_alarm_is_raised_beside_wrong_dates_and_these_are_named() {
         let named = texts(&store, NAMED).await;
         assert!(named.len() == 1 && named[0].contains("run 7"), "{name}: {named:?}");
         assert!(named[0].contains("armwatch run-date"), "{name}: {named:?}");
-        let left_out = count(&store, "SELECT count(*) FROM runs WHERE status = 'set_aside' AND date_problem IS NOT NULL");
+        let left_out = count(
+            &store,
+            "SELECT count(*) FROM runs WHERE status = 'set_aside' AND date_problem IS NOT NULL",
+        );
         assert_eq!(left_out.await, 3, "{name}");
         let baseline = "SELECT count(*) FROM friction_baseline_run WHERE run_id BETWEEN 7 AND 9";
         assert_eq!(count(&store, baseline).await, 0, "{name}");
@@ -149,12 +155,15 @@ async fn wrong_dates_end_no_alarm_and_a_robot_is_not_ok_by_them() {
     }
     arrived(&store, 21).await;
     pipeline.conclude().await.expect("conclusions");
-    let before = (count(&store, ALARMS).await, texts(&store, "SELECT message FROM anomaly ORDER BY anomaly_id").await);
+    let before =
+        (count(&store, ALARMS).await, texts(&store, "SELECT message FROM anomaly ORDER BY anomaly_id").await);
     assert!(before.0 > 0);
     arrived(&store, 24).await;
     pipeline.conclude().await.expect("conclusions");
     assert_eq!(count(&store, ALARMS).await, before.0, "it stays open");
-    let now = texts(&store, "SELECT message FROM anomaly WHERE quantity <> 'implausible_date' ORDER BY anomaly_id").await;
+    let now =
+        texts(&store, "SELECT message FROM anomaly WHERE quantity <> 'implausible_date' ORDER BY anomaly_id")
+            .await;
     assert_eq!(now, before.1, "nothing about it has changed");
 
     let (_folder, store, pipeline) = tests().await;
@@ -186,12 +195,19 @@ async fn a_corrected_date_counts_and_can_be_taken_back() {
     assert!(count(&store, ALARMS).await > 0, "the load is seen");
     assert!(texts(&store, NAMED).await.is_empty(), "no date is questioned");
     let recorded = count(&store, "SELECT count(*) FROM runs WHERE recorded_start_at LIKE '2000-01-%'").await;
-    assert_eq!((count(&store, "SELECT count(*) FROM run WHERE set_aside IS NOT NULL").await, recorded), (0, 15));
+    assert_eq!(
+        (count(&store, "SELECT count(*) FROM run WHERE set_aside IS NOT NULL").await, recorded),
+        (0, 15)
+    );
 
-    let undone = store.decide_about_run(24, &RunDecision::StartAsRecorded).await.expect("decided").expect("undone");
+    let undone =
+        store.decide_about_run(24, &RunDecision::StartAsRecorded).await.expect("decided").expect("undone");
     assert_eq!(undone.recorded_start, None);
     pipeline.conclude().await.expect("conclusions");
-    assert_eq!(texts(&store, "SELECT started_at FROM runs WHERE status = 'set_aside'").await, ["2000-01-25T08:47:00.000Z"]);
+    assert_eq!(
+        texts(&store, "SELECT started_at FROM runs WHERE status = 'set_aside'").await,
+        ["2000-01-25T08:47:00.000Z"]
+    );
     let again = store.decide_about_run(24, &RunDecision::StartAsRecorded).await.expect("decided");
     assert_eq!(again, Err(NotDecided::NothingToUndo));
     let confirmed = store.decide_about_run(24, &RunDecision::Confirm).await.expect("decided");
@@ -213,7 +229,10 @@ async fn a_run_that_is_set_aside_counts_no_more_until_it_is_taken_back() {
     }
     pipeline.conclude().await.expect("conclusions");
     assert_eq!(count(&store, ALARMS).await, 0);
-    assert_eq!(texts(&store, "SELECT DISTINCT reason FROM runs WHERE status = 'set_aside'").await, ["set aside by mueller"]);
+    assert_eq!(
+        texts(&store, "SELECT DISTINCT reason FROM runs WHERE status = 'set_aside'").await,
+        ["set aside by mueller"]
+    );
     assert_eq!(count(&store, "SELECT count(*) FROM runs WHERE superseded_by_run_id IS NOT NULL").await, 0);
     for run in 10..25 {
         assert!(store.decide_about_run(run, &RunDecision::TakeBack).await.expect("decided").is_ok());
