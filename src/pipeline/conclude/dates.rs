@@ -41,9 +41,8 @@ impl Pipeline {
         let mut changed = Vec::new();
         for kind in [RunKind::Test, RunKind::Production] {
             let of_kind: Vec<&DatedRun> = runs.iter().filter(|run| run.kind == kind).collect();
-            let arrivals: Vec<Arrival<'_>> = of_kind.iter().map(|run| run.arrival()).collect();
             let mut latest = None;
-            for (run, date) in of_kind.into_iter().zip(implausible_dates(&arrivals)) {
+            for (&run, date) in of_kind.iter().zip(self.implausible(&robot.name, &of_kind)) {
                 let is_set_aside = date.is_some_and(|date| !date.is_in_order);
                 if run.problem != date.map(|date| date.to_string()) || run.is_set_aside != is_set_aside {
                     judged.changes_history |= run.is_set_aside != is_set_aside;
@@ -74,6 +73,21 @@ impl Pipeline {
             );
         }
         Ok(judged)
+    }
+
+    /// Implausible starts among recordings of one kind, in the order of their arrival.
+    fn implausible(&self, robot: &str, runs: &[&DatedRun]) -> Vec<Option<ImplausibleDate>> {
+        let mut arrivals: Vec<Arrival<'_>> =
+            runs.iter().map(|run| Arrival { file_time: None, ..run.arrival() }).collect();
+        let found = implausible_dates(&arrivals);
+        if found.iter().all(Option::is_none) {
+            return found;
+        }
+        // times of files can only speak for a start, unless it follows from them
+        for (arrival, run) in arrivals.iter_mut().zip(runs) {
+            arrival.file_time = run.file_time.filter(|_| self.config.names_start(robot, &run.source_name));
+        }
+        implausible_dates(&arrivals)
     }
 }
 

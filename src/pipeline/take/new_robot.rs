@@ -5,8 +5,9 @@ use std::path::Path;
 
 use super::intake::{Recognised, file_name};
 use crate::pipeline::context::{Pipeline, PipelineError};
+use armwatch_ingest::bytes::access::metadata;
 use armwatch_ingest::rejection::Rejection;
-use armwatch_model::robot::name::{Likeness, likeness};
+use armwatch_model::robot::name::{Likeness, likeness, original_of};
 use armwatch_model::text;
 
 /// Why an export does not become the first of a new robot; `None` where its robot is known, or the name is its own.
@@ -23,7 +24,16 @@ pub(in crate::pipeline) async fn question(
     if recognised.entry.robots == *robot || pipeline.store().knows_robot(robot).await? {
         return Ok(None);
     }
-    let known = pipeline.store().known_robots().await?;
+    let mut known = pipeline.store().known_robots().await?;
+    if let Some(original) = original_of(robot)
+        && let Some(beside) = path.file_name().and_then(|name| name.to_str())
+    {
+        // the original may arrive later
+        let beside = path.with_file_name(beside.replacen(robot.as_str(), original, 1));
+        if pipeline.with_files(move || metadata(&beside).is_ok()).await? {
+            known.push(original.to_owned());
+        }
+    }
     let own = format!("add a [[robot]] entry with name = \"{robot}\" if it is a robot of its own");
     let (reason, remedy) = match likeness(robot, known.iter().map(String::as_str)) {
         None => return Ok(None),

@@ -19,7 +19,7 @@ pub enum Likeness {
     Copy(String),
 }
 
-/// The known robot whose name a new one may be, if any.
+/// The robot whose name a new one may be, if any: a known one, or the original of a name that only copies have.
 #[must_use]
 pub fn likeness<'a>(new: &str, known: impl IntoIterator<Item = &'a str>) -> Option<Likeness> {
     let known: Vec<&str> = known.into_iter().filter(|name| *name != new).collect();
@@ -30,14 +30,24 @@ pub fn likeness<'a>(new: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     if let Some(same) = named(new) {
         return Some(Likeness::Spelling(same));
     }
-    let mut rest = without_mark(new);
-    while let Some(original) = rest {
+    let (mut rest, mut is_certain) = (new, false);
+    while let Some((original, certain)) = without_mark(rest) {
         if let Some(original) = named(original) {
             return Some(Likeness::Copy(original));
         }
-        rest = without_mark(original);
+        (rest, is_certain) = (original, is_certain || certain);
     }
-    None
+    is_certain.then(|| Likeness::Copy(rest.to_owned()))
+}
+
+/// The name that a copy of this name would have been made of; `None` for a name without the mark of a copy.
+#[must_use]
+pub fn original_of(name: &str) -> Option<&str> {
+    let mut rest = None;
+    while let Some((original, _)) = without_mark(rest.unwrap_or(name)) {
+        rest = Some(original);
+    }
+    rest
 }
 
 /// A name without case, blanks and forms of characters.
@@ -54,14 +64,14 @@ const BEFORE: [&str; 8] =
 const WORDS: [&str; 8] =
     ["conflicted copy", "copy", "kopie", "copia", "copie", "sync-conflict", "conflict", "konflikt"];
 
-/// A name without one mark of a copy; `None` without any.
-fn without_mark(name: &str) -> Option<&str> {
+/// A name without one mark of a copy, and whether only copies have that mark: robots have numbers too. `None` without any.
+fn without_mark(name: &str) -> Option<(&str, bool)> {
     let name = name.trim();
     for mark in BEFORE {
         if let Some((start, rest)) = name.split_at_checked(mark.len())
             && start.eq_ignore_ascii_case(mark)
         {
-            return original(rest);
+            return original(rest, true);
         }
     }
     // Copy (2) of R01
@@ -70,15 +80,15 @@ fn without_mark(name: &str) -> Option<&str> {
         && let Some((number, rest)) = rest.split_once(") of ")
         && is_number(number)
     {
-        return original(rest);
+        return original(rest, true);
     }
     if let Some(rest) = name.strip_suffix('~') {
-        return original(rest);
+        return original(rest, true);
     }
     if let Some((rest, inner)) = name.strip_suffix(')').and_then(|inside| inside.rsplit_once('(')) {
         let inner = inner.to_ascii_lowercase();
-        let is_copy = is_number(&inner) || WORDS.iter().any(|word| inner.contains(word));
-        return if is_copy { original(rest) } else { None };
+        let is_copy = WORDS.iter().any(|word| inner.contains(word));
+        return if is_copy || is_number(&inner) { original(rest, is_copy) } else { None };
     }
     let lower = name.to_ascii_lowercase();
     WORDS.iter().find_map(|word| {
@@ -88,7 +98,7 @@ fn without_mark(name: &str) -> Option<&str> {
         // a number or a moment may follow
         let is_end =
             behind.chars().all(|c| c.is_ascii_digit() || " -_.".contains(c)) || *word == "sync-conflict";
-        if is_parted && is_end { original(before) } else { None }
+        if is_parted && is_end { original(before, true) } else { None }
     })
 }
 
@@ -96,10 +106,10 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.len() <= 3 && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// The name that is left without a mark and what parted them.
-fn original(rest: &str) -> Option<&str> {
+/// The name that is left without a mark and the characters between them.
+fn original(rest: &str, is_certain: bool) -> Option<(&str, bool)> {
     let rest = rest.trim_matches([' ', '-', '_', '.']);
-    (!rest.is_empty()).then_some(rest)
+    (!rest.is_empty()).then_some((rest, is_certain))
 }
 
 #[cfg(test)]
@@ -151,7 +161,10 @@ mod tests {
             ".~lock.R01",
         ] {
             assert_eq!(likeness(new, ["R01"]), Some(Likeness::Copy("R01".into())), "{new:?}");
-            assert_eq!(likeness(new, ["R02"]), None, "{new:?}, of no known robot");
+            let certain = (!["R01 (1)", "R01(2)", "r01 (1)"].contains(&new)).then_some(());
+            let alone = likeness(new, ["R02"]);
+            assert_eq!(alone.map(|_| ()), certain, "{new:?}: robots have numbers");
+            assert!(original_of(new).is_some_and(|name| name.eq_ignore_ascii_case("R01")), "{new:?}");
         }
         for new in [
             "R01b",

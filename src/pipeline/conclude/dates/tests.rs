@@ -28,6 +28,8 @@ async fn tests() -> (tempfile::TempDir, Database, Pipeline) {
         arrival(&store, run, ARRIVAL + 3 * run).await;
     }
     change(&store, "UPDATE parameter_statistic SET mean = mean * 1.2 WHERE run_id >= 10").await;
+    // nothing was concluded before
+    change(&store, "UPDATE robot SET history = history + 1").await;
     let pipeline = Pipeline::new(Arc::new(Config::shipped().expect("settings")), store.clone());
     (folder, store, pipeline)
 }
