@@ -349,7 +349,7 @@ fn ordered_folders<'a>(arrivals: &'a [Arrival<'a>]) -> HashSet<&'a str> {
     for of in arrivals.iter().filter(|of| !of.is_after_arrival() && !of.is_supported()) {
         let (recordings, back, latest) = folders.entry(of.folder).or_insert((0, 0, of.started_at));
         *recordings += 1;
-        *back += usize::from(latest.duration_since(of.started_at) > GRACE);
+        *back += usize::from(of.started_at < *latest);
         *latest = of.started_at;
     }
     let is_ordered = |(recordings, back): (usize, usize)| back <= STEPS_BACK.max(recordings / 20);
