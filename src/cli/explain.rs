@@ -298,11 +298,11 @@ fn problems(of: &Explanation) -> Vec<String> {
     problems
 }
 
-/// What the analysis remarks of cycles that it takes.
+/// What is odd about name and start, and what the analysis remarks of cycles that it takes.
 fn remarks(of: &Explanation) -> Vec<String> {
-    of.reading
-        .as_ref()
-        .map_or_else(Vec::new, |reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()))
+    let of_cycles =
+        of.reading.iter().flat_map(|reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()));
+    of.doubts.iter().cloned().chain(of_cycles).collect()
 }
 
 /// What is said of cycles; what is said of several is said once, with their numbers.

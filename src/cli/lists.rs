@@ -36,7 +36,7 @@ pub(super) struct RunsArgs {
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Only runs with this status
-    #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(STATUSES.map(RunStatus::name)))]
+    #[arg(long, value_name = "STATUS", value_parser = PossibleValuesParser::new(RunStatus::ALL.map(RunStatus::name)))]
     status: Option<String>,
     /// Only tests, or only logs of ordinary work
     #[arg(long, value_name = "KIND", value_parser = PossibleValuesParser::new([RunKind::Test, RunKind::Production].map(RunKind::name)))]
@@ -70,9 +70,6 @@ pub(super) struct CyclesArgs {
     #[command(flatten)]
     rows: RowArgs,
 }
-
-const STATUSES: [RunStatus; 4] =
-    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
 
 const NO_RUN: &str =
     "no run is stored yet: `armwatch ingest FILE` takes an export, `armwatch run` watches folders";

@@ -4,14 +4,13 @@ use clap::Args;
 use jiff::Timestamp;
 use serde_json::json;
 
-use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime, shared};
+use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
+use super::shared::judged::judge;
 use super::shared::moment::moment;
 use super::shared::output;
 use super::shared::said::said;
 use super::shared::unknown_robot::unknown_robot;
 use super::shared::user::user;
-use crate::pipeline::conclude::isolation::Conclusion;
-use crate::pipeline::context::Pipeline;
 use armwatch_config::Config;
 use armwatch_model::anomaly::epoch::Maintenance;
 use armwatch_model::robot::JointIndex;
@@ -196,40 +195,6 @@ fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
 
 fn place(joint: Option<JointIndex>) -> String {
     joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"))
-}
-
-/// Whether the history was judged with what has changed.
-enum Judged {
-    Now,
-    ByDaemon,
-    Failed(String),
-}
-
-impl Judged {
-    fn is_now(&self) -> bool {
-        matches!(self, Self::Now)
-    }
-
-    fn words(&self) -> String {
-        match self {
-            Self::Now => "; the history is judged with it".into(),
-            Self::ByDaemon => "; the running daemon judges the history with it within a minute".into(),
-            Self::Failed(reason) => format!("; the history could not be judged with it: {reason}"),
-        }
-    }
-}
-
-/// Judges the robot's history again, unless a daemon works on the database, which does it.
-async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, CliError> {
-    if store.has_daemon().await? {
-        return Ok(Judged::ByDaemon);
-    }
-    let pipeline = Pipeline::new(shared(config), store.clone());
-    Ok(match pipeline.conclude_isolated(robot).await? {
-        Conclusion::Drawn(_) | Conclusion::UpToDate => Judged::Now,
-        Conclusion::Elsewhere => Judged::ByDaemon,
-        Conclusion::Faulty(reason) => Judged::Failed(reason),
-    })
 }
 
 /// How many joints a robot has.

@@ -18,6 +18,7 @@ mod man;
 mod demo;
 mod ingest;
 mod maintenance;
+mod one_run;
 mod parameters;
 mod report;
 mod rmsd;
@@ -127,6 +128,10 @@ enum Command {
     Export(export::ExportArgs),
     /// Exports that were not understood: list, explain, retry, dismiss
     Quarantine(quarantine::command::QuarantineArgs),
+    /// Correct or confirm the start of runs
+    RunDate(one_run::RunDateArgs),
+    /// Leave runs out of conclusions, or take them in again
+    SetAside(one_run::SetAsideArgs),
     /// Enter work on a robot, which begins a new baseline
     Maintenance(maintenance::MaintenanceArgs),
     /// Anomalies: list and show them, say what is done about them
@@ -302,6 +307,8 @@ fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
         Command::Prune(args) => prune::prune(global, &args),
         Command::Export(args) => export::export(global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(global, &args),
+        Command::RunDate(args) => one_run::run_date(global, &args),
+        Command::SetAside(args) => one_run::set_aside(global, &args),
         Command::Maintenance(args) => maintenance::maintenance(global, &args),
         Command::Alerts(args) => alerts::command::alerts(global, &args),
         Command::Explain(args) => explain::explain(global, &args),

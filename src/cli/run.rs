@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 use tokio::sync::watch;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
+use super::one_run::{RunDateArgs, SetAsideArgs, run_date, set_aside};
 use crate::alert::dispatcher::Dispatcher;
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::{NO_ANSWER, preflight};
@@ -21,7 +22,9 @@ use armwatch_config::{Config, ConfigErrors, host_name, shown_database};
 use armwatch_store::SessionKind;
 
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "\
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "\
 Examples:
   armwatch run
   armwatch run --config /etc/armwatch/armwatch.toml --log-format json
@@ -35,17 +38,36 @@ it takes exports over HTTP too, see docs/upload.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/
 
-Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md.")]
+Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md."
+)]
 pub(super) struct RunArgs {
     /// Name of this daemon among several on a database of a server, instead of the configuration's
     #[arg(long, value_name = "NAME", value_parser = host_name)]
     host: Option<String>,
+    #[command(subcommand)]
+    of_run: Option<OfRun>,
+}
+
+/// Commands about single runs, for those who look for them here.
+#[derive(Debug, Clone, Subcommand)]
+enum OfRun {
+    /// Correct or confirm the start of runs, as `armwatch run-date`
+    #[command(hide = true)]
+    Date(RunDateArgs),
+    /// Leave runs out of conclusions, as `armwatch set-aside`
+    #[command(hide = true)]
+    SetAside(SetAsideArgs),
 }
 
 /// At its end, the daemon waits this long for threads with blocking work, which is no longer needed.
 const THREADS_END_WITHIN: Duration = Duration::from_secs(1);
 
 pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
+    match &args.of_run {
+        Some(OfRun::Date(args)) => return run_date(global, args),
+        Some(OfRun::SetAside(args)) => return set_aside(global, args),
+        None => {}
+    }
     // SIGHUP reads the same file again: while it is missing, the shipped settings must not take its place
     let global = &global.pinned();
     let config = checked(as_host(global.read_config()?, args))?;

@@ -1,6 +1,7 @@
 //! `armwatch status`: the fleet at a glance.
 
 use std::cmp::Reverse;
+use std::collections::BTreeMap;
 
 use clap::Args;
 use jiff::Timestamp;
@@ -10,6 +11,7 @@ use super::alerts::words;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::joints::{named, reasons};
 use super::shared::output;
+use armwatch_config::Recognition;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
@@ -49,13 +51,15 @@ struct Fleet {
     hosts: Vec<HostRow>,
     /// Watched folders that do not answer.
     unanswered: Vec<UnansweredFolder>,
+    /// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
+    unmatched: Vec<i64>,
 }
 
 pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
     let fleet = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let fleet = Fleet::read(&store, Timestamp::now()).await;
+        let fleet = Fleet::read(&store, &config.recognition, Timestamp::now()).await;
         store.close().await?;
         fleet
     })?;
@@ -78,7 +82,7 @@ fn host_in_words(row: &HostRow) -> String {
 }
 
 impl Fleet {
-    async fn read(store: &Store, now: Timestamp) -> Result<Self, CliError> {
+    async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
         let mut open = words::all(store, now).await?;
         let answered = ANSWERED.map(|state| {
             open.iter().filter(|row| is_alarm(row.severity) && row.state == state.name()).count()
@@ -89,7 +93,9 @@ impl Fleet {
         quarantine.retain(|fault| fault.state == FaultState::Open);
         let mut hosts = store.hosts().await?;
         hosts.retain(|row| !row.host.is_empty());
+        let runs = store.runs().await?;
         Ok(Self {
+            unmatched: unmatched(&runs, recognition),
             hosts,
             unanswered: store.unanswered_folders().await?,
             counts: store.counts().await?,
@@ -98,7 +104,7 @@ impl Fleet {
             answered,
             quarantine,
             blocked: store.blocked_files().await?,
-            runs: store.runs().await?,
+            runs,
         })
     }
 
@@ -153,6 +159,13 @@ impl Fleet {
         }
         for file in &self.blocked {
             output::line(&format!("blocked     {} {}; {}", file.source_name, file.message, file.remedy));
+        }
+        for run in self.runs.iter().filter(|run| self.unmatched.contains(&run.run_id)) {
+            output::line(&format!(
+                "new robot   {}, by its only test {}, whose name recognition.file_name does not match; `armwatch set-aside {}` \
+                 leaves it out",
+                run.robot, run.source_name, run.run_id
+            ));
         }
         for run in self.live() {
             let (robot, cycles) = (&run.robot, output::counted(run.cycles, "cycle"));
@@ -256,9 +269,23 @@ impl Fleet {
             "hosts": self.hosts.iter().map(host).collect::<Vec<_>>(),
             "robots": robots,
             "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
+            "unmatched_run_ids": self.unmatched,
             "quarantined": self.quarantine.len(), "blocked": blocked, "live": live, "complete_runs": complete_runs, "cycles": cycles,
         })
     }
+}
+
+/// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
+fn unmatched(runs: &[RunRow], recognition: &Recognition) -> Vec<i64> {
+    let mut tests: BTreeMap<&str, Vec<&RunRow>> = BTreeMap::new();
+    for run in runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete) {
+        tests.entry(&run.robot).or_default().push(run);
+    }
+    let only = tests.into_values().filter_map(|of_robot| match of_robot[..] {
+        [run] => Some(run),
+        _ => None,
+    });
+    only.filter(|run| !recognition.fits(&run.source_name)).map(|run| run.run_id).collect()
 }
 
 /// Whether an anomaly of this severity is an alarm; what is milder is worth knowing and calls nobody.

@@ -22,7 +22,7 @@ use super::take::admitted::AdmittedExport;
 use super::take::cutting::ReadEnd;
 use super::take::decide::Decision;
 use super::take::intake::Recognised;
-use super::take::{decide, intake, record, resume};
+use super::take::{decide, intake, new_robot, record, resume};
 use armwatch_config::{Config, FleetEntry};
 use armwatch_ingest::bytes::fingerprint;
 use armwatch_method::analyse::Method;
@@ -279,6 +279,9 @@ impl Pipeline {
             Ok(Decision::Read(start)) if start.continues.is_none() => start,
             _ => return Ok(Err(Some(ahead))),
         };
+        if new_robot::question(self, path, &recognised).await?.is_some() {
+            return Ok(Err(Some(ahead)));
+        }
         intake::forget_unreadable(self, path).await?;
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);

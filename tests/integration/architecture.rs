@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use regex::Regex;
 
-/// Outside crates that nouns and method may depend on: numerics, formats and dates.
-const PURE: [&str; 8] = ["faer", "jiff", "nalgebra", "pulp", "serde", "statrs", "thiserror", "varpro"];
+/// Outside crates that nouns and method may depend on: numerics, formats, dates and forms of text.
+const PURE: [&str; 9] =
+    ["faer", "jiff", "nalgebra", "pulp", "serde", "statrs", "thiserror", "unicode-normalization", "varpro"];
 
 /// Drivers of databases.
 const DRIVERS: [&str; 3] = ["rusqlite", "sqlx", "sqlx-core"];

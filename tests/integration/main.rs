@@ -25,6 +25,7 @@ mod clock;
 mod control;
 mod crash;
 mod daemon;
+mod dates;
 mod delivery;
 mod demo;
 #[cfg(target_os = "linux")]

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use armwatch_model::robot::name::composed;
+
 /// Patterns over the file names of exports.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FilePatterns(pub Vec<String>);
@@ -22,7 +24,7 @@ impl fmt::Display for FilePatterns {
 
 /// Whether `pattern` matches the whole of `name`.
 pub(super) fn matches(pattern: &str, name: &str) -> bool {
-    let name: Vec<_> = name.chars().map(Piece::One).collect();
+    let name: Vec<_> = composed(name).chars().map(Piece::One).collect();
     meet(&pieces(pattern), &name)
 }
 
@@ -50,7 +52,7 @@ enum Piece {
 }
 
 fn pieces(pattern: &str) -> Vec<Piece> {
-    pattern.chars().map(|c| if c == '*' { Piece::Any } else { Piece::One(c) }).collect()
+    composed(pattern).chars().map(|c| if c == '*' { Piece::Any } else { Piece::One(c) }).collect()
 }
 
 /// Whether two sequences have a text in common: `reachable[i][j]` says that the first `i` and `j`

@@ -76,6 +76,13 @@ impl Config {
         for_all.or_else(|| entries.next())
     }
 
+    /// Whether the name or the rows of an export of this robot say when it began, so that the time of its file does not.
+    #[must_use]
+    pub fn names_start(&self, robot: &str, file_name: &str) -> bool {
+        self.recognition.recognise(file_name).is_ok_and(|named| named.started_at.is_some())
+            || self.export_entry(robot, file_name).is_some_and(|entry| entry.layout.start.is_some())
+    }
+
     /// The entry for an export of the robot called `robot`: the first whose patterns match its name and that
     /// of the file.
     #[must_use]

@@ -8,6 +8,7 @@ mod friction_law;
 mod standard_parameters;
 mod parameter;
 mod shape;
+pub mod name;
 pub mod transmission;
 
 use nalgebra::{DMatrix, Vector3};

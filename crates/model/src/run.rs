@@ -1,5 +1,6 @@
 //! What was recorded: a run is one export, made of cycles, each made of stages.
 
+pub mod arrival;
 pub mod channel_delays;
 pub mod stage_rule;
 pub mod temperature;
@@ -431,9 +432,15 @@ pub enum RunStatus {
     /// Another content was written in its place; what was stored of it is kept and takes no part in
     /// conclusions.
     Superseded,
+    /// It was read whole and takes no part in conclusions: a person has said so, or its start cannot be right.
+    SetAside,
 }
 
 impl RunStatus {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::Streaming, Self::Complete, Self::Quarantined, Self::Superseded, Self::SetAside];
+
     /// Name as in the view `runs`.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -442,6 +449,7 @@ impl RunStatus {
             Self::Complete => "complete",
             Self::Quarantined => "quarantined",
             Self::Superseded => "superseded",
+            Self::SetAside => "set_aside",
         }
     }
 }

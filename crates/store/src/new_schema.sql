@@ -1,4 +1,4 @@
--- made from migrations 42674a7e1a1610e06f5fe496612b3080c0f7f97fbb2393d15606ef30a6343d8e
+-- made from migrations 8a8d638fb68d30c84bf81a3e429f5875096a3d05a551e301a2839e9c84ad853b
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -54,7 +54,7 @@ CREATE TABLE run (
     reason_column  TEXT,
     -- Wall time, for people who look for what arrived when. In no view: views of two databases fed
     -- alike are alike.
-    ingested_at    INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)), growing INTEGER NOT NULL DEFAULT 0 CHECK (growing IN (0, 1)), prefix_bytes INTEGER CHECK (prefix_bytes >= 0), prefix_hash BLOB CHECK (length(prefix_hash) = 32), replaces_run_id INTEGER REFERENCES run ON DELETE SET NULL, superseded_by_run_id INTEGER REFERENCES run ON DELETE SET NULL, device INTEGER, inode INTEGER, kind TEXT NOT NULL DEFAULT 'test' CHECK (kind IN ('test', 'production')), retry_asked_at INTEGER, made_with BLOB CHECK (length(made_with) = 32), first_rows BLOB CHECK (length(first_rows) = 32), rows_skipped INTEGER CHECK (rows_skipped >= 0), figures_hash BLOB CHECK (length(figures_hash) = 32), started_at_text TEXT, retry_asked_at_text TEXT, host_session_id INTEGER REFERENCES host_session,
+    ingested_at    INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)), growing INTEGER NOT NULL DEFAULT 0 CHECK (growing IN (0, 1)), prefix_bytes INTEGER CHECK (prefix_bytes >= 0), prefix_hash BLOB CHECK (length(prefix_hash) = 32), replaces_run_id INTEGER REFERENCES run ON DELETE SET NULL, superseded_by_run_id INTEGER REFERENCES run ON DELETE SET NULL, device INTEGER, inode INTEGER, kind TEXT NOT NULL DEFAULT 'test' CHECK (kind IN ('test', 'production')), retry_asked_at INTEGER, made_with BLOB CHECK (length(made_with) = 32), first_rows BLOB CHECK (length(first_rows) = 32), rows_skipped INTEGER CHECK (rows_skipped >= 0), figures_hash BLOB CHECK (length(figures_hash) = 32), started_at_text TEXT, retry_asked_at_text TEXT, host_session_id INTEGER REFERENCES host_session, set_aside TEXT CHECK (set_aside IN ('person', 'implausible_date')), date_problem TEXT, recorded_start INTEGER, recorded_start_text TEXT,
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
     CHECK (status <> 'complete' OR (rows IS NOT NULL AND cycles_total = cycles_stored))
 ) STRICT;
@@ -1937,6 +1937,15 @@ SELECT blocked_file.robot,
             ELSE 'cannot be read beyond line ' || blocked_file.line || ' since ' END
            || blocked_file.blocked_at || ': ' || blocked_file.problem AS message
 FROM blocked_file;
+CREATE TABLE unanswered_folder (
+    -- The name that --host or [cluster] gives; empty without one.
+    host      TEXT NOT NULL,
+    folder    TEXT NOT NULL,
+    -- When the daemon last looked into it, microseconds since 1970; NULL if not since its start.
+    looked_at INTEGER,
+    PRIMARY KEY (host, folder)
+) STRICT, WITHOUT ROWID;
+CREATE INDEX run_set_aside ON run (robot_id, run_id) WHERE set_aside IS NOT NULL;
 CREATE VIEW runs AS
 SELECT run.run_id,
        robot.name AS robot,
@@ -1946,20 +1955,23 @@ SELECT run.run_id,
        run.rows,
        run.sample_rate_hz,
        run.cycles_stored AS cycles,
-       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
+       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status
+            WHEN run.superseded_by_run_id = run.run_id THEN 'set_aside' ELSE 'superseded' END AS status,
        coalesce(run.reason, (SELECT blocked_files.message FROM blocked_files
                              WHERE blocked_files.run_id = run.run_id AND run.status = 'streaming')) AS reason,
        coalesce(run.reason_line, (SELECT blocked_file.line FROM blocked_file
                                   WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming')) AS reason_line,
        run.reason_column,
        run.model,
-       run.superseded_by_run_id,
+       nullif(run.superseded_by_run_id, run.run_id) AS superseded_by_run_id,
        run.kind,
        run.rows_skipped,
        (SELECT nullif(host_session.host, '') FROM host_session
         WHERE host_session.host_session_id = run.host_session_id) AS host,
        (SELECT blocked_file.blocked_at FROM blocked_file
-        WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming') AS blocked_at
+        WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming') AS blocked_at,
+       run.date_problem,
+       run.recorded_start_text AS recorded_start_at
 FROM run
 JOIN robot USING (robot_id);
 CREATE VIEW fleet_health AS
@@ -1993,6 +2005,19 @@ blocked AS (
     JOIN blocked_files ON blocked_files.robot = latest.robot
     WHERE NOT EXISTS (SELECT 1 FROM blocked_file AS later
                       WHERE later.robot = latest.robot AND later.path > blocked_files.source_path)
+),
+-- the tests that arrived last, where their dates cannot be right
+misdated AS (
+    SELECT latest.robot_id, run.source_name, run.date_problem
+    FROM latest
+    JOIN run ON run.run_id = (
+        SELECT max(own.run_id) FROM run AS own WHERE own.robot_id = latest.robot_id AND own.set_aside = 'implausible_date'
+    )
+    WHERE run.kind = 'test' AND NOT EXISTS (
+        SELECT 1 FROM run AS later
+        WHERE later.robot_id = latest.robot_id AND later.status = 'complete' AND later.kind = 'test'
+              AND later.run_id > run.run_id
+    )
 ),
 member AS (
     SELECT latest.robot_id, run_joint_summary.joint FROM latest JOIN run_joint_summary USING (run_id)
@@ -2034,12 +2059,15 @@ judged AS (
            conclusion_fault.reason AS not_concluded,
            blocked.source_name AS blocked_name,
            blocked.message AS blocked_message,
+           misdated.source_name AS misdated_name,
+           misdated.date_problem,
            CASE
                WHEN faulty.robot_id IS NOT NULL OR conclusion_fault.robot_id IS NOT NULL
                     OR joint_health.knowledge = 'no_result' THEN 'unknown'
                WHEN trouble.critical = 1 THEN 'critical'
                WHEN trouble.warning = 1 THEN 'warning'
-               WHEN blocked.robot_id IS NOT NULL OR joint_health.knowledge = 'unsettled' THEN 'unknown'
+               WHEN blocked.robot_id IS NOT NULL OR misdated.robot_id IS NOT NULL
+                    OR joint_health.knowledge = 'unsettled' THEN 'unknown'
                WHEN latest.overdue = 1 THEN 'overdue'
                WHEN ifnull(joint_health.knowledge, 'learning') = 'learning' THEN 'learning'
                ELSE 'ok'
@@ -2049,6 +2077,7 @@ judged AS (
     LEFT JOIN faulty ON faulty.robot_id = member.robot_id
     LEFT JOIN conclusion_fault ON conclusion_fault.robot_id = member.robot_id
     LEFT JOIN blocked ON blocked.robot_id = member.robot_id
+    LEFT JOIN misdated ON misdated.robot_id = member.robot_id
     LEFT JOIN joint_health ON joint_health.robot_id = member.robot_id AND joint_health.joint = member.joint
     LEFT JOIN trouble ON trouble.robot_id = member.robot_id AND trouble.joint = member.joint
 )
@@ -2067,6 +2096,9 @@ SELECT judged.robot,
                THEN 'nothing is concluded of the latest tests: ' || judged.not_concluded
            WHEN judged.status = 'unknown' AND judged.blocked_name IS NOT NULL
                THEN judged.blocked_name || ' ' || judged.blocked_message
+           WHEN judged.status = 'unknown' AND judged.misdated_name IS NOT NULL
+               THEN 'the date of the latest test, ' || judged.misdated_name || ', cannot be right: it is '
+                    || judged.date_problem || '; judged by the tests until ' || judged.started_at_text
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND ifnull(anomaly.joint, judged.joint) = judged.joint
@@ -2093,14 +2125,6 @@ FROM judged
 LEFT JOIN run_joint_summary
        ON run_joint_summary.run_id = judged.run_id AND run_joint_summary.joint = judged.joint
 LEFT JOIN run AS result ON result.run_id = judged.last_result_run_id;
-CREATE TABLE unanswered_folder (
-    -- The name that --host or [cluster] gives; empty without one.
-    host      TEXT NOT NULL,
-    folder    TEXT NOT NULL,
-    -- When the daemon last looked into it, microseconds since 1970; NULL if not since its start.
-    looked_at INTEGER,
-    PRIMARY KEY (host, folder)
-) STRICT, WITHOUT ROWID;
 INSERT INTO database_identity (only_one, identity) VALUES (1, lower(hex(randomblob(6))));
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly', 0);
 INSERT INTO sqlite_sequence (name, seq) VALUES ('anomaly_event', 0);

@@ -125,10 +125,10 @@ async fn take_again(
             (RunStatus::Complete | RunStatus::Quarantined, Err(missing)) => {
                 return Err(CliError::Usage(format!("{missing}; put it back there, and run again")));
             }
-            (status @ (RunStatus::Superseded | RunStatus::Streaming), _) => {
+            (status @ (RunStatus::Superseded | RunStatus::SetAside | RunStatus::Streaming), _) => {
                 return Err(CliError::Usage(format!(
                     "run {run_id} is {}: only complete and quarantined runs are read again",
-                    status.name()
+                    status.name().replace('_', " ")
                 )));
             }
         }

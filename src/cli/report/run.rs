@@ -128,9 +128,9 @@ fn conclusions(
              concluded from it yet."
                 .into(),
         )),
-        RunStatus::Quarantined | RunStatus::Superseded => {
+        RunStatus::Quarantined | RunStatus::Superseded | RunStatus::SetAside => {
             let reason = run.reason.as_deref().unwrap_or("no reason is stored");
-            let status = run.status.name();
+            let status = run.status.name().replace('_', " ");
             blocks.push(Block::Text(format!("The run is {status}: nothing is concluded from it. {}", sentence(reason))));
         }
     }

@@ -13,6 +13,7 @@ pub(super) mod position_columns;
 pub(super) mod cycle;
 pub(super) mod levels;
 pub(super) mod joints;
+pub(super) mod judged;
 pub(super) mod life;
 pub(super) mod load;
 pub(super) mod reweight;

@@ -95,6 +95,11 @@ impl Pipeline {
         history: i64,
         in_any_case: bool,
     ) -> Result<Reading, PipelineError> {
+        let dates = self.judge_dates(robot).await?;
+        if dates.changes_history && !in_any_case {
+            let now = self.store.conclude(robot.robot_id).await?.history().await?;
+            return Ok(Reading::Overtaken(now));
+        }
         // no conclusion compares figures of two estimators
         let history = match self.reweight_robot(robot.robot_id).await? {
             true => self.store.conclude(robot.robot_id).await?.history().await?,
@@ -156,6 +161,7 @@ impl Pipeline {
         );
         let mut findings = judged.findings.clone();
         findings.anomalies.extend(work.anomalies);
+        findings.anomalies.extend(dates.anomaly());
         let settled = [&judged.settled[..], &work.settled].concat();
         let reconciled = conclusion.reconcile(&findings, &settled).await?;
         conclusion.settle_withdrawn(RunKind::Test, &judged.at).await?;

@@ -1,5 +1,6 @@
 //! What the history of a robot says.
 
+mod dates;
 pub mod history;
 pub mod in_brief;
 pub mod isolation;

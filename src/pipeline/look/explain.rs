@@ -12,7 +12,7 @@ use crate::pipeline::production::{CycleWork, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
-use crate::pipeline::take::{decide, intake, record};
+use crate::pipeline::take::{decide, intake, new_robot, record};
 use armwatch_config::{Config, FleetEntry, Layout};
 use armwatch_ingest::bytes::source;
 use armwatch_ingest::rejection::Rejection;
@@ -22,6 +22,7 @@ use armwatch_ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
 use armwatch_method::analyse::Method;
 use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
 use armwatch_model::robot::Robot;
+use armwatch_model::run::arrival::{Arrival, implausible_dates};
 use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
 use armwatch_model::text;
 use armwatch_store::{KnownRun, Store};
@@ -41,6 +42,8 @@ pub struct Explanation {
     pub reading: Option<ExportReading>,
     /// Why it would be quarantined.
     pub rejection: Option<Rejection>,
+    /// What is odd about its robot's name and its start.
+    pub doubts: Vec<String>,
     /// What the database has of its content.
     pub ledger: Ledger,
     /// What would be done with it.
@@ -186,6 +189,15 @@ impl Explainer {
             }
             (reading, rejection) = (Some(found), fault);
         }
+        let mut doubts = Vec::new();
+        if let (Ok(pipeline), Some(of)) = (&self.pipeline, &recognised) {
+            doubts = doubts_of(pipeline, path, of).await?;
+            if rejection.is_none()
+                && let Ok(named) = intake::recognise(&self.config, path, intake::file_time(path))
+            {
+                rejection = new_robot::question(pipeline, path, &named).await?;
+            }
+        }
         let (ledger, next) = self.ledger(path, rejection.is_some()).await?;
         let metadata = std::fs::metadata(path).ok();
         let modified = metadata.as_ref().and_then(|metadata| metadata.modified().ok());
@@ -196,6 +208,7 @@ impl Explainer {
             recognised,
             reading,
             rejection,
+            doubts,
             ledger,
             next,
         })
@@ -255,6 +268,46 @@ impl Explainer {
         };
         Ok((facts.known.map_or(Ledger::Unknown, Ledger::Known), next))
     }
+}
+
+/// What is odd about the robot's name and the start of an export, beside the runs that are stored.
+async fn doubts_of(
+    pipeline: &Pipeline,
+    path: &Path,
+    of: &RecognisedAs,
+) -> Result<Vec<String>, PipelineError> {
+    let mut doubts = Vec::new();
+    if of.pattern.is_none() && !pipeline.store().knows_robot(&of.robot).await? {
+        doubts.push(format!(
+            "recognition.file_name does not match the name, which becomes that of a new robot \"{}\"",
+            of.robot
+        ));
+    }
+    let kind = of.entry.layout.stage.kind().run_kind();
+    let name = intake::file_name(path);
+    let runs = pipeline.store().dated_runs(&of.robot).await?;
+    let others = runs.iter().filter(|run| run.kind == kind && run.source_name != name);
+    let mut arrivals: Vec<Arrival<'_>> = others.map(|run| run.arrival()).collect();
+    let ledger_path = intake::ledger_path(pipeline.store(), path);
+    let stored = runs.iter().find(|run| run.source_path == ledger_path);
+    arrivals.push(stored.map_or_else(
+        || Arrival {
+            started_at: of.started_at,
+            arrived_at: Timestamp::now(),
+            file_time: of.named_start.then(|| intake::file_time(path)),
+            folder: ledger_path.rsplit_once('/').map_or("", |(folder, _)| folder),
+            is_confirmed: false,
+        },
+        |run| run.arrival(),
+    ));
+    if let Some(date) = implausible_dates(&arrivals).pop().flatten() {
+        let effect =
+            if date.is_in_order { "the order of arrival counts" } else { "no conclusion is drawn from it" };
+        doubts.push(format!(
+            "the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects it"
+        ));
+    }
+    Ok(doubts)
 }
 
 /// Time since `modified`, s.

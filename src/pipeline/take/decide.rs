@@ -94,8 +94,13 @@ pub fn decide(facts: &Facts) -> Decision {
     if let Some(known) = &facts.known {
         let as_this_recording = |of: &Compared| of.run.run_id == known.run_id && of.same_recording;
         let renamed = facts.names_recording && !facts.earlier.iter().any(as_this_recording);
-        // a content that was superseded at this path has come back to it, or is said to be another recording now
-        let returns = known.status == RunStatus::Superseded && (chosen.replaces_here || renamed);
+        // a content that was superseded at this path has come back to it, or this or one that was set aside is said to be
+        // another recording now
+        let returns = match known.status {
+            RunStatus::Superseded => chosen.replaces_here || renamed,
+            RunStatus::SetAside => renamed,
+            RunStatus::Complete | RunStatus::Quarantined | RunStatus::Streaming => false,
+        };
         if !returns && is_decided(known, facts.retry) {
             let unfinished = chosen.unfinished.filter(|unfinished| unfinished.run_id() != known.run_id);
             return Decision::Known { run: known.clone(), unfinished };
@@ -118,7 +123,7 @@ pub fn decide(facts: &Facts) -> Decision {
 pub fn is_decided(known: &KnownRun, retry: Retry) -> bool {
     match known.status {
         RunStatus::Complete => retry != Retry::Complete,
-        RunStatus::Superseded => true,
+        RunStatus::Superseded | RunStatus::SetAside => true,
         RunStatus::Quarantined => retry == Retry::Never && !known.retry_asked,
         RunStatus::Streaming => false,
     }
@@ -163,7 +168,7 @@ fn chosen(earlier: &[Compared], policy: RewritePolicy) -> ChosenRun {
         let rewritten = match run.status {
             RunStatus::Streaming => (*same_recording && *same_path) || moved_here,
             RunStatus::Complete => *same_recording && policy == RewritePolicy::Supersede,
-            RunStatus::Quarantined | RunStatus::Superseded => false,
+            RunStatus::Quarantined | RunStatus::Superseded | RunStatus::SetAside => false,
         };
         if chosen.start.continues.is_none() && goes_on && (begins_alike || empty) {
             chosen.start.continues = Some(run.run_id);
@@ -293,7 +298,7 @@ mod tests {
         let none = fingerprint::nothing();
         let stands = |run: KnownRun, unfinished| Decision::Known { run, unfinished };
         let of = |status, earlier| facts(Some(known(7, status)), earlier);
-        for status in [Complete, Superseded, Quarantined] {
+        for status in [Complete, Superseded, RunStatus::SetAside, Quarantined] {
             let itself = vec![earlier(7, status, "path recording")];
             assert_eq!(decide(&of(status, itself)), stands(known(7, status), None), "{status:?}");
             let without_start = Facts { names_recording: false, ..of(status, vec![]) };
@@ -303,7 +308,9 @@ mod tests {
         for status in [Complete, Quarantined] {
             assert_eq!(decide(&of(status, vec![])), stands(known(7, status), None), "{status:?}");
         }
-        assert_eq!(decide(&of(Superseded, vec![])), reads(Some(7), None, none));
+        for status in [Superseded, RunStatus::SetAside] {
+            assert_eq!(decide(&of(status, vec![])), reads(Some(7), None, none), "{status:?}");
+        }
         assert_eq!(decide(&of(Streaming, vec![])), reads(Some(7), None, none));
         let again = Facts { retry: Retry::Quarantined, ..of(Quarantined, vec![]) };
         assert_eq!(decide(&again), reads(Some(7), None, none));

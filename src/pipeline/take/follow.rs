@@ -19,7 +19,7 @@ use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::Decision;
 use super::intake::Recognised;
-use super::{attempt, decide, intake, record, resume};
+use super::{attempt, decide, intake, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
@@ -254,6 +254,11 @@ impl Pipeline {
             // of a content that is known as a whole
             Decision::Known { .. } => return Ok(Err(Followed::UntilSettled)),
         };
+        if start.continues.is_none()
+            && let Some(rejection) = new_robot::question(self, path, recognised).await?
+        {
+            return Ok(Err(Followed::Blocked(rejection)));
+        }
         // stands in until the content is whole
         let no_hash = ContentHash([0; 32]);
         let Recognised { entry, robot, started_at, .. } = recognised;

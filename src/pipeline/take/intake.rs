@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
-use super::{decide, record, resume};
+use super::{decide, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::cycle_memory::Turn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
@@ -107,7 +107,15 @@ async fn admit_content(
         }
         Decision::Read(start) => start,
     };
-    let recognised = match recognised {
+    let questioned = match recognised {
+        // a run that goes on has its robot
+        Ok(recognised) if start.continues.is_none() => {
+            let question = new_robot::question(pipeline, path, &recognised).await?;
+            question.map_or(Ok(recognised), Err)
+        }
+        recognised => recognised,
+    };
+    let recognised = match questioned {
         Ok(recognised) => recognised,
         Err(rejection) => {
             let header = header(path, ledger_path, UNKNOWN_ROBOT, "", file_time, content_hash, source_bytes);
@@ -146,6 +154,9 @@ pub(in crate::pipeline) async fn begin(
     let Config { limits, analysis, .. } = pipeline.config();
     let made_with = resume::settings_hash(layout, description, limits, analysis);
     let Start { continues, replaces, afresh, .. } = start;
+    if continues.is_none() {
+        new_robot::say_unmatched(pipeline, path, &recognised.robot).await?;
+    }
     let beginning = RunStart { continues, replaces, made_with: Some(made_with), afresh };
     let begun = pipeline.store().begin_source(&header, identity, beginning, state).await?;
     if begun.afresh {
@@ -332,7 +343,7 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
             cycles: known.cycles_stored,
             known: true,
         },
-        RunStatus::Complete | RunStatus::Superseded | RunStatus::Streaming => {
+        RunStatus::Complete | RunStatus::Superseded | RunStatus::SetAside | RunStatus::Streaming => {
             Outcome::AlreadyStored { run_id: known.run_id }
         }
     }

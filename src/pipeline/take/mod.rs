@@ -10,6 +10,7 @@ pub mod resume;
 pub mod cutting;
 pub mod record;
 pub mod intake;
+pub mod new_robot;
 pub mod follow;
 
 #[cfg(test)]

@@ -181,8 +181,9 @@ pub async fn finish(
         tracing::warn!(
             file = %text::of_path(&intake.path), run_id = intake.run_id,
             "takes the place of run {old}, which the name says to be the same recording, but begins with other rows: \
-             if these are two recordings, give the other file a name with a start of its own and ingest it again, or \
-             set on_rewrite = \"keep_both\" under [watch]"
+             if it continues run {old}, as the next part of one recording, join the parts in one file; if these are two \
+             recordings, give the other file a name with a start of its own and ingest it again, or set \
+             on_rewrite = \"keep_both\" under [watch]"
         );
     }
     Ok(Outcome::Stored(StoredRun {

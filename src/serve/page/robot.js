@@ -329,6 +329,6 @@ export function runTable(rows, caption, withRobot = false) {
 }
 
 export function runStatus(one) {
-  const [look, word] = { complete: ["ok", "complete"], streaming: ["live", "being read"], quarantined: ["critical", "in quarantine"], superseded: ["unknown", "superseded"] }[one.status] ?? ["unknown", one.status];
+  const [look, word] = { complete: ["ok", "complete"], streaming: ["live", "being read"], quarantined: ["critical", "in quarantine"], superseded: ["unknown", "superseded"], set_aside: ["unknown", "set aside"] }[one.status] ?? ["unknown", one.status];
   return h("span", { class: `badge s-${look}` }, icon(look), word, one.kind === "production" ? h("span", { class: "tag" }, "production") : null);
 }

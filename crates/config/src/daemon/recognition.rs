@@ -3,8 +3,10 @@
 use jiff::Timestamp;
 use jiff::tz::{AmbiguousOffset, TimeZone};
 
+use super::like_date::has_date_like;
 use crate::date_format::DateFormats;
 use crate::settings::Recognition;
+use armwatch_model::robot::name::composed;
 
 /// Pattern of the native file names, `{robot}_{YYYYMMDD}_{HHMM}_...`.
 pub(crate) const DEFAULT_FILE_NAME: &str = r"^(?<robot>.+?)_(?<date>\d{8})_(?<time>\d{4}(?:\d{2})?)(?:_.*)?$";
@@ -76,13 +78,13 @@ impl Recognition {
     /// Whether the pattern matches the file name; [`Recognition::recognise`] may make a robot of one that it does not.
     #[must_use]
     pub fn fits(&self, file_name: &str) -> bool {
-        forms(file_name).into_iter().any(|form| self.file_name.is_match(form))
+        forms(&composed(file_name)).into_iter().any(|form| self.file_name.is_match(form))
     }
 
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.gz` and `.zst`, then with
-    /// `.csv`, then on the whole name, so that neither the pattern nor compression must care. A name
+    /// `.csv`, then on the whole name, so that neither the pattern nor compression must care. Names are composed (NFC). A name
     /// that does not match and has nothing like a date in it is the robot's name as a whole.
     ///
     /// # Errors
@@ -101,7 +103,8 @@ impl Recognition {
             file_name: file_name.to_owned(),
             pattern: self.file_name.as_str().to_owned(),
         };
-        let forms = forms(file_name);
+        let name = composed(file_name);
+        let forms = forms(&name);
         let Some(captures) = forms.iter().find_map(|form| self.file_name.captures(form)) else {
             let plain = plain_robot(forms[0]).ok_or_else(no_match)?;
             return Ok(Recognised { robot: plain.to_owned(), started_at: None, is_definite: false });
@@ -136,13 +139,11 @@ fn forms(file_name: &str) -> [&str; 3] {
     [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name]
 }
 
-/// The robot in a name without date and time. Seven digits in a row could be a mistyped date, which
-/// must not make a robot of its own.
+/// The robot in a name without date and time. A possible date that the pattern does not read must not become part of a
+/// robot's name.
 fn plain_robot(stem: &str) -> Option<&str> {
-    const DIGITS_OF_A_MISTYPED_DATE: usize = 7;
-    let longest = stem.split(|c: char| !c.is_ascii_digit()).map(str::len).max().unwrap_or(0);
     let named = stem.chars().any(char::is_alphanumeric) && !stem.starts_with(['_', '.']);
-    (named && longest < DIGITS_OF_A_MISTYPED_DATE).then_some(stem)
+    (named && !has_date_like(stem)).then_some(stem)
 }
 
 fn example(pattern: &str) -> String {
@@ -207,9 +208,15 @@ mod tests {
 
     #[test]
     fn names_without_robot_date_or_time_show_pattern_and_example() {
-        for name in
-            ["_.csv", "_20260105_0847.csv", "R00_2026015_0847.csv", "R00_20260105_08471.csv", ".gz", ""]
-        {
+        for name in [
+            "_.csv",
+            "_20260105_0847.csv",
+            "R00_2026015_0847.csv",
+            "R00_20260105_08471.csv",
+            "KR7-01.03.2026 08-00.csv",
+            ".gz",
+            "",
+        ] {
             let error = native().recognise(name).expect_err(name);
             assert!(matches!(error, RecogniseError::NoMatch { .. }), "{error}");
             let message = error.to_string();
@@ -220,9 +227,12 @@ mod tests {
 
     #[test]
     fn a_name_with_nothing_like_a_date_is_the_robots() {
-        for (name, robot) in
-            [("R00.csv.gz", "R00"), ("cell_4_left.csv", "cell_4_left"), ("er3a-0815.csv", "er3a-0815")]
-        {
+        for (name, robot) in [
+            ("R00.csv.gz", "R00"),
+            ("cell_4_left.csv", "cell_4_left"),
+            ("er3a-0815.csv", "er3a-0815"),
+            ("Gro\u{308}ße.csv", "Größe"),
+        ] {
             let found = native().recognise(name).expect(name);
             assert_eq!(found, Recognised { robot: robot.into(), started_at: None, is_definite: false });
         }

@@ -2,6 +2,7 @@
 
 use super::column::{Column, JointColumns};
 use crate::toml::table::{Table, Value};
+use armwatch_model::robot::name::composed;
 
 /// A unit as files name it and its factor to SI.
 pub(crate) type NamedUnit = (&'static str, f64);
@@ -22,7 +23,7 @@ impl ColumnNames {
     pub(crate) fn take(&mut self, value: &Value<'_>) -> Option<Column> {
         let column = match value.is_integer() {
             true => Column::Number(usize::try_from(value.integer(1..=MAX_COLUMN)?).ok()?),
-            false => Column::Name(value.text()?.to_owned()),
+            false => Column::Name(composed(value.text()?).into_owned()),
         };
         if let Column::Name(name) = &column
             && joint_places(name) > 0
@@ -47,7 +48,7 @@ impl ColumnNames {
 
     /// One name for the columns of all joints.
     fn take_pattern(&mut self, value: &Value<'_>) -> Option<String> {
-        let pattern = value.text()?;
+        let pattern = &*composed(value.text()?);
         let problem = match joint_places(pattern) {
             0 => format!("must contain {JOINT}, which stands for the joint's number from 1"),
             1 => return self.add(value, Column::Name(pattern.to_owned())).map(|_| pattern.to_owned()),

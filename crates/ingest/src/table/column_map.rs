@@ -9,7 +9,7 @@ use crate::rejection::Rejection;
 use armwatch_config::{
     Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TimeSource,
 };
-use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::robot::{JointIndex, Robot, name::composed};
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -166,7 +166,7 @@ impl ColumnMap {
 
 /// Finds the layout's columns in the header line of an export of `robot`.
 ///
-/// Order does not matter and unknown columns are ignored. Names are trimmed, quotes around them are
+/// Order does not matter and unknown columns are ignored. Names are composed (NFC) and trimmed, quotes around them are
 /// taken off. Velocities may be absent altogether, unless a column is spelled almost like them;
 /// cycle, friction joint and level are used if they are there, the last two only together; so are temperatures,
 /// each for itself.
@@ -185,7 +185,7 @@ pub fn map_columns(
         return Err(Rejection::of_file(path, reason, "check the delimiter of the layout").at_line(1));
     }
     let names: Vec<String> = match layout.header {
-        true => fields(header, layout.delimiter).map(str::to_owned).collect(),
+        true => fields(header, layout.delimiter).map(|name| composed(name).into_owned()).collect(),
         false => (1..=fields(header, layout.delimiter).count()).map(|number| number.to_string()).collect(),
     };
     let factors =
@@ -300,7 +300,8 @@ pub(super) fn known_columns(header: &str, layout: &Layout, robot: &Robot, path: 
     if !layout.header {
         return 0;
     }
-    let names: Vec<String> = fields(header, layout.delimiter).take(MAX_COLUMNS).map(str::to_owned).collect();
+    let names: Vec<String> =
+        fields(header, layout.delimiter).take(MAX_COLUMNS).map(|name| composed(name).into_owned()).collect();
     let search = Search { names: &names, layout, robot, path };
     names.iter().filter(|name| search.is_named(name)).count()
 }

@@ -3,6 +3,7 @@
 use jiff::Timestamp;
 
 use crate::engine::{EngineConnection, EngineExecutor};
+use crate::values::time_in_views;
 use armwatch_model::run::ContentHash;
 
 /// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
@@ -37,8 +38,28 @@ pub(crate) async fn set_made_with(
     Ok(())
 }
 
-/// Moves the start of a run and those of its cycles alike.
+/// Moves the start of a run, as its export says it, and those of its cycles alike. One that a person has corrected stays.
 pub(crate) async fn set_start(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    started_at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    let recorded = "UPDATE run SET recorded_start = $2, recorded_start_text = $3
+                    WHERE run_id = $1 AND recorded_start IS NOT NULL";
+    let noted = sqlx::query(recorded)
+        .bind(run_id)
+        .bind(started_at.as_microsecond())
+        .bind(time_in_views(started_at))
+        .execute(&mut *connection)
+        .await?;
+    match noted.rows_affected() {
+        0 => move_start(connection, run_id, started_at).await,
+        _ => Ok(()),
+    }
+}
+
+/// Moves the start of a run and those of its cycles alike.
+pub(crate) async fn move_start(
     connection: &mut EngineConnection,
     run_id: i64,
     started_at: Timestamp,

@@ -8,7 +8,8 @@ use std::path::PathBuf;
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::runs::{find_run, insert_run, robot_id};
+use super::robots::robot_id;
+use super::runs::{find_run, insert_run};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;

@@ -6,6 +6,7 @@
 use sqlx::Row;
 
 use super::identity::{is_made_otherwise, set_made_with};
+use super::robots::robot_id;
 use super::{resume, stored_cycles};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
@@ -13,9 +14,6 @@ use crate::handle::Store;
 use crate::ledger::supersession::{hand_on, set_replaced, supersede};
 use crate::values::{count, finite, named, size};
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
-
-const STATUSES: [RunStatus; 4] =
-    [RunStatus::Streaming, RunStatus::Complete, RunStatus::Quarantined, RunStatus::Superseded];
 
 /// What the ledger knows of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,7 +68,7 @@ pub struct Begun {
 pub enum Owner {
     /// The run's own.
     Ours,
-    /// That run is complete with the same content.
+    /// That run is complete, or set aside, with the same content.
     Other(i64),
 }
 
@@ -207,7 +205,7 @@ impl Store {
 }
 
 pub(crate) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::Error> {
-    named(row, column, &STATUSES, RunStatus::name)
+    named(row, column, &RunStatus::ALL, RunStatus::name)
 }
 
 /// Begins a run, goes on with one that was begun, or begins a quarantined one afresh.
@@ -287,7 +285,9 @@ async fn continues(
     let known = run_by_key(&mut *connection, run_id).await?;
     let is_whole = matches!(identity, Identity::Content(_));
     match known.status {
-        RunStatus::Quarantined | RunStatus::Superseded => afresh(connection, run_id, header).await,
+        RunStatus::Quarantined | RunStatus::Superseded | RunStatus::SetAside => {
+            afresh(connection, run_id, header).await
+        }
         RunStatus::Streaming
             if is_whole
                 && stored_cycles::are_of_first(&mut *connection, run_id, header.source_bytes).await? =>
@@ -330,7 +330,9 @@ pub(crate) async fn adopt(
 ) -> Result<Owner, sqlx::Error> {
     match find_run(&mut *connection, &content.hash).await? {
         Some(other) if other.run_id == run_id => {}
-        Some(other) if other.status == RunStatus::Complete => return Ok(Owner::Other(other.run_id)),
+        Some(other) if matches!(other.status, RunStatus::Complete | RunStatus::SetAside) => {
+            return Ok(Owner::Other(other.run_id));
+        }
         Some(other) => {
             hand_on(&mut *connection, other.run_id, run_id).await?;
             discard(&mut *connection, other.run_id).await?;
@@ -350,7 +352,8 @@ pub(crate) async fn find_run(
     hash: &ContentHash,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                     THEN 'set_aside' ELSE 'superseded' END AS status, reason,
                 cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE content_hash = $1",
@@ -363,7 +366,8 @@ pub(crate) async fn find_run(
 
 async fn run_by_key(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<KnownRun, sqlx::Error> {
     sqlx::query(
-        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+        "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                     THEN 'set_aside' ELSE 'superseded' END AS status, reason,
                 cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM run
          WHERE run_id = $1",
@@ -383,15 +387,6 @@ pub(crate) fn known_run(row: &EngineRow) -> Result<KnownRun, sqlx::Error> {
         cycles_stored: size(row, "cycles_stored")?,
         retry_asked: row.try_get("retry_asked")?,
     })
-}
-
-/// Key of a robot, which is entered on its first run.
-pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> Result<i64, sqlx::Error> {
-    sqlx::query("INSERT INTO robot (name) VALUES ($1) ON CONFLICT (name) DO NOTHING")
-        .bind(name)
-        .execute(&mut *connection)
-        .await?;
-    sqlx::query_scalar("SELECT robot_id FROM robot WHERE name = $1").bind(name).fetch_one(connection).await
 }
 
 pub(crate) async fn insert_run(
@@ -415,6 +410,7 @@ pub(crate) async fn insert_run(
     .await
 }
 
+/// Opens a run from its start. A start that a person has corrected stays, unless the file has got another name.
 async fn reopen_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -423,7 +419,10 @@ async fn reopen_run(
 ) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
-         SET robot_id = $1, model = $2, started_at = $3, source_name = $4, source_path = $5, source_bytes = $6,
+         SET started_at = CASE WHEN recorded_start IS NULL OR source_name <> $4 THEN $3 ELSE started_at END,
+             recorded_start_text = CASE WHEN source_name <> $4 THEN NULL ELSE recorded_start_text END,
+             recorded_start = CASE WHEN recorded_start IS NULL OR source_name <> $4 THEN NULL ELSE $3 END,
+             set_aside = NULL, date_problem = NULL, robot_id = $1, model = $2, source_name = $4, source_path = $5, source_bytes = $6,
              cycles_stored = 0, rows = NULL, rows_skipped = NULL, sample_rate_hz = NULL, cycles_total = NULL, prefix_bytes = NULL,
              prefix_hash = NULL, replaces_run_id = NULL, superseded_by_run_id = NULL, status = 'streaming', reason = NULL,
              reason_line = NULL, reason_column = NULL, retry_asked_at = NULL

@@ -230,7 +230,8 @@ pub(crate) async fn find(
     state: SourceState,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
-        "SELECT run.run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
+        "SELECT run.run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                     THEN 'set_aside' ELSE 'superseded' END AS status, run.reason,
                 run.cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM source_file JOIN run USING (run_id)
          WHERE source_file.path = $1 AND source_file.bytes = $2 AND source_file.modified = $3",
@@ -251,7 +252,8 @@ async fn find_all(
     let asked = serde_json::Value::from(paths.to_vec()).to_string();
     let rows = sqlx::query(
         "SELECT source_file.path, source_file.bytes, source_file.modified, run.run_id,
-                CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, run.reason,
+                CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                     THEN 'set_aside' ELSE 'superseded' END AS status, run.reason,
                 run.cycles_stored,
                 retry_asked_at IS NOT NULL AS retry_asked
          FROM json_each($1) AS asked
@@ -294,7 +296,8 @@ pub(crate) async fn earlier_runs(
                                  ORDER BY status = 'quarantined', source_name = $7 DESC, run_id DESC
                                  LIMIT $9) AS of_recording
          )
-         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status ELSE 'superseded' END AS status, reason,
+         SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                     THEN 'set_aside' ELSE 'superseded' END AS status, reason,
                 cycles_stored, retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, started_at, source_name, kind,
                 EXISTS (SELECT 1 FROM source_file WHERE path = $1 AND source_file.run_id = run.run_id) AS same_path,
                 coalesce(inode = $2 AND device = $3, FALSE) AS same_file,

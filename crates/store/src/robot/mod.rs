@@ -7,6 +7,7 @@ pub(super) mod maintenance;
 pub(super) mod history;
 pub(super) mod conclusion_faults;
 pub(super) mod conclude;
+pub(super) mod dates;
 pub(super) mod cycle_friction_rows;
 mod run_brief_rows;
 mod settled;

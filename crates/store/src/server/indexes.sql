@@ -66,3 +66,4 @@ CREATE INDEX anomaly_in_force ON anomaly (robot_id, joint)
 WHERE state NOT IN ('resolved', 'false_alarm') AND NOT withdrawn;
 CREATE INDEX blocked_file_by_run ON blocked_file (run_id);
 CREATE INDEX blocked_file_by_robot ON blocked_file (robot);
+CREATE INDEX run_set_aside ON run (robot_id, run_id) WHERE set_aside IS NOT NULL;

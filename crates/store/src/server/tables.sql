@@ -89,6 +89,13 @@ CREATE TABLE run (
     started_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(started_at)) STORED,
     retry_asked_at_text text COLLATE "C" GENERATED ALWAYS AS (time_text(retry_asked_at)) STORED,
     host_session_id bigint REFERENCES host_session,
+    -- Such a run is its own successor: whatever leaves out superseded runs leaves it out.
+    set_aside text COLLATE "C" CHECK (set_aside IN ('person', 'implausible_date')),
+    -- Why its start cannot be right, where it cannot.
+    date_problem text COLLATE "C",
+    -- The start as recorded, where a person has corrected or confirmed it.
+    recorded_start bigint,
+    recorded_start_text text COLLATE "C",
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
     CHECK (status <> 'complete' OR (rows IS NOT NULL AND cycles_total = cycles_stored))
 );

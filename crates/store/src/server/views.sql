@@ -280,20 +280,23 @@ SELECT run.run_id,
        run.rows,
        run.sample_rate_hz,
        run.cycles_stored AS cycles,
-       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status ELSE 'superseded' END AS status,
+       CASE WHEN run.superseded_by_run_id IS NULL THEN run.status
+            WHEN run.superseded_by_run_id = run.run_id THEN 'set_aside' ELSE 'superseded' END AS status,
        coalesce(run.reason, (SELECT blocked_files.message FROM blocked_files
                              WHERE blocked_files.run_id = run.run_id AND run.status = 'streaming')) AS reason,
        coalesce(run.reason_line, (SELECT blocked_file.line FROM blocked_file
                                   WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming')) AS reason_line,
        run.reason_column,
        run.model,
-       run.superseded_by_run_id,
+       nullif(run.superseded_by_run_id, run.run_id) AS superseded_by_run_id,
        run.kind,
        run.rows_skipped,
        (SELECT nullif(host_session.host, '') FROM host_session
         WHERE host_session.host_session_id = run.host_session_id) AS host,
        (SELECT blocked_file.blocked_at FROM blocked_file
-        WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming') AS blocked_at
+        WHERE blocked_file.run_id = run.run_id AND run.status = 'streaming') AS blocked_at,
+       run.date_problem,
+       run.recorded_start_text AS recorded_start_at
 FROM run
 JOIN robot USING (robot_id);
 
@@ -656,6 +659,19 @@ blocked AS (
     WHERE NOT EXISTS (SELECT 1 FROM blocked_file AS later
                       WHERE later.robot = latest.robot AND later.path > blocked_files.source_path)
 ),
+-- the tests that arrived last, where their dates cannot be right
+misdated AS (
+    SELECT latest.robot_id, run.source_name, run.date_problem
+    FROM latest
+    JOIN run ON run.run_id = (
+        SELECT max(own.run_id) FROM run AS own WHERE own.robot_id = latest.robot_id AND own.set_aside = 'implausible_date'
+    )
+    WHERE run.kind = 'test' AND NOT EXISTS (
+        SELECT 1 FROM run AS later
+        WHERE later.robot_id = latest.robot_id AND later.status = 'complete' AND later.kind = 'test'
+              AND later.run_id > run.run_id
+    )
+),
 member AS (
     SELECT latest.robot_id, run_joint_summary.joint FROM latest JOIN run_joint_summary USING (run_id)
     UNION
@@ -696,12 +712,15 @@ judged AS (
            conclusion_fault.reason AS not_concluded,
            blocked.source_name AS blocked_name,
            blocked.message AS blocked_message,
+           misdated.source_name AS misdated_name,
+           misdated.date_problem,
            CASE
                WHEN faulty.robot_id IS NOT NULL OR conclusion_fault.robot_id IS NOT NULL
                     OR joint_health.knowledge = 'no_result' THEN 'unknown'
                WHEN trouble.critical = 1 THEN 'critical'
                WHEN trouble.warning = 1 THEN 'warning'
-               WHEN blocked.robot_id IS NOT NULL OR joint_health.knowledge = 'unsettled' THEN 'unknown'
+               WHEN blocked.robot_id IS NOT NULL OR misdated.robot_id IS NOT NULL
+                    OR joint_health.knowledge = 'unsettled' THEN 'unknown'
                WHEN latest.overdue THEN 'overdue'
                WHEN coalesce(joint_health.knowledge, 'learning') = 'learning' THEN 'learning'
                ELSE 'ok'
@@ -711,6 +730,7 @@ judged AS (
     LEFT JOIN faulty ON faulty.robot_id = member.robot_id
     LEFT JOIN conclusion_fault ON conclusion_fault.robot_id = member.robot_id
     LEFT JOIN blocked ON blocked.robot_id = member.robot_id
+    LEFT JOIN misdated ON misdated.robot_id = member.robot_id
     LEFT JOIN joint_health ON joint_health.robot_id = member.robot_id AND joint_health.joint = member.joint
     LEFT JOIN trouble ON trouble.robot_id = member.robot_id AND trouble.joint = member.joint
 )
@@ -729,6 +749,9 @@ SELECT judged.robot,
                THEN 'nothing is concluded of the latest tests: ' || judged.not_concluded
            WHEN judged.status = 'unknown' AND judged.blocked_name IS NOT NULL
                THEN judged.blocked_name || ' ' || judged.blocked_message
+           WHEN judged.status = 'unknown' AND judged.misdated_name IS NOT NULL
+               THEN 'the date of the latest test, ' || judged.misdated_name || ', cannot be right: it is '
+                    || judged.date_problem || '; judged by the tests until ' || judged.started_at_text
            WHEN judged.status IN ('critical', 'warning') OR judged.status = 'ok' AND judged.reason IS NULL THEN (
                SELECT anomaly.message FROM anomaly
                WHERE anomaly.robot_id = judged.robot_id AND coalesce(anomaly.joint, judged.joint) = judged.joint

@@ -5,6 +5,8 @@
 
 use std::cmp::Reverse;
 
+use armwatch_model::run::arrival::IMPLAUSIBLE_DATE;
+
 /// An episode in time. Times are microseconds since 1970.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::robot) struct Episode {
@@ -107,9 +109,10 @@ fn is_of_one_cause(old: &Episode, new: &Episode) -> bool {
     old.kind == new.kind && (old.quantity == new.quantity || (of_friction(old) && of_friction(new)))
 }
 
-/// A comparison with other arms is no correction of what the arm's own history says.
+/// A comparison with other arms does not correct the arm's own history, and a wrong date does not correct a fault.
 fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
-    old.kind != "fleet" && new.kind != "fleet"
+    let is_of_dates = |of: &Episode| of.quantity == IMPLAUSIBLE_DATE;
+    old.kind != "fleet" && new.kind != "fleet" && !is_of_dates(old) && !is_of_dates(new)
 }
 
 /// How long both last at once, in microseconds; 0 where one goes on with the other, `None` where they are apart.

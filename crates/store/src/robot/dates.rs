@@ -1,0 +1,327 @@
+//! Starts that cannot be right, starts that a person has corrected, and runs that take no part in conclusions.
+//!
+//! A run that takes no part is its own successor, with the status of a superseded one. It keeps its rows, and whatever
+//! leaves out superseded runs leaves it out.
+
+use jiff::Timestamp;
+use sqlx::Row;
+
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
+use crate::error::StoreError;
+use crate::handle::Store;
+use crate::ledger::attempts::{self, Work};
+use crate::ledger::identity::move_start;
+use crate::values::{known_time, named, time, time_in_views};
+use armwatch_model::run::arrival::{Arrival, ImplausibleDate};
+use armwatch_model::run::{RunKind, RunStatus};
+
+/// A run as its start is judged: complete, or set aside for its start.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DatedRun {
+    /// Database key.
+    pub run_id: i64,
+    /// Test or ordinary work.
+    pub kind: RunKind,
+    /// File name of the export.
+    pub source_name: String,
+    /// Path of the export in the ledger.
+    pub source_path: String,
+    /// Start of the recording.
+    pub started_at: Timestamp,
+    /// When it was first read.
+    pub arrived_at: Timestamp,
+    /// Modification time of its file.
+    pub file_time: Option<Timestamp>,
+    /// Whether a person has corrected or confirmed the start.
+    pub is_confirmed: bool,
+    /// Why its start cannot be right, as stored.
+    pub problem: Option<String>,
+    /// Whether it is set aside for that.
+    pub is_set_aside: bool,
+}
+
+impl DatedRun {
+    /// The run as the sequence of arrivals has it.
+    #[must_use]
+    pub fn arrival(&self) -> Arrival<'_> {
+        Arrival {
+            started_at: self.started_at,
+            arrived_at: self.arrived_at,
+            file_time: self.file_time,
+            folder: self.source_path.rsplit_once('/').map_or("", |(folder, _)| folder),
+            is_confirmed: self.is_confirmed,
+        }
+    }
+}
+
+/// A decision of a person about one run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RunDecision {
+    /// Its start is this.
+    StartedAt(Timestamp),
+    /// It began when it was first read.
+    StartedAtArrival,
+    /// Its start is right.
+    Confirm,
+    /// Its start is the recorded one, and is judged again.
+    StartAsRecorded,
+    /// It takes no part in conclusions, as this person says.
+    SetAside(String),
+    /// It takes part again.
+    TakeBack,
+}
+
+/// Why nothing was decided about a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotDecided {
+    /// There is no such run.
+    NoRun,
+    /// Only runs that were read whole can be decided about; this one is not.
+    Status(RunStatus),
+    /// There is nothing to undo.
+    NothingToUndo,
+}
+
+/// A run about which something was decided.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DecidedRun {
+    /// The robot.
+    pub robot: String,
+    /// File name of the export.
+    pub source_name: String,
+    /// Start of the recording from now on.
+    pub started_at: Timestamp,
+    /// Start as recorded, if a person has corrected or confirmed it.
+    pub recorded_start: Option<Timestamp>,
+}
+
+impl Store {
+    /// Runs of the robot of this name whose starts are judged, in the order of their arrival.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn dated_runs(&self, robot: &str) -> Result<Vec<DatedRun>, StoreError> {
+        self.checked(dated_runs(&self.readers, robot).await)
+    }
+
+    /// Stores the judgement on the starts of these runs. Runs out of order are set aside, others take part again.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn mark_dates(&self, found: &[(i64, Option<ImplausibleDate>)]) -> Result<(), StoreError> {
+        let mut transaction = self.begin().await?;
+        let marked = mark_dates(&mut transaction, found).await;
+        self.checked(marked)?;
+        self.commit(transaction).await
+    }
+
+    /// Carries out a decision about a run, which makes the conclusions of its robot stale.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn decide_about_run(
+        &self,
+        run_id: i64,
+        decision: &RunDecision,
+    ) -> Result<Result<DecidedRun, NotDecided>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let decided = decide(&mut transaction, run_id, decision).await;
+        let decided = self.checked(decided)?;
+        if decided.is_ok() {
+            self.commit(transaction).await?;
+        }
+        Ok(decided)
+    }
+}
+
+async fn dated_runs(executor: impl EngineExecutor<'_>, robot: &str) -> Result<Vec<DatedRun>, sqlx::Error> {
+    sqlx::query(
+        "SELECT run.run_id, run.kind, run.source_name, run.source_path, run.started_at, run.ingested_at, run.date_problem,
+                run.recorded_start IS NOT NULL AS is_confirmed, run.set_aside IS NOT NULL AS is_set_aside,
+                (SELECT max(source_file.modified) FROM source_file
+                 WHERE source_file.run_id = run.run_id AND source_file.path = run.source_path) AS file_time
+         FROM run
+         WHERE run.robot_id = (SELECT robot.robot_id FROM robot WHERE robot.name = $1)
+               AND (run.status = 'complete' OR run.set_aside = 'implausible_date')
+         ORDER BY run.run_id",
+    )
+    .bind(robot)
+    .try_map(|row: EngineRow| {
+        Ok(DatedRun {
+            run_id: row.try_get("run_id")?,
+            kind: named(&row, "kind", &[RunKind::Test, RunKind::Production], RunKind::name)?,
+            source_name: row.try_get("source_name")?,
+            source_path: row.try_get("source_path")?,
+            started_at: time(&row, "started_at")?,
+            arrived_at: time(&row, "ingested_at")?,
+            file_time: known_time(&row, "file_time")?,
+            is_confirmed: row.try_get("is_confirmed")?,
+            problem: row.try_get("date_problem")?,
+            is_set_aside: row.try_get("is_set_aside")?,
+        })
+    })
+    .fetch_all(executor)
+    .await
+}
+
+async fn mark_dates(
+    connection: &mut EngineConnection,
+    found: &[(i64, Option<ImplausibleDate>)],
+) -> Result<(), sqlx::Error> {
+    for (run_id, date) in found {
+        let problem = date.map(|date| date.to_string());
+        sqlx::query("UPDATE run SET date_problem = $2 WHERE run_id = $1")
+            .bind(run_id)
+            .bind(&problem)
+            .execute(&mut *connection)
+            .await?;
+        match (date, &problem) {
+            (Some(date), Some(problem)) if !date.is_in_order => {
+                leave(&mut *connection, *run_id, "implausible_date", problem).await?;
+            }
+            _ => come_back(&mut *connection, *run_id, "implausible_date").await?,
+        }
+    }
+    Ok(())
+}
+
+/// Sets a run aside that was read whole.
+async fn leave(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    set_aside: &str,
+    reason: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET status = 'quarantined', reason = $3, superseded_by_run_id = run_id, set_aside = $2
+         WHERE run_id = $1 AND (status = 'complete' OR set_aside IS NOT NULL)",
+    )
+    .bind(run_id)
+    .bind(set_aside)
+    .bind(reason)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Lets a run take part again that is set aside for this.
+async fn come_back(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    set_aside: &str,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run SET status = 'complete', reason = NULL, superseded_by_run_id = NULL, set_aside = NULL
+         WHERE run_id = $1 AND set_aside = $2",
+    )
+    .bind(run_id)
+    .bind(set_aside)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// A run as it stands before a decision.
+struct Standing {
+    run: DecidedRun,
+    status: RunStatus,
+    set_aside: Option<String>,
+    arrived_at: Timestamp,
+}
+
+async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<Standing>, sqlx::Error> {
+    sqlx::query(
+        "SELECT robot.name AS robot, run.source_name, run.started_at, run.recorded_start, run.set_aside, run.ingested_at,
+                CASE WHEN run.superseded_by_run_id IS NULL THEN run.status
+                     WHEN run.superseded_by_run_id = run.run_id THEN 'set_aside' ELSE 'superseded' END AS status
+         FROM run JOIN robot USING (robot_id)
+         WHERE run.run_id = $1",
+    )
+    .bind(run_id)
+    .try_map(|row: EngineRow| {
+        Ok(Standing {
+            run: DecidedRun {
+                robot: row.try_get("robot")?,
+                source_name: row.try_get("source_name")?,
+                started_at: time(&row, "started_at")?,
+                recorded_start: known_time(&row, "recorded_start")?,
+            },
+            status: named(&row, "status", &RunStatus::ALL, RunStatus::name)?,
+            set_aside: row.try_get("set_aside")?,
+            arrived_at: time(&row, "ingested_at")?,
+        })
+    })
+    .fetch_optional(executor)
+    .await
+}
+
+async fn decide(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    decision: &RunDecision,
+) -> Result<Result<DecidedRun, NotDecided>, sqlx::Error> {
+    let Some(Standing { mut run, status, set_aside, arrived_at }) =
+        standing(&mut *connection, run_id).await?
+    else {
+        return Ok(Err(NotDecided::NoRun));
+    };
+    if !matches!(status, RunStatus::Complete | RunStatus::SetAside) {
+        return Ok(Err(NotDecided::Status(status)));
+    }
+    match decision {
+        RunDecision::StartedAt(_) | RunDecision::StartedAtArrival | RunDecision::Confirm => {
+            run.recorded_start = Some(run.recorded_start.unwrap_or(run.started_at));
+            run.started_at = match decision {
+                RunDecision::StartedAt(at) => *at,
+                RunDecision::StartedAtArrival => arrived_at,
+                _ => run.started_at,
+            };
+            correct_start(&mut *connection, run_id, &run, set_aside.as_deref()).await?;
+        }
+        RunDecision::StartAsRecorded => {
+            let Some(recorded) = run.recorded_start else { return Ok(Err(NotDecided::NothingToUndo)) };
+            (run.started_at, run.recorded_start) = (recorded, None);
+            correct_start(&mut *connection, run_id, &run, set_aside.as_deref()).await?;
+        }
+        RunDecision::SetAside(who) => {
+            leave(&mut *connection, run_id, "person", &format!("set aside by {who}")).await?;
+        }
+        RunDecision::TakeBack if set_aside.as_deref() == Some("person") => {
+            come_back(&mut *connection, run_id, "person").await?;
+        }
+        RunDecision::TakeBack => return Ok(Err(NotDecided::NothingToUndo)),
+    }
+    // runs that were set aside before have changed no history, but their robot is judged again
+    let stale = "UPDATE robot SET history = history + 1 WHERE name = $1";
+    sqlx::query(stale).bind(&run.robot).execute(&mut *connection).await?;
+    // what the program did not survive may be tried again, of a history that a person has changed
+    attempts::end(&mut *connection, Work::Conclusion, &run.robot).await?;
+    Ok(Ok(run))
+}
+
+/// Gives a run the start of `run`. It leaves the history and comes back, so that everything that depends on its place is
+/// computed anew.
+async fn correct_start(
+    connection: &mut EngineConnection,
+    run_id: i64,
+    run: &DecidedRun,
+    set_aside: Option<&str>,
+) -> Result<(), sqlx::Error> {
+    let by_person = set_aside == Some("person");
+    if !by_person {
+        leave(&mut *connection, run_id, "implausible_date", "its start is being corrected").await?;
+    }
+    move_start(&mut *connection, run_id, run.started_at).await?;
+    sqlx::query(
+        "UPDATE run SET recorded_start = $2, recorded_start_text = $3, date_problem = NULL WHERE run_id = $1",
+    )
+    .bind(run_id)
+    .bind(run.recorded_start.map(Timestamp::as_microsecond))
+    .bind(run.recorded_start.map(time_in_views))
+    .execute(&mut *connection)
+    .await?;
+    if !by_person {
+        come_back(&mut *connection, run_id, "implausible_date").await?;
+    }
+    Ok(())
+}

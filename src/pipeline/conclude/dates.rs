@@ -1,0 +1,159 @@
+//! Recordings whose starts cannot be right: they are named, and left out where they are out of order.
+
+use jiff::Timestamp;
+
+use crate::pipeline::context::{Pipeline, PipelineError};
+use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
+use armwatch_model::run::RunKind;
+use armwatch_model::run::arrival::{
+    Arrival, DateProblem, IMPLAUSIBLE_DATE, ImplausibleDate, implausible_dates,
+};
+use armwatch_store::{DatedRun, StaleRobot};
+
+/// Recordings that a message names.
+const MOST_NAMED: usize = 3;
+
+/// A recording whose start cannot be right.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Misdated {
+    run: DatedRun,
+    date: ImplausibleDate,
+    /// Latest start of those that count and that had arrived before: its place in the history.
+    place: Timestamp,
+}
+
+/// What is found of the starts of a robot's recordings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct JudgedDates {
+    misdated: Vec<Misdated>,
+    /// Whether recordings left the history or came back, so that it has to be read again.
+    pub(super) changes_history: bool,
+}
+
+impl Pipeline {
+    /// Judges the starts of a robot's recordings, and stores what is new.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub(super) async fn judge_dates(&self, robot: &StaleRobot) -> Result<JudgedDates, PipelineError> {
+        let runs = self.store.dated_runs(&robot.name).await?;
+        let mut judged = JudgedDates { misdated: Vec::new(), changes_history: false };
+        let mut changed = Vec::new();
+        for kind in [RunKind::Test, RunKind::Production] {
+            let of_kind: Vec<&DatedRun> = runs.iter().filter(|run| run.kind == kind).collect();
+            let mut latest = None;
+            for (&run, date) in of_kind.iter().zip(self.implausible(&robot.name, &of_kind)) {
+                let is_set_aside = date.is_some_and(|date| !date.is_in_order);
+                if run.problem != date.map(|date| date.to_string()) || run.is_set_aside != is_set_aside {
+                    judged.changes_history |= run.is_set_aside != is_set_aside;
+                    changed.push((run.run_id, date));
+                }
+                if !is_set_aside {
+                    latest = latest.max(Some(run.started_at));
+                }
+                if let Some(date) = date {
+                    let place = latest.unwrap_or(run.started_at);
+                    judged.misdated.push(Misdated { run: run.clone(), date, place });
+                }
+            }
+        }
+        if !changed.is_empty() {
+            self.store.mark_dates(&changed).await?;
+        }
+        let is_new = |of: &&Misdated| changed.iter().any(|(run_id, _)| *run_id == of.run.run_id);
+        for Misdated { run, date, .. } in judged.misdated.iter().filter(is_new) {
+            let effect =
+                if date.is_in_order { "it counts in the order of arrival" } else { "it is left out" };
+            tracing::warn!(
+                robot = robot.name,
+                run_id = run.run_id,
+                "{} is {date}: {effect}; `armwatch run-date {} --at TIME` corrects its start",
+                run.source_name,
+                run.run_id
+            );
+        }
+        Ok(judged)
+    }
+
+    /// Implausible starts among recordings of one kind, in the order of their arrival.
+    fn implausible(&self, robot: &str, runs: &[&DatedRun]) -> Vec<Option<ImplausibleDate>> {
+        let mut arrivals: Vec<Arrival<'_>> =
+            runs.iter().map(|run| Arrival { file_time: None, ..run.arrival() }).collect();
+        let found = implausible_dates(&arrivals);
+        if found.iter().all(Option::is_none) {
+            return found;
+        }
+        // times of files can only speak for a start, unless it follows from them
+        for (arrival, run) in arrivals.iter_mut().zip(runs) {
+            arrival.file_time = run.file_time.filter(|_| self.config.names_start(robot, &run.source_name));
+        }
+        implausible_dates(&arrivals)
+    }
+}
+
+impl JudgedDates {
+    /// The anomaly that names them.
+    pub(super) fn anomaly(&self) -> Option<Anomaly> {
+        let (first, last) = (self.misdated.first()?, self.misdated.last()?);
+        let (from, to) =
+            (self.misdated.iter().map(|of| of.place).min()?, self.misdated.iter().map(|of| of.place).max()?);
+        let days = |of: &Misdated| match of.date.problem {
+            DateProblem::AfterArrival(by)
+            | DateProblem::AheadOfLater(by)
+            | DateProblem::YearsBefore(by)
+            | DateProblem::OutOfOrder(by) => by.as_hours() as f64 / 24.0,
+            DateProblem::SameStart(_) => 0.0,
+        };
+        let most = self.misdated.iter().map(days).fold(0.0, f64::max);
+        Some(Anomaly {
+            joint: None,
+            kind: AnomalyKind::Sensor,
+            quantity: IMPLAUSIBLE_DATE,
+            severity: Severity::Info,
+            score: most,
+            threshold: 1.0,
+            value: f64::NAN,
+            baseline: f64::NAN,
+            peak_value: f64::NAN,
+            peak_score: most,
+            peak_severity: Severity::Info,
+            first_cycle: None,
+            first_run_id: first.run.run_id,
+            last_run_id: last.run.run_id,
+            first_seen_at: from,
+            last_seen_at: to,
+            onset: Onset { run_id: first.run.run_id, cycle: None, at: from },
+            odds: None,
+            alternatives: Vec::new(),
+            ended: false,
+            message: self.message(),
+        })
+    }
+
+    fn message(&self) -> String {
+        let all = self.misdated.len();
+        let mut named: Vec<String> = self
+            .misdated
+            .iter()
+            .take(MOST_NAMED)
+            .map(|of| format!("{} (run {}) is {}", of.run.source_name, of.run.run_id, of.date))
+            .collect();
+        if all > MOST_NAMED {
+            named.push(format!("and {} more", all - MOST_NAMED));
+        }
+        let effect = match self.misdated.iter().filter(|of| !of.date.is_in_order).count() {
+            0 => "the order of arrival counts".to_owned(),
+            left_out if left_out == all => "no conclusion is drawn from such a recording".to_owned(),
+            left_out => {
+                format!("{left_out} of {all} are left out, of the others the order of arrival counts")
+            }
+        };
+        format!(
+            "the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a start",
+            named.join("; ")
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests;
