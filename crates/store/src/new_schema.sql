@@ -1,4 +1,4 @@
--- made from migrations 42674a7e1a1610e06f5fe496612b3080c0f7f97fbb2393d15606ef30a6343d8e
+-- made from migrations bfe14d8e0487fd5a212e4103fe17e1943f2ca579c50e4f97c3777209b02d41fb
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -183,7 +183,7 @@ CREATE TABLE run_joint_summary (
     relative_rmsd              REAL,
     -- How much that RMSD swings from cycle to cycle, and over how many cycles.
     rmsd_swing                 REAL,
-    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL, relative_noise REAL,
+    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL, relative_noise REAL, torque_rms_nm REAL,
     PRIMARY KEY (run_id, joint)
 ) STRICT, WITHOUT ROWID;
 CREATE VIEW friction_points AS

@@ -139,9 +139,19 @@ async fn identified(
     chosen: RunCycles,
     estimator: Estimator,
 ) -> Result<ParameterSet, StoredError> {
+    let run_id = chosen.run_id;
     let taken = take(store, &[chosen]).await?;
     note_cycles(&[], &taken.in_spite);
-    identify_taken(taken, estimator).await
+    let set = identify_taken(taken, estimator).await?;
+    let unshown = set.identification.parameters.iter().filter(|of| !of.is_shown());
+    let unshown: Vec<String> = unshown.map(|of| of.id.to_string()).collect();
+    if !unshown.is_empty() {
+        output::print_hint(&format!(
+            "the motion of run {run_id} does not show {} on their own: torque of other motion is not predicted",
+            unshown.join(", ")
+        ));
+    }
+    Ok(set)
 }
 
 fn as_candidate(set: ParameterSet) -> Candidate {

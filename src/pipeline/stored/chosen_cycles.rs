@@ -399,8 +399,9 @@ pub(in crate::pipeline) async fn chosen_cycles(
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
     } else {
         // many poor motions together may show what none of them does
-        let takes =
-            |cycle: &StoredCycle| cycle.counts || (wanted == FactorsWanted::Identification && cycle.joinable);
+        let joins = |cycle: &StoredCycle| cycle.joinable && !cycle.factors.factors.is_empty();
+        let identifies = wanted == FactorsWanted::Identification;
+        let takes = |cycle: &StoredCycle| cycle.counts || identifies && joins(cycle);
         if !chosen.named || cycles.iter().any(takes) {
             cycles.retain(takes);
         }

@@ -310,7 +310,8 @@ fn identified_parameters(
     }
     let residual = |(j, (factor, squares)): (usize, (&TriangularFactor, &f64))| JointResidual {
         joint: JointIndex::new(j),
-        std: (squares / factor.rows() as f64).sqrt(),
+        // nothing is left of no rows
+        std: (squares / factor.rows().max(1) as f64).sqrt(),
         independent_share: errors.shares[j],
     };
     Ok(Identification {

@@ -39,8 +39,11 @@ async fn self_verification_comes_back_by_cycle_joint_and_stage() {
         cycle,
         rows: 30_026,
         cutoff: Some(12.5),
+        remarks: match reason {
+            None => Some("velocity is derived\njoint 4 starts late".to_owned()),
+            Some(_) => None,
+        },
         reason,
-        remarks: None,
         factors_gone: None,
     };
     let refused = Some("joint 3 stands still".to_string());

@@ -296,11 +296,19 @@ fn a_fast_part_in_one_point_is_told_if_chance_does_not_explain_it() {
         let (mut doubles, mut inside, mut bounded) = (0, 0, 0);
         for seed in 0..seeds {
             let fit = fit_warm_up(JOINT, 0.6, &sparse_cycles(fast, fast_min, sigma, seed)).expect("fits");
-            let Some(shown) = fit.fast_shown else { continue };
+            let Some(shown) = fit.fast_shown else {
+                if seed < 20 {
+                    println!("DEBUG2 {fast} {seed} {fit:?}");
+                }
+                continue;
+            };
             doubles += 1;
             assert!(fit.rmsd < 1.5 * sigma, "{fit:?}");
             inside += u32::from((shown.at_first.value - truth).abs() < 1.96 * shown.at_first.std_error);
             bounded += u32::from(shown.longest >= fast_min);
+            if shown.longest < fast_min && seed < 30 {
+                println!("DEBUG {seed} {fit:?}");
+            }
         }
         let told = format!("{fast} {fast_min}: {doubles} of {seeds}, {inside} inside, {bounded} bounded");
         assert!(doubles >= 95, "{told}");
