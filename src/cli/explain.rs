@@ -219,10 +219,11 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
             row.push(match &cycle.analysis {
                 None => "not made".into(),
                 Some(analysis) => match (&analysis.identification, analysis.refusal()) {
-                    (Ok(found), _) if analysis.is_doubtful() => {
-                        format!("{} parameters, doubtful", found.parameters.len())
+                    (Ok(found), _) => {
+                        let shown = found.parameters.iter().filter(|of| of.is_shown()).count();
+                        let doubtful = if analysis.is_doubtful() { ", doubtful" } else { "" };
+                        format!("{shown} parameters{doubtful}")
                     }
-                    (Ok(found), _) => format!("{} parameters", found.parameters.len()),
                     (Err(_), Some(_)) => "refused".into(),
                     (Err(_), None) => "held against a test".into(),
                 },

@@ -6,9 +6,9 @@ use serde_json::json;
 use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
 use super::identify::output::rmsd_value;
 use super::shared::output;
-use super::shared::selection::{NamedCandidate, named_runs, note_passed_over, runs_of};
+use super::shared::selection::{NamedCandidate, named_runs, note_cycles, runs_of};
 use crate::pipeline::stored::chosen_cycles::{
-    CrossVerification, PassedOverCycle, StoredError, cross_verification,
+    CrossVerification, NotedCycle, RunCycles, StoredError, cross_verification,
 };
 use armwatch_model::analysis::{Estimator, RmsdScope, TorqueRmsd};
 use armwatch_model::run::Stage;
@@ -103,13 +103,18 @@ async fn verify_stored(
         )));
     }
     let run_ids: Vec<i64> = runs.iter().map(|run| run.run_id).collect();
+    let is_named = |run: &RunRow| args.against.contains(&run.run_id.to_string());
+    let chosen = runs.iter().map(|run| RunCycles { named: is_named(run), ..RunCycles::all(run.run_id) });
     let candidates = named.iter().map(|of| of.candidate.clone()).collect();
-    let verified = cross_verification(store, candidates, &run_ids).await?;
-    let mut passed_over: Vec<PassedOverCycle> =
-        verified.iter().flat_map(|of| of.passed_over.clone()).collect();
-    passed_over.sort_by_key(|of| (of.run_id, of.cycle));
-    passed_over.dedup();
-    note_passed_over(&passed_over);
+    let verified = cross_verification(store, candidates, &chosen.collect::<Vec<_>>()).await?;
+    let of_all = |of_run: fn(&CrossVerification) -> &Vec<NotedCycle>| {
+        let mut noted: Vec<NotedCycle> = verified.iter().flat_map(of_run).cloned().collect();
+        noted.sort_by_key(|of| (of.run_id, of.cycle));
+        noted.dedup();
+        noted
+    };
+    let passed_over = of_all(|of| &of.passed_over);
+    note_cycles(&passed_over, &of_all(|of| &of.in_spite));
     if verified.iter().all(|of| of.by_cycle.is_empty() && of.joined_windows == 0) && !passed_over.is_empty() {
         return Err(StoredError::PassedOver(passed_over).into());
     }
@@ -248,7 +253,7 @@ fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json:
             value
         })
         .collect();
-    let of_cycle = |of: &PassedOverCycle| json!({ "cycle": of.cycle, "reason": of.reason });
+    let of_cycle = |of: &NotedCycle| json!({ "cycle": of.cycle, "reason": of.reason });
     let passed_over: Vec<serde_json::Value> = verified.passed_over.iter().map(of_cycle).collect();
     json!({
         "parameters": named.name,

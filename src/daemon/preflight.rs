@@ -49,6 +49,7 @@ pub fn preflight(config: &Config) -> Preflight {
             hint,
         ));
     }
+    descriptions(config, &mut found);
     cluster(config, &mut found);
     folders(&config.watch, &mut found);
     for (route, unusable) in trial::problems(&config.alerts) {
@@ -83,6 +84,22 @@ fn secrets(config: &Config, found: &mut Preflight) {
             let who = if mode & 0o004 != 0 { "everybody on this machine" } else { "its group" };
             let hint = format!("`chmod 600 {}`, as the user of the daemon or for it", path.display());
             found.remarks.push(problem("secret", path, &format!("may be read by {who}"), &hint));
+        }
+    }
+}
+
+/// What of the robots' descriptions is read otherwise than it is written.
+fn descriptions(config: &Config, found: &mut Preflight) {
+    for entry in &config.fleet {
+        for remark in &entry.description.remarks {
+            let remark = ConfigProblem {
+                key: "description".into(),
+                problem: format!("of {}: {remark}", entry.description.model),
+                ..empty()
+            };
+            if !found.remarks.contains(&remark) {
+                found.remarks.push(remark);
+            }
         }
     }
 }

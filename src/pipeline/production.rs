@@ -120,7 +120,7 @@ async fn candidate(
     run_id: i64,
     estimator: Estimator,
 ) -> Result<Option<Candidate>, PipelineError> {
-    match unit_identification(store, &[RunCycles { run_id, cycles: None }], estimator).await {
+    match unit_identification(store, &[RunCycles::all(run_id)], estimator).await {
         Ok(set) => Ok(Some(Candidate { model: set.model, parameters: set.identification.parameters })),
         Err(StoredError::Store(error)) => Err(error.into()),
         Err(StoredError::Task(error)) => Err(error.into()),

@@ -52,7 +52,7 @@ fn cycles_of(export: &Path, method: &Method, entry: &armwatch_config::FleetEntry
 
 impl Ingested {
     async fn unit(&self, cycles: &[u32], estimator: Estimator) -> ParameterSet {
-        let chosen = RunCycles { run_id: 1, cycles: Some(cycles.to_vec()) };
+        let chosen = RunCycles { cycles: Some(cycles.to_vec()), ..RunCycles::all(1) };
         unit_identification(&self.store, &[chosen], estimator).await.expect("parameters")
     }
 
@@ -68,11 +68,12 @@ impl Ingested {
         let theta = self.theta(&set);
         assert_equal(&theta, &raw_parameters(&self.method, &[&self.cycles[0], &self.cycles[1]]));
         let candidate = Candidate { model: set.model, parameters: set.identification.parameters };
-        let third = [RunCycles { run_id: 1, cycles: Some(vec![3]) }];
+        let third = [RunCycles { cycles: Some(vec![3]), ..RunCycles::all(1) }];
         let rmsd = rmsd_on(&self.store, &candidate, &third).await.expect("deviations");
         let direct = Direct::new(&self.method, &self.cycles[2], &theta);
         direct.assert_verification(&rmsd);
-        let cross = cross_verification(&self.store, vec![candidate], &[1]).await.expect("deviations");
+        let cross =
+            cross_verification(&self.store, vec![candidate], &[RunCycles::all(1)]).await.expect("deviations");
         assert_eq!(cross[0].by_cycle[2], (3, rmsd));
     }
 }
@@ -114,7 +115,7 @@ async fn a_simulated_export_needs_no_second_reading() {
 async fn what_is_not_there_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
-    let chosen = RunCycles { run_id: 7, cycles: None };
+    let chosen = RunCycles::all(7);
     let error = unit_identification(&store, &[chosen], Estimator::Weighted).await.expect_err("no run");
     assert!(error.to_string().contains("there is no run 7, and no run has cycles"), "{error}");
     let error = unit_identification(&store, &[], Estimator::Weighted).await.expect_err("nothing");

@@ -53,3 +53,26 @@ fn healthy_arms_stay_quiet_without_a_friction_stage() {
     println!("{unknown} of {joints} joints are not ok after their latest test");
     assert!(unknown <= 1, "{unknown} of {joints}");
 }
+
+#[test]
+fn seconds_of_difference_are_no_other_warmth() {
+    let workshop = Workshop::new();
+    let made = workshop.simulate("made", &["--runs", "10", "--cycles", "1", "--name", "R01", "--seed", "5"]);
+    for (place, path) in made.iter().enumerate() {
+        let export = fs::read_to_string(path).expect("an export");
+        let header = export.lines().next().expect("a header");
+        let stage = header.split(',').position(|name| name == "stage").expect("a stage");
+        let excitation: Vec<&str> =
+            export.lines().skip(1).filter(|line| line.split(',').nth(stage) == Some("1")).collect();
+        let time = |line: &str| line.split(',').next().and_then(|t| t.parse::<f64>().ok()).expect("a time");
+        let (start, seconds) = (time(excitation[0]), if place < 5 { 10.0 } else { 16.0 });
+        let kept = excitation.into_iter().filter(|line| time(line) - start <= seconds);
+        let lines: Vec<&str> = std::iter::once(header).chain(kept).collect();
+        let name = path.file_name().and_then(|name| name.to_str()).expect("a name");
+        fs::write(workshop.inbox(name), lines.join("\n") + "\n").expect("written");
+    }
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let told = workshop.query("SELECT joint, status, reason FROM fleet_health ORDER BY joint");
+    assert_eq!(told.len(), 6);
+    assert!(told.iter().all(|row| !row.contains("does not compare")), "{told:?}");
+}

@@ -57,3 +57,69 @@ fn the_friction_test_of_one_joint_in_a_file_gives_its_points() {
     let others = "SELECT COUNT(*) FROM friction_points WHERE robot LIKE 'J_' AND robot <> 'J' || joint";
     assert_eq!(workshop.number(others), 0);
 }
+
+/// Joint 5 of the ER3A moves by half a radian, once or to and fro, at a level of its speed; all else rests. Friction is
+/// 2 + 1 v, the load 0.4 cos(q + 0.3).
+fn moves_of_joint_5(back: bool, seed: u64) -> String {
+    const ACCELERATION: f64 = 0.9;
+    const SPEED: f64 = 0.5585;
+    const TRAVEL: f64 = 0.5;
+    let (ramp, hold) = (SPEED / ACCELERATION, TRAVEL / SPEED - SPEED / ACCELERATION);
+    let way = 2.0 * ramp + hold;
+    let at = |t: f64| {
+        let left = way - t;
+        match t {
+            t if t < 0.0 => (0.0, 0.0),
+            t if t >= way => (TRAVEL, 0.0),
+            t if t < ramp => (0.5 * ACCELERATION * t * t, ACCELERATION * t),
+            t if t < ramp + hold => (0.5 * SPEED * ramp + SPEED * (t - ramp), SPEED),
+            _ => (TRAVEL - 0.5 * ACCELERATION * left * left, ACCELERATION * left),
+        }
+    };
+    let mut state = seed;
+    let mut noise = move || {
+        // twelve uniform numbers less six are nearly normal
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        0.02 * ((0..12).map(|_| uniform()).sum::<f64>() - 6.0)
+    };
+    let columns = |name: &str| (1..=6).map(|j| format!("{name}_{j}")).collect::<Vec<_>>().join(",");
+    let mut text = format!("time,{},{},{},stage,cycle\n", columns("pos"), columns("vel"), columns("trq"));
+    for row in 0..800 {
+        let t = f64::from(row) / 100.0;
+        let (out, home) = (at(t - 1.0), at(t - 4.0));
+        let (s, v) = if back { (out.0 - home.0, out.1 - home.1) } else { out };
+        let q = s - 0.5;
+        let friction = if v.abs() > 0.002 { 2.0 * v.signum() + v } else { 0.0 };
+        let torque = friction + 0.4 * (q + 0.3).cos();
+        let stage = if (0.9..7.0).contains(&t) { 2 } else { 0 };
+        let torques: Vec<String> =
+            [0.0, 30.0, 5.0, 0.0, torque, 0.0].iter().map(|of| format!("{:.4}", of + noise())).collect();
+        text.push_str(&format!(
+            "{t:.3},0,-1.57,0,0,{q:.5},0,0,0,0,0,{v:.5},0,{},{stage},1\n",
+            torques.join(",")
+        ));
+    }
+    text
+}
+
+#[test]
+fn a_short_move_one_way_gives_no_friction_and_says_why() {
+    let workshop = Workshop::new();
+    for seed in 1..=8 {
+        for (robot, back) in [("Once", false), ("Twice", true)] {
+            let name = format!("{robot}{seed}_20260105_0847.csv");
+            fs::write(workshop.inbox(&name), moves_of_joint_5(back, seed)).expect("an export");
+        }
+    }
+    workshop.run(&["ingest", "inbox"]);
+    let count = |of: &str| workshop.number(&format!("SELECT COUNT(*) FROM {of}"));
+    assert_eq!(count("friction_points WHERE robot LIKE 'Once%'"), 0);
+    let why = "cycles WHERE robot LIKE 'Once%' AND remarks LIKE '%does not tell friction from the load of gravity%'";
+    assert_eq!(count(why), 8, "{:?}", workshop.query("SELECT robot, remarks FROM cycles"));
+    assert_eq!(count("friction_points WHERE robot LIKE 'Twice%'"), 16);
+    let wrong = "friction_points WHERE robot LIKE 'Twice%' AND abs(abs(torque_nm) - 2.5585) > 3 * std_nm";
+    assert_eq!(count(wrong), 0, "{:?}", workshop.query("SELECT torque_nm, std_nm FROM friction_points"));
+}

@@ -263,7 +263,7 @@ fn refusals_and_doubts_are_sentences_in_the_view_of_cycles() {
 }
 
 #[test]
-fn accepted_cycles_are_in_the_views_and_not_counted() {
+fn accepted_cycles_count_and_are_marked() {
     let workshop = Workshop::new();
     let mut samples = excitation(&shipped("er3a"), 3, 100.0);
     export(&workshop.inbox("Sound_20260105_0847.csv"), &samples);
@@ -280,15 +280,46 @@ fn accepted_cycles_are_in_the_views_and_not_counted() {
         workshop.query(&format!("SELECT status, remarks FROM cycles WHERE robot = '{robot}'")).concat()
     };
     assert!(row("Sound").starts_with("complete"), "{}", row("Sound"));
-    assert!(row("Late").starts_with("doubtful") && row("Late").contains("doubtful: the torques come 40 ms"));
+    assert!(row("Late").starts_with("complete") && row("Late").contains("accepted: the torques come 40 ms"));
     assert_eq!((count("cycle_parameters", "Late"), count("cycle_parameters", "Sound")), (64, 64));
     assert_eq!(count("cycle_rmsd", "Late"), count("cycle_rmsd", "Sound"));
     let watched = |robot: &str| {
         count("fleet_health", &format!("{robot}' AND moving_relative_rmsd IS NOT NULL AND '' = '"))
     };
-    assert_eq!((watched("Late"), watched("Sound")), (0, 6));
+    assert_eq!((watched("Late"), watched("Sound")), (6, 6));
+    assert_eq!(count("anomalies", "Late' AND message LIKE '%gave no result%"), 0);
+    let run = workshop.number("SELECT run_id FROM runs WHERE robot = 'Late'").to_string();
+    assert_taken(&workshop, &run, "accepted: the torques come 40 ms");
+}
+
+/// Every command that takes a run takes this one, and says why that is odd.
+fn assert_taken(workshop: &Workshop, run: &str, why: &str) {
+    let commands: [&[&str]; 5] = [
+        &["identify", "--run", run],
+        &["identify", "--run", run, "--each-cycle"],
+        &["verify", "--parameters", run, "--against", run],
+        &["robot", "urdf", "--run", run, "-o", "arm.urdf"],
+        &["robot", "code", "--run", run, "--language", "python", "-o", "code"],
+    ];
+    for command in commands {
+        let out = workshop.run(command);
+        let told = String::from_utf8_lossy(&out.stderr);
+        assert!(matches!(out.status.code(), Some(0 | 1)), "{command:?}: {told}");
+        assert!(told.contains("taken in spite of findings") && told.contains(why), "{command:?}: {told}");
+    }
+}
+
+#[test]
+fn a_refused_run_is_used_if_it_is_named() {
+    let workshop = Workshop::new();
+    let mut samples = excitation(&shipped("er3a"), 3, 100.0);
+    delayed(&mut samples, 0.04);
+    export(&workshop.inbox("Late_20260105_0847.csv"), &samples);
+    workshop.stdout(&["ingest", "inbox"], 0);
+    assert_taken(&workshop, "1", "the torques come 40 ms");
     let out = workshop.run(&["identify", "--robot", "Late"]);
-    assert!(String::from_utf8_lossy(&out.stderr).contains("doubtful, as its remarks say"), "{out:?}");
+    let told = String::from_utf8_lossy(&out.stderr);
+    assert!(told.contains("no cycle is left") && told.contains("the torques come 40 ms"), "{told}");
 }
 
 #[test]

@@ -32,11 +32,13 @@ use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::spare_threads::SpareThreads;
-use armwatch_model::analysis::finding::{Finding, FindingKinds, FindingSeverity};
+use armwatch_model::analysis::finding::{ACCEPTED, Finding, FindingKinds, FindingSeverity};
+use armwatch_model::analysis::refusal::{Channel, NO_POSITIONS, RefusalCause};
 use armwatch_model::analysis::response::ChannelResponse;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{
-    CycleAnalysis, CycleFactors, FrictionPoint, Identification, TorqueRmsd, WarmingContrast,
+    CycleAnalysis, CycleFactors, FrictionPoint, Identification, IdentifiedParameter, TorqueRmsd,
+    WarmingContrast,
 };
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{Cycle, RunKind, Samples, Stage};
@@ -187,6 +189,7 @@ fn identify_and_verify(
         let rows = recorded.excitation();
         analysis.torque_noise = torque_noise(samples, filtered, &rows, &explained.verification);
     }
+    note_unshown(analysis);
     analysis.verification = explained.verification;
     analysis.warming_contrast = explained.warming_contrast;
     analysis.response = explained.response;
@@ -221,7 +224,8 @@ fn explained(
         let parameters = found.parameters.iter().map(|p| (p.id, p.value));
         DynamicModel::from_parameters(&method.robot, parameters)
     });
-    let response = found.filter(|_| number <= CYCLES_WITH_RESPONSE).and_then(|found| {
+    let is_whole = |of: &&Identification| of.parameters.iter().all(IdentifiedParameter::is_shown);
+    let response = found.filter(|_| number <= CYCLES_WITH_RESPONSE).filter(is_whole).and_then(|found| {
         let columns = KeptColumns::new(&method.base.kept_columns);
         let observed = ObservedCycle {
             robot: &method.robot,
@@ -254,11 +258,15 @@ pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis)
     };
     let torques: Vec<String> = samples.torque.iter().map(rms).collect();
     analysis.remarks.push(format!("torques, root mean square of each joint: {} Nm (N)", torques.join(", ")));
-    analysis.identification = Err(
-        "the log has no positions: parameters and friction need the position of every joint beside its torque; \
-         temperatures are kept"
-            .into(),
-    );
+    let reason = "the log has no positions: parameters and friction need the position of every joint beside its torque; \
+                  temperatures are kept";
+    analysis.refusal_causes = vec![RefusalCause {
+        finding: NO_POSITIONS.into(),
+        channel: Channel::Rows,
+        joint: None,
+        sentence: reason.into(),
+    }];
+    analysis.identification = Err(reason.into());
     true
 }
 
@@ -328,13 +336,13 @@ impl Recorded<'_> {
     }
 }
 
-/// Findings that refuse a cycle and are accepted make it doubtful instead.
+/// Findings that would refuse a cycle, or make it doubtful, and are accepted only mark it.
 fn accepted(findings: Vec<Finding>, accept: FindingKinds) -> Vec<Finding> {
-    let weakened = |finding: Finding| match finding.severity == FindingSeverity::Refuse
-        && accept.contains(finding.kind)
-    {
-        true => Finding { severity: FindingSeverity::Doubt, ..finding },
-        false => finding,
+    let weakened = |finding: Finding| match finding.severity {
+        FindingSeverity::Refuse | FindingSeverity::Doubt if accept.contains(finding.kind) => {
+            Finding { severity: FindingSeverity::Accepted, ..finding }
+        }
+        _ => finding,
     };
     findings.into_iter().map(weakened).collect()
 }
@@ -345,13 +353,18 @@ fn is_refused(analysis: &CycleAnalysis) -> bool {
 
 /// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
 fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
-    let (refused, told): (Vec<Finding>, Vec<Finding>) =
-        findings.iter().cloned().partition(|finding| finding.severity == FindingSeverity::Refuse);
-    let (doubted, odd): (Vec<Finding>, Vec<Finding>) =
-        told.into_iter().partition(|finding| finding.severity == FindingSeverity::Doubt);
-    let doubts = sentences(&method.robot, &doubted);
-    analysis.remarks.extend(doubts.into_iter().map(|sentence| format!("doubtful: {sentence}")));
-    analysis.remarks.extend(sentences(&method.robot, &odd));
+    let of = |severity: FindingSeverity| -> Vec<Finding> {
+        findings.iter().filter(|finding| finding.severity == severity).cloned().collect()
+    };
+    for (severity, mark) in [
+        (FindingSeverity::Doubt, "doubtful: "),
+        (FindingSeverity::Accepted, ACCEPTED),
+        (FindingSeverity::Warn, ""),
+    ] {
+        let told = sentences(&method.robot, &of(severity)).into_iter();
+        analysis.remarks.extend(told.map(|sentence| format!("{mark}{sentence}")));
+    }
+    let refused = of(FindingSeverity::Refuse);
     if !refused.is_empty() {
         analysis.identification = Err(reason(&method.robot, &refused));
     }
@@ -484,6 +497,22 @@ pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: 
         let parts = if stretches == 1 { "part" } else { "parts" };
         remarks.push(format!(
             "time has gaps: {stretches} {parts} of the cycle can be filtered, {lost} rows in shorter ones are left out"
+        ));
+    }
+}
+
+/// Says which parameters have no value of their own, since the motion does not tell them apart.
+fn note_unshown(analysis: &mut CycleAnalysis) {
+    let Ok(found) = &analysis.identification else { return };
+    let unshown = found.parameters.iter().filter(|of| !of.is_shown());
+    let names: Vec<String> = unshown.map(|of| of.id.to_string()).collect();
+    if !names.is_empty() {
+        analysis.remarks.push(format!(
+            "the motion does not show {} of {} parameters on their own, and they have no value: {}; recordings of other \
+             motion together may show them (armwatch identify)",
+            names.len(),
+            found.parameters.len(),
+            names.join(", ")
         ));
     }
 }

@@ -31,6 +31,7 @@ pub fn analyse_run_on(
     let rmsd_by_joint = measurements.rmsd_by_joint();
     let summary = |joint| JointSummary {
         relative_noise: median(&measurements.noise_of(joint)),
+        torque_rms: median(&measurements.torque_of(joint)),
         ..summary(joint, settings, &measurements.friction_points, &rmsd_by_joint)
     };
     RunAnalysis {
@@ -98,6 +99,7 @@ fn summary(
         relative_rmsd: median(&rmsd),
         rmsd_swing: swing(&rmsd),
         relative_noise: None,
+        torque_rms: None,
     }
 }
 

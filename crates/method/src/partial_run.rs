@@ -60,6 +60,7 @@ pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle
             relative_rmsd: median(&of_joint.map(|(_, value)| *value).collect::<Vec<f64>>()),
             rmsd_swing: None,
             relative_noise: median(&measured.noise_of(joint)),
+            torque_rms: median(&measured.torque_of(joint)),
         }
     };
     RunSummary {

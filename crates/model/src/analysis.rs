@@ -225,6 +225,21 @@ pub struct IdentifiedParameter {
     pub degrees_of_freedom: f64,
 }
 
+impl IdentifiedParameter {
+    /// A parameter that is left out of an estimate: it counts as zero and has no error.
+    #[must_use]
+    pub fn left_out(id: ParameterId) -> Self {
+        Self { id, value: 0.0, std_error: f64::NAN, degrees_of_freedom: f64::NAN }
+    }
+
+    /// Whether the value says something of the parameter. One without an error is only part of a set that gives torques:
+    /// it was left out and is zero, or carries the torque of one that was.
+    #[must_use]
+    pub fn is_shown(&self) -> bool {
+        self.std_error.is_finite()
+    }
+}
+
 /// What identification leaves of one joint's torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointResidual {
@@ -307,7 +322,8 @@ pub struct FrictionPoint {
     pub direction: i8,
     /// Mean friction torque, gravity removed, signed as the motion, Nm.
     pub torque: f64,
-    /// Standard deviation of the rows about the mean, Nm.
+    /// Standard deviation of the rows about the mean, enlarged by the error of a fitted load so that over the root of the
+    /// independent rows it is the standard error of `torque`, Nm.
     pub std: f64,
     /// Rows of the plateau.
     pub samples: usize,
@@ -496,6 +512,8 @@ pub struct JointSummary {
     pub rmsd_swing: Option<RmsdSwing>,
     /// Median over the cycles of the noise of the torque channel, as a fraction of the torque ([`TorqueNoise::relative`]).
     pub relative_noise: Option<f64>,
+    /// Median over the cycles of the RMS of the torque while the joint moves in the excitation, Nm (N).
+    pub torque_rms: Option<f64>,
 }
 
 impl JointSummary {

@@ -49,6 +49,8 @@ pub struct Robot {
     pub excitation: Option<FourierExcitation>,
     /// Space that the links take up, where the description says.
     pub shape: ArmShape,
+    /// What of the description was read otherwise than it is written, in sentences.
+    pub remarks: Vec<String>,
 }
 
 impl Robot {

@@ -1,4 +1,4 @@
--- made from migrations 8a8d638fb68d30c84bf81a3e429f5875096a3d05a551e301a2839e9c84ad853b
+-- made from migrations 49bee690576566734caed14fa7c2393f385310cf6dd3095295d01a59b21dfd62
 PRAGMA application_id = 1098343522;
 CREATE TABLE _sqlx_migrations (
     version BIGINT PRIMARY KEY,
@@ -183,7 +183,7 @@ CREATE TABLE run_joint_summary (
     relative_rmsd              REAL,
     -- How much that RMSD swings from cycle to cycle, and over how many cycles.
     rmsd_swing                 REAL,
-    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL, relative_noise REAL,
+    rmsd_swing_cycles          INTEGER, estimator TEXT CHECK (estimator IN ('ordinary', 'weighted', 'huber')), excitation_friction_nm REAL, excitation_friction_std_error_nm REAL, excitation_minute REAL, excitation_speed_fraction REAL, relative_noise REAL, torque_rms_nm REAL,
     PRIMARY KEY (run_id, joint)
 ) STRICT, WITHOUT ROWID;
 CREATE VIEW friction_points AS

@@ -60,6 +60,7 @@ pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
         speed_levels: Vec::new(),
         excitation: None,
         shape: ArmShape::default(),
+        remarks: Vec::new(),
     }
 }
 

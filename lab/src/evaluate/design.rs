@@ -106,6 +106,7 @@ fn robot(draws: &mut Draws) -> Robot {
         speed_levels: vec![0.2, 0.4, 0.6, 0.8],
         excitation: None,
         shape: ArmShape::default(),
+        remarks: Vec::new(),
     }
 }
 

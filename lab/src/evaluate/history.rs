@@ -444,6 +444,7 @@ fn joint_summary(
         rmsd_swing: (cycles > 2)
             .then(|| RmsdSwing { value: swing * (1.0 + draws.normal() / freedom).max(0.1), cycles }),
         relative_noise: Some(noise_nm / joint.torque_nm),
+        torque_rms: Some(joint.torque_nm),
     }
 }
 

@@ -36,8 +36,9 @@ robust standard deviations above that of the median cycle lose weight in proport
 more. prior draws weighted towards --prior, where the motion says little; data_share is 1 where a value is
 all data and 0 where it is all prior. Where huber is configured, weighted stands for it.
 
-Of whole runs, cycles that were refused when they were read are passed over and named on standard error; a refused
-cycle that --cycles names is taken if its factors are stored.
+Of whole runs, refused and doubtful cycles are passed over and named on standard error, except cycles that were refused
+for their motion alone. A cycle that --cycles names is always taken, and so are all cycles of a run that --run names if
+none of them counts; their remarks are printed. A parameter that the motion does not show has no value (-).
 
 From 8 cycles on, standard errors come from the scatter between the cycles, which needs no assumption on what
 happens inside them; with fewer, from the residual and the share of rows that are independent. Intervals hold

@@ -6,7 +6,7 @@ use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::output;
-use crate::cli::shared::selection::{cycle_numbers, note_passed_over, runs_of};
+use crate::cli::shared::selection::{cycle_numbers, note_cycles, runs_of};
 use crate::pipeline::stored::chosen_cycles::{
     Candidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,
 };
@@ -84,14 +84,17 @@ async fn identify_stored(
     config: &Config,
     store: &Store,
 ) -> Result<u8, CliError> {
-    let mut run_ids = args.runs.clone();
+    let mut run_ids: Vec<(i64, bool)> = args.runs.iter().map(|run| (*run, true)).collect();
     let known = store.runs().await?;
     for robot in &args.robots {
-        run_ids.extend(runs_of(&known, robot)?.iter().map(|run| run.run_id));
+        run_ids.extend(runs_of(&known, robot)?.iter().map(|run| (run.run_id, false)));
     }
-    let chosen: Vec<RunCycles> =
-        run_ids.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect();
-    let robot = known.iter().find(|run| run_ids.contains(&run.run_id)).map(|run| run.robot.clone());
+    let chosen: Vec<RunCycles> = run_ids
+        .into_iter()
+        .map(|(run_id, named)| RunCycles { run_id, cycles: cycles.clone(), named })
+        .collect();
+    let is_chosen = |run_id: i64| chosen.iter().any(|of| of.run_id == run_id);
+    let robot = known.iter().find(|run| is_chosen(run.run_id)).map(|run| run.robot.clone());
     let (choice, prior_sources) = match estimator {
         EstimatorKind::Ordinary => (Choice::Stacked(StackedEstimator::Ordinary), Vec::new()),
         EstimatorKind::Weighted => (Choice::Stacked(StackedEstimator::Weighted), Vec::new()),
@@ -104,7 +107,7 @@ async fn identify_stored(
         return each_cycle::each_cycle(global, args, &chosen, &choice, expected, store).await;
     }
     let taken = take(store, &chosen).await?;
-    note_passed_over(&taken.passed_over);
+    note_cycles(&taken.passed_over, &taken.in_spite);
     if let Some(cycle) = sources_overlap(&taken.sources, &prior_sources) {
         return Err(CliError::Usage(format!(
             "cycle {} of run {} is behind the prior and among those chosen: it would count twice; choose \
@@ -152,7 +155,11 @@ async fn report(
         output::print_hint(&format!("saved as {name}"));
     }
     let complete = match &together.outcome {
-        PooledOutcome::Set(_) => true,
+        PooledOutcome::Set(found) => {
+            let removed = found.essential.as_ref().map_or(0, |of| of.removed.len());
+            let unshown = found.identification.parameters.iter().filter(|of| !of.is_shown()).count();
+            unshown == removed
+        }
         PooledOutcome::Views(views) => views.iter().all(|(_, view)| view.is_ok()),
         PooledOutcome::TooPoor => false,
     };

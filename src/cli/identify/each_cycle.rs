@@ -10,7 +10,7 @@ use super::args::{IdentifyArgs, name_taken};
 use super::output::parameter_value;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
-use crate::cli::shared::selection::note_passed_over;
+use crate::cli::shared::selection::note_cycles;
 use crate::pipeline::stored::chosen_cycles::RunCycles;
 use crate::pipeline::stored::reestimate::{Choice, reestimate};
 use armwatch_model::robot::ParameterId;
@@ -30,8 +30,8 @@ pub(in crate::cli) async fn each_cycle(
     let bar = progress_bar(expected);
     let found = reestimate(store, chosen, choice, &mut |done| bar.set_position(done as u64)).await;
     bar.finish_and_clear();
-    let (found, passed_over) = found?;
-    note_passed_over(&passed_over);
+    let (found, notes) = found?;
+    note_cycles(&notes.passed_over, &notes.in_spite);
     if let Some(name) = &args.save
         && !store.save_reestimate(name, &found).await?
     {
@@ -46,7 +46,7 @@ pub(in crate::cli) async fn each_cycle(
             output::print_hint(&format!("saved as {name}"));
         }
     }
-    let complete = passed_over.is_empty() && found.cycles.iter().all(|cycle| cycle.reason.is_none());
+    let complete = notes.passed_over.is_empty() && found.cycles.iter().all(|cycle| cycle.reason.is_none());
     Ok(if complete { EXIT_DONE } else { EXIT_FOUND })
 }
 
@@ -114,6 +114,7 @@ fn cycle_rows(cycle: &ReestimatedCycle, view: &CycleView) -> Vec<Vec<String>> {
     let seen_by = view.seen_by.map_or_else(|| "all".to_owned(), |joint| joint.to_string());
     let parameters = view.identification.parameters.iter().zip(&view.half_width);
     parameters
+        .filter(|(p, _)| p.is_shown())
         .map(|(p, half)| {
             vec![
                 cycle.source.run_id.to_string(),
@@ -176,6 +177,7 @@ fn print_json(found: &Reestimate, parameters: &HashMap<ParameterId, ModelParamet
 fn view_values(view: &CycleView, parameters: &HashMap<ParameterId, ModelParameter>) -> Vec<Value> {
     let listed = view.identification.parameters.iter().zip(&view.half_width).enumerate();
     listed
+        .filter(|(_, (parameter, _))| parameter.is_shown())
         .map(|(k, (parameter, half))| {
             let mut value = parameter_value(parameter, *half, parameters);
             value["seen_by_joint"] = json!(view.seen_by.map(|joint| joint.number()));

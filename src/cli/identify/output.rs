@@ -46,6 +46,13 @@ fn is_flagged(parameter: &IdentifiedParameter) -> bool {
     relative_error(parameter) > FLAGGED_RELATIVE_ERROR
 }
 
+/// Whether a parameter has no value of its own, since the motion does not show it. Others without an error were
+/// taken away as not essential.
+fn is_unshown(parameter: &IdentifiedParameter, found: &PooledEstimate) -> bool {
+    let removed = found.essential.as_ref().is_some_and(|of| of.removed.contains(&parameter.id));
+    !parameter.is_shown() && !removed
+}
+
 /// A number, or null where it is not finite.
 fn known(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
@@ -111,9 +118,13 @@ impl Report<'_> {
         if let Some(prior) = &found.prior {
             text.push_str(&format!("standard deviations of the prior times {:.4}\n", prior.spread));
         }
+        text.push_str(&self.unshown_text(found));
         let share = found.prior.as_ref().map(|prior| prior.data_share.as_slice());
         let parameters = &found.identification.parameters;
-        text.push_str(&format!("\n{}", self.parameter_table(parameters, &found.half_width, share)));
+        text.push_str(&format!(
+            "\n{}",
+            self.parameter_table(parameters, &found.half_width, share, |of| is_unshown(of, found))
+        ));
         if let Some(report) = &found.essential {
             let removed: Vec<String> = report.removed.iter().map(ToString::to_string).collect();
             text.push_str(&format!(
@@ -175,7 +186,8 @@ impl Report<'_> {
             "\n\njoint {joint}: {}\n{}\n\n{}",
             figures_text(&view.identification),
             errors_text(view.errors),
-            self.parameter_table(&view.identification.parameters, &view.half_width, None)
+            self.parameter_table(&view.identification.parameters, &view.half_width, None, |of| !of
+                .is_shown())
         );
         if !view.within_others.is_empty() {
             text.push_str(&format!("\nseen only within others: {}", names(&view.within_others)));
@@ -188,12 +200,36 @@ impl Report<'_> {
 
     fn poor_text(&self) -> String {
         let shown = &self.together.shown;
-        let mut text = format!(
-            "condition number {}, columns scaled {}\nthe motion of these cycles does not show every parameter; no \
-             values are given\n",
+        format!(
+            "condition number {}, columns scaled {}\nthe motion of these cycles shows too few parameters; no values are \
+             given\n{}take more cycles with other motion, or --estimator prior with what is known of the arm",
             four_digits(shown.condition_number),
-            four_digits(shown.scaled_condition_number)
-        );
+            four_digits(shown.scaled_condition_number),
+            self.indistinct_text()
+        )
+    }
+
+    /// Parameters without a value of their own, and why.
+    fn unshown_text(&self, found: &PooledEstimate) -> String {
+        let parameters = found.identification.parameters.iter();
+        let unshown: Vec<String> =
+            parameters.filter(|of| is_unshown(of, found)).map(|of| of.id.to_string()).collect();
+        match unshown.is_empty() {
+            true => String::new(),
+            false => format!(
+                "the motion of these cycles does not show {} on {} own; no value is given (-), and cycles with other \
+                 motion may show {}\n{}",
+                unshown.join(" "),
+                if unshown.len() == 1 { "its" } else { "their" },
+                if unshown.len() == 1 { "it" } else { "them" },
+                self.indistinct_text()
+            ),
+        }
+    }
+
+    fn indistinct_text(&self) -> String {
+        let shown = &self.together.shown;
+        let mut text = String::new();
         for &column in &shown.unseen {
             text.push_str(&format!("  {} never changes a torque\n", self.id(column)));
         }
@@ -202,7 +238,7 @@ impl Report<'_> {
             let from = if from.is_empty() { "all others".to_owned() } else { from.join(" ") };
             text.push_str(&format!("  {} is not told apart from {from}\n", self.id(of.column)));
         }
-        text + "take more cycles with other motion, or --estimator prior with what is known of the arm"
+        text
     }
 
     fn parameter_table(
@@ -210,6 +246,7 @@ impl Report<'_> {
         parameters: &[IdentifiedParameter],
         half_width: &[f64],
         data_share: Option<&[f64]>,
+        unshown: impl Fn(&IdentifiedParameter) -> bool,
     ) -> String {
         let mut header = vec!["joint", "parameter", "value", "std_error", "std_error_%", "low_95", "high_95"];
         header.extend(data_share.map(|_| "data_share"));
@@ -220,7 +257,7 @@ impl Report<'_> {
             let mut row = vec![
                 p.id.joint.to_string(),
                 p.id.name().to_string(),
-                format!("{:.6}", p.value),
+                if unshown(p) { "-".to_owned() } else { format!("{:.6}", p.value) },
                 figure(p.std_error),
                 known(100.0 * relative_error(p)).map_or("-".into(), |percent| format!("{percent:.1}{mark}")),
                 figure(p.value - half_width[k]),
@@ -277,6 +314,11 @@ impl Report<'_> {
         let parameters = found.identification.parameters.iter().zip(&found.half_width);
         let mut listed: Vec<Value> =
             parameters.map(|(p, half)| parameter_value(p, *half, self.parameters)).collect();
+        let unshown = found.identification.parameters.iter().map(|of| is_unshown(of, found));
+        for (of, unshown) in listed.iter_mut().zip(unshown).filter(|(_, unshown)| *unshown) {
+            of["value"] = Value::Null;
+            of["shown"] = json!(!unshown);
+        }
         if let Some(prior) = &found.prior {
             listed.iter_mut().zip(&prior.data_share).for_each(|(of, share)| of["data_share"] = json!(share));
             value["prior_spread"] = json!(prior.spread);

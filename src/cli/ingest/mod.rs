@@ -59,7 +59,7 @@ pub(super) struct IngestArgs {
     /// Read these runs anew, instead
     #[arg(long, value_name = "RUN_ID", num_args = 1.., allow_negative_numbers = true, value_parser = clap::value_parser!(i64).range(1..), conflicts_with = "paths")]
     again: Vec<i64>,
-    /// Take cycles in spite of this finding, as doubtful ones; may be given several times. Adds to [analysis] accept of
+    /// Take cycles in spite of this finding, marked by a remark; may be given several times. Adds to [analysis] accept of
     /// the configuration; a refusal says the name of its finding, docs/method.md explains them
     #[arg(long, value_name = "FINDING", value_parser = finding_kind())]
     accept: Vec<FindingKind>,

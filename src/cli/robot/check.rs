@@ -56,11 +56,15 @@ pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8
         output::json(&as_value(&robot, &checked, agreement.as_ref()));
     } else {
         output::line(&checked.to_string());
+        robot.remarks.iter().for_each(|remark| output::line(&format!("remark: {remark}")));
         if let Some(agreement) = &agreement {
             output::line(&agreement_text(agreement));
         }
     }
-    let agrees = agreement.is_none_or(|found| within(&found)) && is_consistent(&checked);
+    if let Some(problem) = inconsistency(&checked) {
+        output::print_hint(&problem);
+    }
+    let agrees = agreement.is_none_or(|found| within(&found)) && inconsistency(&checked).is_none();
     Ok(if agrees { EXIT_DONE } else { EXIT_FOUND })
 }
 
@@ -71,10 +75,27 @@ fn within(found: &ReferenceAgreement) -> bool {
         .all(|worst| *worst <= REFERENCE_TOLERANCE)
 }
 
-fn is_consistent(checked: &RobotCheck) -> bool {
+/// Which formulas disagree on this arm, and what to do about it.
+fn inconsistency(checked: &RobotCheck) -> Option<String> {
     let found = &checked.identities;
-    let exact = found.regressor <= EXACT_TOLERANCE && found.grouping <= EXACT_TOLERANCE;
-    exact && found.gravity <= DIFFERENCE_TOLERANCE && found.power <= DIFFERENCE_TOLERANCE
+    if found.grouping > EXACT_TOLERANCE {
+        return Some(format!(
+            "base parameters give another torque than all parameters, by {:.1e} of it, above {EXACT_TOLERANCE:.0e}: the \
+             geometry is almost, but not quite, one with fewer parameters, as with rounded angles or lengths; write right \
+             angles with all digits, and 0 for lengths that are meant to be 0",
+            found.grouping
+        ));
+    }
+    let formulas = [
+        ("the regressor and inverse dynamics", found.regressor, EXACT_TOLERANCE),
+        ("gravity torque and the gradient of potential energy", found.gravity, DIFFERENCE_TOLERANCE),
+        ("the power of the torques and the rate of energy", found.power, DIFFERENCE_TOLERANCE),
+    ];
+    let (what, by, most) = formulas.into_iter().find(|(_, by, most)| by > most)?;
+    Some(format!(
+        "{what} differ by {by:.1e}, above {most:.0e}: the description has lengths or limits too large for its numbers; \
+         correct them"
+    ))
 }
 
 fn agreement_text(found: &ReferenceAgreement) -> String {
@@ -156,6 +177,8 @@ fn as_value(
         "rank": base.rank,
         "condition_number": base.condition_number,
         "scaled_condition_number": base.scaled_condition_number,
+        "remarks": robot.remarks,
+        "problem": inconsistency(checked),
         "reference": agreement.map(|found| json!({
             "rows": found.rows, "torque": found.torque, "position": found.position, "rotation": found.rotation,
         })),

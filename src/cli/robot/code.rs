@@ -11,7 +11,7 @@ use super::sources::{described, recorded, source_lines};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::paths::not_written;
-use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
+use crate::cli::shared::selection::{cycle_numbers, note_cycles};
 use crate::pipeline::stored::chosen_cycles::{RunCycles, StoredError, identify_taken, take};
 use crate::robot_code::code::TorqueCode;
 use crate::robot_code::language::{Language, SourceFile};
@@ -169,9 +169,9 @@ async fn identified(
             ))
         })?,
         None => {
-            let of_run = |&run_id| RunCycles { run_id, cycles: cycles.clone() };
+            let of_run = |&run_id| RunCycles { run_id, cycles: cycles.clone(), named: true };
             let taken = take(store, &args.runs.iter().map(of_run).collect::<Vec<_>>()).await?;
-            note_passed_over(&taken.passed_over);
+            note_cycles(&taken.passed_over, &taken.in_spite);
             identify_taken(taken, config.analysis.estimator).await?
         }
     };

@@ -72,7 +72,7 @@ async fn from_store(
     let entry = entry_of(args, config, store).await?;
     let robot = &entry.description;
     let chosen = |runs: &[i64]| -> Vec<RunCycles> {
-        runs.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect()
+        runs.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone(), named: true }).collect()
     };
     let load = load.seen_from(&robot.tool);
     let gains = stored_drive_gains(store, robot, &chosen(&args.without), &chosen(&args.with), load).await?;

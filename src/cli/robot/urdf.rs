@@ -12,7 +12,7 @@ use super::sources::{described, recorded, source_lines};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_read, runtime};
 use crate::cli::shared::output;
 use crate::cli::shared::result_file::{result_file, write_lines};
-use crate::cli::shared::selection::{cycle_numbers, note_passed_over};
+use crate::cli::shared::selection::{cycle_numbers, note_cycles};
 use crate::pipeline::stored::chosen_cycles::{RunCycles, take};
 use crate::pipeline::stored::physical::fit_bodies;
 use crate::urdf_writer::{straight_friction, urdf_text};
@@ -98,11 +98,15 @@ async fn fit_stored(
     store: &Store,
 ) -> Result<Fitted, CliError> {
     let chosen = match &args.parameters {
-        None => args.runs.iter().map(|&run_id| RunCycles { run_id, cycles: cycles.clone() }).collect(),
+        None => args
+            .runs
+            .iter()
+            .map(|&run_id| RunCycles { run_id, cycles: cycles.clone(), named: true })
+            .collect(),
         Some(name) => cycles_of_set(store, name).await?,
     };
     let taken = take(store, &chosen).await?;
-    note_passed_over(&taken.passed_over);
+    note_cycles(&taken.passed_over, &taken.in_spite);
     let robot = match &args.description {
         Some(path) => Arc::new(read_robot(path)?),
         None => described(config, &taken.model)?,
@@ -119,7 +123,11 @@ async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliE
             "\"{name}\" is no saved parameter set; `armwatch identify --save {name}` makes one, --run takes a run"
         ))
     })?;
-    let chosen = |source: SourceCycle| RunCycles { run_id: source.run_id, cycles: Some(vec![source.cycle]) };
+    let chosen = |source: SourceCycle| RunCycles {
+        run_id: source.run_id,
+        cycles: Some(vec![source.cycle]),
+        named: true,
+    };
     Ok(set.sources.into_iter().map(chosen).collect())
 }
 

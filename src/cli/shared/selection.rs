@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::output;
 use crate::cli::context::CliError;
 use crate::pipeline::stored::chosen_cycles::{
-    Candidate, PassedOverCycle, RunCycles, StoredError, in_ranges, told, unit_identification,
+    Candidate, NotedCycle, RunCycles, StoredError, identify_taken, in_ranges, take, told,
 };
 use armwatch_model::analysis::Estimator;
 use armwatch_model::run::{RunKind, RunStatus};
@@ -26,8 +26,11 @@ impl From<StoredError> for CliError {
     }
 }
 
-/// Says which cycles of the chosen runs take no part, and why.
-pub(in crate::cli) fn note_passed_over(passed_over: &[PassedOverCycle]) {
+/// Says which cycles of the chosen runs take no part, and which do in spite of a finding, and why.
+pub(in crate::cli) fn note_cycles(passed_over: &[NotedCycle], in_spite: &[NotedCycle]) {
+    if !in_spite.is_empty() {
+        output::print_hint(&format!("taken in spite of findings: {}", told(in_spite)));
+    }
     if !passed_over.is_empty() {
         output::print_hint(&format!("passed over: {}", told(passed_over)));
     }
@@ -95,7 +98,7 @@ impl NamedCandidate {
         run_id: i64,
         estimator: Estimator,
     ) -> Result<Self, StoredError> {
-        let set = unit_identification(store, &[RunCycles { run_id, cycles: None }], estimator).await?;
+        let set = identified(store, RunCycles::all(run_id), estimator).await?;
         Ok(Self { name: format!("run {run_id}"), run_id: Some(run_id), candidate: as_candidate(set) })
     }
 
@@ -105,11 +108,10 @@ impl NamedCandidate {
         word: &str,
         estimator: Estimator,
     ) -> Result<Self, CliError> {
-        if let Ok(run_id) = word.parse::<i64>() {
-            return Ok(Self::of_run(store, run_id, estimator).await?);
-        }
         let set = find_set(store, word, estimator).await?;
-        Ok(Self { name: word.into(), run_id: None, candidate: as_candidate(set) })
+        let run_id = word.parse::<i64>().ok();
+        let name = run_id.map_or_else(|| word.to_owned(), |run_id| format!("run {run_id}"));
+        Ok(Self { name, run_id, candidate: as_candidate(set) })
     }
 }
 
@@ -122,7 +124,7 @@ pub(in crate::cli) async fn find_set(
     let (run, cycles) = word.split_once(':').map_or((word, None), |(run, cycles)| (run, Some(cycles)));
     if let Ok(run_id) = run.parse::<i64>() {
         let cycles = cycles.map(cycle_numbers).transpose().map_err(CliError::Usage)?;
-        return Ok(unit_identification(store, &[RunCycles { run_id, cycles }], estimator).await?);
+        return Ok(identified(store, RunCycles { run_id, cycles, named: true }, estimator).await?);
     }
     store.parameter_set(word).await?.ok_or_else(|| {
         CliError::Usage(format!(
@@ -130,6 +132,26 @@ pub(in crate::cli) async fn find_set(
              `armwatch identify --save {word}` makes one"
         ))
     })
+}
+
+async fn identified(
+    store: &Store,
+    chosen: RunCycles,
+    estimator: Estimator,
+) -> Result<ParameterSet, StoredError> {
+    let run_id = chosen.run_id;
+    let taken = take(store, &[chosen]).await?;
+    note_cycles(&[], &taken.in_spite);
+    let set = identify_taken(taken, estimator).await?;
+    let unshown = set.identification.parameters.iter().filter(|of| !of.is_shown());
+    let unshown: Vec<String> = unshown.map(|of| of.id.to_string()).collect();
+    if !unshown.is_empty() {
+        output::print_hint(&format!(
+            "the motion of run {run_id} does not show {} on their own: torque of other motion is not predicted",
+            unshown.join(", ")
+        ));
+    }
+    Ok(set)
 }
 
 fn as_candidate(set: ParameterSet) -> Candidate {

@@ -140,6 +140,7 @@ impl Fleet {
             relative_rmsd: None,
             rmsd_swing: None,
             relative_noise: None,
+            torque_rms: None,
         };
         let summaries = (0..JOINTS).map(summary).collect();
         let mut end = self.store().finish_run(run_id).await.expect("a transaction");

@@ -11,6 +11,7 @@ use armwatch_method::identify::verify::{StageSums, torque_rmsd};
 use armwatch_method::pooled::estimate::{StackedEstimator, estimate};
 use armwatch_method::pooled::pool::PooledFactors;
 use armwatch_method::signal::filter::independent_fraction;
+use armwatch_model::analysis::finding::ACCEPTED;
 use armwatch_model::analysis::{self, CycleFactors, IdentifiedParameter, TorqueRmsd};
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{
@@ -25,6 +26,16 @@ pub struct RunCycles {
     pub run_id: i64,
     /// Numbers of the cycles; all of them if `None`.
     pub cycles: Option<Vec<u32>>,
+    /// Whether a person named the run: it is then taken even where none of its cycles counts.
+    pub named: bool,
+}
+
+impl RunCycles {
+    /// All cycles of a run that no person named.
+    #[must_use]
+    pub fn all(run_id: i64) -> Self {
+        Self { run_id, cycles: None, named: false }
+    }
 }
 
 /// Parameters that are applied to recordings.
@@ -50,12 +61,14 @@ pub struct CrossVerification {
     /// Windows of a log whose factors were joined: they are in `rmsd` and not in `by_cycle`.
     pub joined_windows: usize,
     /// Cycles of the run that take no part.
-    pub passed_over: Vec<PassedOverCycle>,
+    pub passed_over: Vec<NotedCycle>,
+    /// Cycles of the run that take part in spite of a finding.
+    pub in_spite: Vec<NotedCycle>,
 }
 
-/// A cycle that takes no part although its run was chosen.
+/// A cycle that takes no part although its run was chosen, or that takes part in spite of a finding.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PassedOverCycle {
+pub struct NotedCycle {
     /// The run.
     pub run_id: i64,
     /// Number of the cycle, from 1.
@@ -69,7 +82,7 @@ pub struct PassedOverCycle {
 pub enum StoredError {
     /// Every chosen cycle was refused when it was read, or has no factors.
     #[error("no cycle is left to take: {}", told(.0))]
-    PassedOver(Vec<PassedOverCycle>),
+    PassedOver(Vec<NotedCycle>),
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -98,7 +111,9 @@ pub struct PooledCycles {
     /// Which they are, in the order of the union's.
     pub sources: Vec<SourceCycle>,
     /// Cycles of the chosen runs that take no part.
-    pub passed_over: Vec<PassedOverCycle>,
+    pub passed_over: Vec<NotedCycle>,
+    /// Cycles that take part in spite of a finding.
+    pub in_spite: Vec<NotedCycle>,
 }
 
 /// Takes the chosen cycles together. Of whole runs, cycles that were refused when they were read are passed over.
@@ -108,17 +123,19 @@ pub struct PooledCycles {
 /// for has no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
 pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, StoredError> {
     let mut taken: Option<(PooledCycles, i64)> = None;
-    let mut passed_over = Vec::new();
+    let (mut passed_over, mut in_spite) = (Vec::new(), Vec::new());
     for of_run in merged(chosen) {
-        let ChosenCycles { cycles, passed_over: of_run, .. } =
+        let ChosenCycles { cycles, passed_over: without, in_spite: noted, .. } =
             chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
-        passed_over.extend(of_run);
+        passed_over.extend(without);
+        in_spite.extend(noted);
         for cycle in cycles {
             let columns = FactorColumns::of_stored(&cycle.factors.columns);
             let (taken, first_run) = taken.get_or_insert_with(|| {
                 let union = PooledFactors::new(columns.clone());
                 let (model, sources) = (cycle.model.clone(), Vec::new());
-                (PooledCycles { model, union, sources, passed_over: Vec::new() }, cycle.run_id)
+                let (passed_over, in_spite) = (Vec::new(), Vec::new());
+                (PooledCycles { model, union, sources, passed_over, in_spite }, cycle.run_id)
             });
             same_model(&taken.model, *first_run, &cycle)?;
             if taken.sources.len() == MAX_CYCLES_TOGETHER {
@@ -131,7 +148,7 @@ pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, S
         }
     }
     match taken {
-        Some((taken, _)) => Ok(PooledCycles { passed_over, ..taken }),
+        Some((taken, _)) => Ok(PooledCycles { passed_over, in_spite, ..taken }),
         None if passed_over.is_empty() => Err(StoredError::Refused("no cycles are chosen".into())),
         None => Err(StoredError::PassedOver(passed_over)),
     }
@@ -243,13 +260,13 @@ pub async fn rmsd_of_views(
 pub async fn cross_verification(
     store: &Store,
     candidates: Vec<Candidate>,
-    runs: &[i64],
+    runs: &[RunCycles],
 ) -> Result<Vec<CrossVerification>, StoredError> {
     let candidates = Arc::new(candidates);
     let mut verified = Vec::new();
-    for &run_id in runs {
-        let of_run = RunCycles { run_id, cycles: None };
-        let chosen = chosen_cycles(store, &of_run, FactorsWanted::All).await?;
+    for of_run in runs {
+        let run_id = of_run.run_id;
+        let chosen = chosen_cycles(store, of_run, FactorsWanted::All).await?;
         let candidates = Arc::clone(&candidates);
         let of_run = tokio::task::spawn_blocking(move || verify_run(&candidates, run_id, chosen)).await??;
         verified.extend(of_run);
@@ -260,11 +277,16 @@ pub async fn cross_verification(
 fn verify_run(
     candidates: &[Candidate],
     run_id: i64,
-    ChosenCycles { cycles, joined, joined_windows, passed_over }: ChosenCycles,
+    ChosenCycles { cycles, joined, joined_windows, passed_over, in_spite }: ChosenCycles,
 ) -> Result<Vec<CrossVerification>, StoredError> {
-    let empty = |candidate| {
-        let (rmsd, by_cycle, passed_over) = (Vec::new(), Vec::new(), passed_over.clone());
-        CrossVerification { candidate, run_id, rmsd, by_cycle, joined_windows, passed_over }
+    let empty = |candidate| CrossVerification {
+        candidate,
+        run_id,
+        rmsd: Vec::new(),
+        by_cycle: Vec::new(),
+        joined_windows,
+        passed_over: passed_over.clone(),
+        in_spite: in_spite.clone(),
     };
     let mut verified: Vec<CrossVerification> = (0..candidates.len()).map(empty).collect();
     let mut sums = vec![StageSums::default(); candidates.len()];
@@ -294,12 +316,17 @@ fn verify_run(
 
 /// One entry a run; a cycle that is chosen twice counts once.
 pub(in crate::pipeline) fn merged(chosen: &[RunCycles]) -> Vec<RunCycles> {
-    let mut by_run: BTreeMap<i64, Option<Vec<u32>>> = BTreeMap::new();
-    for RunCycles { run_id, cycles } in chosen {
-        let known = by_run.entry(*run_id).or_insert_with(|| Some(Vec::new()));
-        *known = known.take().zip(cycles.clone()).map(|(known, more)| [known, more].concat());
+    let mut by_run: BTreeMap<i64, RunCycles> = BTreeMap::new();
+    for RunCycles { run_id, cycles, named } in chosen {
+        let known = by_run.entry(*run_id).or_insert_with(|| RunCycles {
+            run_id: *run_id,
+            cycles: Some(Vec::new()),
+            named: false,
+        });
+        known.cycles = known.cycles.take().zip(cycles.clone()).map(|(known, more)| [known, more].concat());
+        known.named |= named;
     }
-    by_run.into_iter().map(|(run_id, cycles)| RunCycles { run_id, cycles }).collect()
+    by_run.into_values().collect()
 }
 
 /// Cycles of a run, and those of it that take no part.
@@ -310,7 +337,8 @@ pub(in crate::pipeline) struct ChosenCycles {
     pub(in crate::pipeline) joined: Vec<JoinedFactors>,
     /// How many windows that are.
     pub(in crate::pipeline) joined_windows: usize,
-    pub(in crate::pipeline) passed_over: Vec<PassedOverCycle>,
+    pub(in crate::pipeline) passed_over: Vec<NotedCycle>,
+    pub(in crate::pipeline) in_spite: Vec<NotedCycle>,
 }
 
 impl ChosenCycles {
@@ -321,8 +349,8 @@ impl ChosenCycles {
     }
 }
 
-/// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over; one that is
-/// asked for by its number is taken if its factors are stored.
+/// Cycles with factors that a choice names. Of a whole run, refused and doubtful ones are passed over, unless a person
+/// named the run and it has no others; one that is asked for by its number is taken if its factors are stored.
 pub(in crate::pipeline) async fn chosen_cycles(
     store: &Store,
     chosen: &RunCycles,
@@ -351,7 +379,9 @@ pub(in crate::pipeline) async fn chosen_cycles(
             "they were removed when their time was over ([retention] in the configuration); its results stay, and \
              `armwatch ingest --again {run_id}` reads its export again"
         ),
-        Some(_) if with_factors.contains(&number) => "doubtful, as its remarks say".to_owned(),
+        Some(CycleState { remarks, .. }) if with_factors.contains(&number) => {
+            marked(remarks.as_deref()).unwrap_or_else(|| "doubtful".to_owned())
+        }
         _ => "no factors are stored: it was stored by an older program".to_owned(),
     };
     if let Some(numbers) = &chosen.cycles {
@@ -367,10 +397,28 @@ pub(in crate::pipeline) async fn chosen_cycles(
             }));
         }
         cycles.retain(|cycle| numbers.contains(&cycle.cycle));
-        let (joined, passed_over) = (Vec::new(), Vec::new());
-        return Ok(ChosenCycles { cycles, joined, joined_windows: 0, passed_over });
+    } else {
+        // many poor motions together may show what none of them does
+        let joins = |cycle: &StoredCycle| cycle.joinable && !cycle.factors.factors.is_empty();
+        let identifies = wanted == FactorsWanted::Identification;
+        let takes = |cycle: &StoredCycle| cycle.counts || identifies && joins(cycle);
+        if !chosen.named || cycles.iter().any(takes) {
+            cycles.retain(takes);
+        }
     }
-    cycles.retain(|cycle| cycle.counts);
+    let in_spite = cycles.iter().filter_map(|cycle| {
+        let state = states.iter().find(|state| state.cycle == cycle.cycle)?;
+        let reason = match cycle.counts {
+            true => marked(state.remarks.as_deref())?,
+            false => why(cycle.cycle),
+        };
+        Some(NotedCycle { run_id, cycle: cycle.cycle, reason })
+    });
+    let in_spite: Vec<NotedCycle> = in_spite.collect();
+    if chosen.cycles.is_some() {
+        let (joined, passed_over) = (Vec::new(), Vec::new());
+        return Ok(ChosenCycles { cycles, joined, joined_windows: 0, passed_over, in_spite });
+    }
     let joined = match wanted {
         FactorsWanted::All => store.joined_factors(run_id).await?,
         FactorsWanted::Identification => Vec::new(),
@@ -380,8 +428,15 @@ pub(in crate::pipeline) async fn chosen_cycles(
     let joined_windows = states.iter().filter(|state| is_joined(state)).count();
     let without = states.iter().filter(|state| !is_joined(state)).map(|state| state.cycle);
     let without = without.filter(|number| !has_factors(&cycles, *number));
-    let passed_over = without.map(|cycle| PassedOverCycle { run_id, cycle, reason: why(cycle) }).collect();
-    Ok(ChosenCycles { cycles, joined, joined_windows, passed_over })
+    let passed_over = without.map(|cycle| NotedCycle { run_id, cycle, reason: why(cycle) }).collect();
+    Ok(ChosenCycles { cycles, joined, joined_windows, passed_over, in_spite })
+}
+
+/// The remarks by which a cycle is doubtful or accepted.
+fn marked(remarks: Option<&str>) -> Option<String> {
+    let is_mark = |line: &&str| line.starts_with("doubtful: ") || line.starts_with(ACCEPTED);
+    let lines: Vec<&str> = remarks?.lines().filter(is_mark).collect();
+    (!lines.is_empty()).then(|| lines.join("; "))
 }
 
 /// Why a run has no cycles to take, with the runs that have.
@@ -419,11 +474,10 @@ pub fn in_ranges(numbers: impl IntoIterator<Item = i64>) -> String {
     }
 }
 
-/// What was passed over, in one sentence: cycles of a run in a row with one reason are told together.
+/// What is noted of cycles, in one sentence: cycles of a run in a row with one reason are told together.
 #[must_use]
-pub fn told(passed_over: &[PassedOverCycle]) -> String {
-    let alike =
-        passed_over.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
+pub fn told(noted: &[NotedCycle]) -> String {
+    let alike = noted.chunk_by(|a, b| (a.run_id, &a.reason, a.cycle + 1) == (b.run_id, &b.reason, b.cycle));
     let parts: Vec<String> = alike
         .map(|alike| {
             let (first, last) = (&alike[0], &alike[alike.len() - 1]);

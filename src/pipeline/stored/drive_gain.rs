@@ -67,13 +67,16 @@ fn gains(
 
 async fn read(store: &Store, robot: &Robot, chosen: &RunCycles) -> Result<Vec<StoredCycle>, StoredError> {
     let run_id = chosen.run_id;
-    let ChosenCycles { cycles, passed_over, .. } =
+    let ChosenCycles { cycles, passed_over, in_spite, .. } =
         chosen_cycles(store, chosen, FactorsWanted::Identification).await?;
     if cycles.is_empty() {
         return Err(StoredError::PassedOver(passed_over));
     }
     if !passed_over.is_empty() {
         tracing::warn!("passed over: {}", told(&passed_over));
+    }
+    if !in_spite.is_empty() {
+        tracing::warn!("taken in spite of findings: {}", told(&in_spite));
     }
     match cycles.iter().find(|cycle| !cycle.model.describes(robot)) {
         Some(_) => Err(StoredError::Refused(format!(

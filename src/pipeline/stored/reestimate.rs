@@ -1,7 +1,7 @@
 //! Any estimator on stored factors: one set of parameters for all chosen cycles, or one for each cycle.
 
 use super::chosen_cycles::{
-    PassedOverCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
+    NotedCycle, PooledCycles, RunCycles, StoredError, add, chosen_cycles, merged, same_model, source,
 };
 use armwatch_method::NumericsError;
 use armwatch_method::identify::joint_factors::FactorColumns;
@@ -96,6 +96,15 @@ fn together(
     }
 }
 
+/// Cycles of which something is to be said.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ChosenNotes {
+    /// Cycles of the chosen runs that take no part.
+    pub passed_over: Vec<NotedCycle>,
+    /// Cycles that take part in spite of a finding.
+    pub in_spite: Vec<NotedCycle>,
+}
+
 /// Identifies every chosen cycle alone, run after run. A cycle without parameters has the reason in their place. Cycles
 /// of whole runs that cannot be used are returned separately. `progress` is called with the number of cycles done.
 ///
@@ -107,7 +116,7 @@ pub async fn reestimate(
     chosen: &[RunCycles],
     choice: &Choice,
     progress: &mut dyn FnMut(usize),
-) -> Result<(Reestimate, Vec<PassedOverCycle>), StoredError> {
+) -> Result<(Reestimate, ChosenNotes), StoredError> {
     if *choice == Choice::Stacked(StackedEstimator::Huber) {
         return Err(StoredError::Refused(
             "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
@@ -116,10 +125,11 @@ pub async fn reestimate(
     }
     let mut model: Option<(StoredModel, i64)> = None;
     let mut cycles = Vec::new();
-    let mut passed_over = Vec::new();
+    let mut notes = ChosenNotes::default();
     for of_run in merged(chosen) {
         let of_run = chosen_cycles(store, &of_run, FactorsWanted::Identification).await?;
-        passed_over.extend(of_run.passed_over);
+        notes.passed_over.extend(of_run.passed_over);
+        notes.in_spite.extend(of_run.in_spite);
         for cycle in of_run.cycles {
             let (model, first_run) = model.get_or_insert_with(|| (cycle.model.clone(), cycle.run_id));
             same_model(model, *first_run, &cycle)?;
@@ -129,13 +139,13 @@ pub async fn reestimate(
         }
     }
     let Some((model, _)) = model else {
-        return Err(match passed_over.is_empty() {
+        return Err(match notes.passed_over.is_empty() {
             true => StoredError::Refused("no cycles are chosen".into()),
-            false => StoredError::PassedOver(passed_over),
+            false => StoredError::PassedOver(notes.passed_over),
         });
     };
     let statistics = statistics(&cycles);
-    Ok((Reestimate { model, estimator: choice.kind(), cycles, statistics }, passed_over))
+    Ok((Reestimate { model, estimator: choice.kind(), cycles, statistics }, notes))
 }
 
 fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {
@@ -183,7 +193,7 @@ fn statistics(cycles: &[ReestimatedCycle]) -> Vec<ReestimatedStatistics> {
         for (seen_by, id) in series_of(of_run) {
             let value = |cycle: &ReestimatedCycle| {
                 let view = cycle.views.iter().find(|view| view.seen_by == seen_by)?;
-                let parameter = view.identification.parameters.iter().find(|p| p.id == id)?;
+                let parameter = view.identification.parameters.iter().find(|p| p.id == id && p.is_shown())?;
                 Some((cycle.source.cycle, parameter.value))
             };
             let by_cycle: Vec<(u32, f64)> = of_run.iter().filter_map(value).collect();

@@ -29,7 +29,7 @@ pub async fn run_information(
     base: &BaseParameters,
     noise: &[f64],
 ) -> Result<RunInformation, StoredError> {
-    let chosen = RunCycles { run_id, cycles: None };
+    let chosen = RunCycles { named: true, ..RunCycles::all(run_id) };
     let chosen: ChosenCycles = chosen_cycles(store, &chosen, FactorsWanted::All).await?;
     let mut shown = RunInformation { information: Information::none(base.kept.len()), rows: 0 };
     let mut rows = vec![0; robot.joint_count()];

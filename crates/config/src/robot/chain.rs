@@ -6,4 +6,6 @@ use armwatch_model::robot::{Joint, Transform};
 pub(crate) struct Chain {
     pub joints: Vec<Joint>,
     pub end: Transform,
+    /// What was read otherwise than it is written, in sentences.
+    pub remarks: Vec<String>,
 }

@@ -96,6 +96,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         speed_levels: speed_levels?,
         excitation,
         shape: shape?,
+        remarks: chain.remarks,
     })
 }
 
@@ -166,7 +167,7 @@ fn read_dh_chain(
         }
         end = last;
     }
-    Some(Chain { joints, end })
+    Some(Chain { joints, end, remarks: Vec::new() })
 }
 
 fn read_excitation(table: &Table<'_>, joints: Option<&[Joint]>) -> Option<FourierExcitation> {

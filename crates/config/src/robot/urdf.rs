@@ -1,6 +1,7 @@
 //! URDF files to a chain of turning and sliding joints: fixed joints merged, axes along z.
 
 use std::collections::{HashMap, HashSet};
+use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,6 +12,10 @@ use armwatch_model::robot::{JointGeometry, JointKind, StandardParameters, Transf
 /// is what most controllers show of such an axis.
 const CONTINUOUS_RANGE: f64 = std::f64::consts::TAU;
 
+/// An angle within this of a multiple of 90 degrees, rad, is that multiple: it was rounded. A real arm's frames are not
+/// known to 0.006 degrees, and a rounded right angle brings about parameters that no recording can show.
+const ROUNDED_ANGLE: f64 = 1e-4;
+
 /// A chain read from a URDF file.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct UrdfChain {
@@ -18,6 +23,8 @@ pub(crate) struct UrdfChain {
     pub joints: Vec<UrdfJoint>,
     /// Frame of the tip link in the frame of the last joint.
     pub end: Transform,
+    /// What was read otherwise than it is written, in sentences.
+    pub remarks: Vec<String>,
 }
 
 /// A moving joint and what hangs on it.
@@ -47,7 +54,9 @@ pub(crate) struct UrdfJoint {
 ///
 /// What is wrong with the file, in words for a person.
 pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, String> {
-    let tree = Tree::new(urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?)?;
+    let mut robot = urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?;
+    let mut remarks: Vec<String> = exact_angles(&mut robot).into_iter().collect();
+    let tree = Tree::new(robot)?;
     let tip = tree.tip(tip)?;
     let path = tree.path_to(&tip)?;
     let on_path: HashSet<&str> = path.iter().map(|joint| joint.name.as_str()).collect();
@@ -62,13 +71,39 @@ pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, Str
         };
         let turn = Transform::z_to(&unit_axis(joint)?);
         link = turn.inverse();
-        let inertial = tree.body(&joint.child.link, &link, &on_path)?;
+        let inertial = tree.body(&joint.child.link, &link, &on_path, &mut remarks);
         joints.push(read_joint(joint, kind, place.then(&turn), inertial)?);
     }
     if joints.is_empty() {
         return Err(format!("no joint moves between the base and {tip}"));
     }
-    Ok(UrdfChain { joints, end: link })
+    Ok(UrdfChain { joints, end: link, remarks })
+}
+
+/// Makes rounded right angles of joints exact, and says which.
+fn exact_angles(robot: &mut urdf_rs::Robot) -> Option<String> {
+    let mut rounded = Vec::new();
+    for joint in &mut robot.joints {
+        let mut changed = false;
+        for angle in joint.origin.rpy.0.iter_mut() {
+            let exact = (*angle / FRAC_PI_2).round() * FRAC_PI_2;
+            // exact to the digits of a number is exact
+            changed |= (*angle - exact).abs() > 1e-12 && (*angle - exact).abs() < ROUNDED_ANGLE;
+            if (*angle - exact).abs() < ROUNDED_ANGLE {
+                *angle = exact;
+            }
+        }
+        if changed {
+            rounded.push(joint.name.clone());
+        }
+    }
+    (!rounded.is_empty()).then(|| {
+        format!(
+            "angles within 0.006 degrees of a multiple of 90 degrees are rounded and count as exact: origin of joint{} {}",
+            if rounded.len() == 1 { "" } else { "s" },
+            rounded.join(", ")
+        )
+    })
 }
 
 struct Tree {
@@ -160,19 +195,32 @@ impl Tree {
         Ok(path)
     }
 
-    /// Body of the link at the pose `place` with all that hangs on it off the chain.
+    /// Body of the link at the pose `place` with all that hangs on it off the chain; `None` without mass, and where an
+    /// inertial tag cannot be right, since the rest of the body is then not known either.
     fn body(
         &self,
         link: &str,
         place: &Transform,
         on_path: &HashSet<&str>,
-    ) -> Result<Option<StandardParameters>, String> {
+        remarks: &mut Vec<String>,
+    ) -> Option<StandardParameters> {
         let mut waiting = vec![(link.to_owned(), *place)];
         let mut whole: Option<StandardParameters> = None;
+        let mut is_known = true;
         while let Some((name, place)) = waiting.pop() {
-            if let Some(own) = self.own_body(&name)? {
-                let own = own.seen_from(&place);
-                whole = Some(whole.map_or(own, |sum| sum.joined(&own)));
+            match self.own_body(&name) {
+                Ok(None) => {}
+                Ok(Some(own)) => {
+                    let own = own.seen_from(&place);
+                    whole = Some(whole.map_or(own, |sum| sum.joined(&own)));
+                }
+                Err(reason) => {
+                    is_known = false;
+                    remarks.push(format!(
+                        "the inertial tag of link {name} is ignored: {reason}; comparisons with nominal values and the \
+                         simulator go without the body of this joint"
+                    ));
+                }
             }
             for joint in self.children(&name) {
                 let fixed = joint.joint_type == urdf_rs::JointType::Fixed;
@@ -181,23 +229,26 @@ impl Tree {
                 }
             }
         }
-        Ok(whole)
+        whole.filter(|_| is_known)
     }
 
-    /// Inertial tag of a link about the link's frame.
+    /// Inertial tag of a link about the link's frame; `None` without mass.
+    ///
+    /// # Errors
+    /// Why no body is like that.
     fn own_body(&self, name: &str) -> Result<Option<StandardParameters>, String> {
         let Some(link) = self.robot.links.iter().find(|link| link.name == name) else { return Ok(None) };
         let (mass, i) = (link.inertial.mass.value, &link.inertial.inertia);
         let inertia = Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz);
-        if mass == 0.0 && inertia == Matrix3::zeros() {
+        // frames of tools and cameras carry made-up inertia at times
+        if mass == 0.0 {
             return Ok(None);
         }
         let body = StandardParameters::from_centre_of_mass(mass, &Vector3::zeros(), &inertia);
-        let hint = "correct the inertial tag, or take it out: only the simulator and comparisons need it";
-        if !body.0.iter().all(|x| x.is_finite()) || mass <= 0.0 {
-            return Err(format!("link {name} has a mass of {mass} kg; {hint}"));
+        if !body.0.iter().all(|x| x.is_finite()) || mass < 0.0 {
+            return Err(format!("it has a mass of {mass} kg"));
         }
-        check_body(&body).map_err(|reason| format!("link {name}: {reason}; {hint}"))?;
+        check_body(&body)?;
         Ok(Some(body.seen_from(&pose(&link.inertial.origin))))
     }
 }

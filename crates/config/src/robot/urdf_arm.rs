@@ -65,7 +65,8 @@ pub(crate) fn read_chain(
             None => read_joint(&Table::empty(root), joint, given.ratio(i), friction),
         })
         .collect();
-    Some(Chain { joints: joints.into_iter().collect::<Option<_>>()?, end: chain.end })
+    let joints = joints.into_iter().collect::<Option<_>>()?;
+    Some(Chain { joints, end: chain.end, remarks: chain.remarks })
 }
 
 /// The `[[joint]]` table of each joint of the chain.

@@ -4,9 +4,10 @@ use faer::{Mat, Scale};
 
 use crate::NumericsError;
 use crate::least_squares::clustered::clustered;
+use crate::least_squares::conditioning::{ShownColumns, shown_columns};
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::huber::{RobustSettings, huber};
-use crate::least_squares::rows::RowSource;
+use crate::least_squares::rows::{RowSource, SampleRows};
 use crate::least_squares::solution::{LeastSquares, MAX_SCALED_CONDITION, MAX_WEIGHTED_CONDITION};
 use crate::least_squares::weighted::{WeightRule, joined, weighted};
 use armwatch_model::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
@@ -18,11 +19,93 @@ const MIN_ROWS_PER_COLUMN: usize = 4;
 /// Identifies the parameters `kept` `[b]` from rows at hand, with clustered errors
 /// (`clustered`). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
 ///
+/// Parameters that the motion does not show are in the result as [`IdentifiedParameter::is_shown`] says.
+///
 /// # Errors
 /// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
-/// every parameter; [`NumericsError::NotFinite`] where the residual of a joint is not finite, or vanishes in
-/// a robust estimate.
+/// three quarters of the parameters; [`NumericsError::NotFinite`] where the residual of a joint is not finite, or
+/// vanishes in a robust estimate.
 pub fn identify_rows(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    source: &dyn RowSource,
+    estimator: Estimator,
+) -> Result<Identification, NumericsError> {
+    of_shown(kept, factors, |kept, factors, columns| match columns {
+        None => identify_all_rows(kept, factors, source, estimator),
+        Some(columns) => identify_all_rows(kept, factors, &ChosenColumns { source, columns }, estimator),
+    })
+}
+
+/// What `identify` gives of all columns or, where the motion does not show all, of those that it shows.
+fn of_shown(
+    kept: &[ParameterId],
+    factors: &[TriangularFactor],
+    identify: impl Fn(
+        &[ParameterId],
+        &[TriangularFactor],
+        Option<&[usize]>,
+    ) -> Result<Identification, NumericsError>,
+) -> Result<Identification, NumericsError> {
+    let error = match identify(kept, factors, None) {
+        Err(error @ NumericsError::RankDeficient { .. }) => error,
+        done => return done,
+    };
+    let Some(shown) = shown_columns(&stacked(kept, factors)?.0)? else { return Err(error) };
+    let own: Vec<ParameterId> = shown.kept.iter().map(|&k| kept[k]).collect();
+    let restricted: Vec<TriangularFactor> = factors.iter().map(|of| of.restricted(&shown.kept)).collect();
+    let mut found = identify(&own, &restricted, Some(&shown.kept))?;
+    found.parameters = spread(kept, &shown, found.parameters);
+    Ok(found)
+}
+
+/// Parameters of the columns that a motion shows, among all: left-out ones are zero, and those that do not stand alone
+/// have no error.
+fn spread(
+    kept: &[ParameterId],
+    shown: &ShownColumns,
+    found: Vec<IdentifiedParameter>,
+) -> Vec<IdentifiedParameter> {
+    let mut all: Vec<IdentifiedParameter> =
+        kept.iter().map(|&id| IdentifiedParameter::left_out(id)).collect();
+    for ((&place, alone), parameter) in shown.kept.iter().zip(&shown.alone).zip(found) {
+        all[place].value = parameter.value;
+        if *alone {
+            all[place] = parameter;
+        }
+    }
+    all
+}
+
+/// The rows of a source with some of their columns only.
+struct ChosenColumns<'a> {
+    source: &'a dyn RowSource,
+    columns: &'a [usize],
+}
+
+impl RowSource for ChosenColumns<'_> {
+    fn columns(&self) -> usize {
+        self.columns.len()
+    }
+
+    fn joint_count(&self) -> usize {
+        self.source.joint_count()
+    }
+
+    fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>)) {
+        let mut w = Vec::new();
+        self.source.each(&mut |sample| {
+            w.clear();
+            for joint in 0..sample.tau.len() {
+                let row = sample.of_joint(joint);
+                w.extend(self.columns.iter().map(|&k| row[k]));
+            }
+            visit(&SampleRows { w: &w, ..*sample });
+        });
+    }
+}
+
+fn identify_all_rows(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
     source: &dyn RowSource,
@@ -65,10 +148,12 @@ pub fn identify_factors(
     independent_shares: &[f64],
     estimator: Estimator,
 ) -> Result<Identification, NumericsError> {
-    let motion = solve_ordinary(kept, factors)?;
-    let (theta, rule) = estimate(kept, factors, &motion, estimator)?;
-    let errors = errors_by_joint(factors, &theta, &rule, independent_shares)?;
-    identified_parameters(kept, factors, &motion, theta, errors)
+    of_shown(kept, factors, |kept, factors, _| {
+        let motion = solve_ordinary(kept, factors)?;
+        let (theta, rule) = estimate(kept, factors, &motion, estimator)?;
+        let errors = errors_by_joint(factors, &theta, &rule, independent_shares)?;
+        identified_parameters(kept, factors, &motion, theta, errors)
+    })
 }
 
 /// As [`identify_factors`], with the noise of each joint given.
@@ -92,7 +177,7 @@ pub(crate) fn identify_weighted(
 /// `independent_fraction` of the rows independent, made rows depend on each other.
 ///
 /// A doubt about the model is judged by these: clustered errors grow with what the model leaves out, and
-/// would excuse any geometry.
+/// would excuse any geometry. Not a number for a parameter that the motion does not show.
 ///
 /// # Errors
 /// Those of [`identify_factors`].
@@ -103,11 +188,25 @@ pub(crate) fn noise_errors(
     independent_fraction: f64,
 ) -> Result<Vec<f64>, NumericsError> {
     let (stacked, rows) = stacked(kept, factors)?;
-    let motion = stacked.solve_bounded(MAX_SCALED_CONDITION, |column| kept[column].to_string())?;
     let (rows, b) = (rows as f64, kept.len() as f64);
     let independent = (rows * independent_fraction).max(b + 1.0);
     let variance = residual_std * residual_std * (rows - b) / (independent - b);
-    Ok(motion.unscaled_variance.iter().map(|unscaled| (variance * unscaled).sqrt()).collect())
+    let solve = |of: &TriangularFactor| of.solve_bounded(MAX_SCALED_CONDITION, |k| kept[k].to_string());
+    let error = |unscaled: &f64| (variance * unscaled).sqrt();
+    let deficient = match solve(&stacked) {
+        Ok(motion) => return Ok(motion.unscaled_variance.iter().map(error).collect()),
+        Err(error @ NumericsError::RankDeficient { .. }) => error,
+        Err(error) => return Err(error),
+    };
+    let Some(shown) = shown_columns(&stacked)? else { return Err(deficient) };
+    let motion = solve(&stacked.restricted(&shown.kept))?;
+    let mut errors = vec![f64::NAN; kept.len()];
+    for ((&place, alone), unscaled) in shown.kept.iter().zip(&shown.alone).zip(&motion.unscaled_variance) {
+        if *alone {
+            errors[place] = error(unscaled);
+        }
+    }
+    Ok(errors)
 }
 
 /// The ordinary solution: what judges the motion, whatever the estimator.
@@ -211,7 +310,8 @@ fn identified_parameters(
     }
     let residual = |(j, (factor, squares)): (usize, (&TriangularFactor, &f64))| JointResidual {
         joint: JointIndex::new(j),
-        std: (squares / factor.rows() as f64).sqrt(),
+        // nothing is left of no rows
+        std: (squares / factor.rows().max(1) as f64).sqrt(),
         independent_share: errors.shares[j],
     };
     Ok(Identification {

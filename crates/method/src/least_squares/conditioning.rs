@@ -88,6 +88,46 @@ pub fn identifiability(factor: &TriangularFactor) -> Result<Identifiability, Num
     Ok(found)
 }
 
+/// Largest part of a left-out column's torque that a column may carry and still stand for its own parameter alone.
+const CARRIED: f64 = 0.1;
+
+/// Least part of all columns that a motion has to show: one that shows less is no excitation.
+const LEAST_SHOWN: f64 = 0.75;
+
+/// Which columns a motion shows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ShownColumns {
+    /// Columns that can be solved for together, rising.
+    pub kept: Vec<usize>,
+    /// Whether each of them stands for its own parameter alone, rather than for parts of left-out ones too.
+    pub alone: Vec<bool>,
+}
+
+/// The columns of a factor that its rows show, where they do not show all; `None` where they show too few for
+/// parameters. A left-out column counts as zero. Columns next to it then carry its torque: which do follows from its own
+/// fit by the kept columns, all of them scaled to unit norm.
+///
+/// # Errors
+/// [`NumericsError::NotFinite`] if the singular values cannot be had.
+pub fn shown_columns(factor: &TriangularFactor) -> Result<Option<ShownColumns>, NumericsError> {
+    let found = identifiability(factor)?;
+    let indistinct: Vec<usize> = found.indistinct.iter().map(|of| of.column).collect();
+    let is_kept = |k: &usize| !found.unseen.contains(k) && !indistinct.contains(k);
+    let kept: Vec<usize> = (0..factor.columns()).filter(is_kept).collect();
+    if (kept.len() as f64) < LEAST_SHOWN * factor.columns() as f64 || factor.rows() <= kept.len() {
+        return Ok(None);
+    }
+    let norm = |k: usize| factor.upper().col(k).norm_l2();
+    let mut alone = vec![true; kept.len()];
+    for left_out in indistinct {
+        let fit = factor.selected(&kept, left_out).solve_bounded(f64::INFINITY, |k| k.to_string())?;
+        for ((alone, &k), coefficient) in alone.iter_mut().zip(&kept).zip(fit.theta) {
+            *alone &= (coefficient * norm(k) / norm(left_out)).abs() < CARRIED;
+        }
+    }
+    Ok(Some(ShownColumns { kept, alone }))
+}
+
 fn ratio(values: &[f64]) -> f64 {
     let smallest = values.last().copied().unwrap_or(1.0);
     let largest = values.first().copied().unwrap_or(1.0);
@@ -125,6 +165,23 @@ mod tests {
         both.sort_unstable();
         assert_eq!(both, vec![0, 3]);
         assert!(!found.is_complete() && found.scaled_condition_number > MAX_SCALED_CONDITION);
+    }
+
+    #[test]
+    fn columns_next_to_a_left_out_one_do_not_stand_alone() {
+        let of = |t: f64, k: usize| match k {
+            0 => t.sin(),
+            1 => (3.0 * t).cos(),
+            2 => 50.0 * t.sin() * (1.0 + 1e-6 * t),
+            3 => 0.0,
+            k => (k as f64 * 2.3 * t).sin(),
+        };
+        let shown = shown_columns(&factor(12, of)).expect("singular values").expect("enough columns");
+        let alone: Vec<usize> =
+            shown.kept.iter().zip(&shown.alone).filter(|(_, alone)| **alone).map(|(k, _)| *k).collect();
+        assert_eq!(shown.kept.len(), 10);
+        assert_eq!(alone, [1, 4, 5, 6, 7, 8, 9, 10, 11]);
+        assert_eq!(shown_columns(&factor(5, of)).expect("singular values"), None, "two of five are too many");
     }
 
     #[test]

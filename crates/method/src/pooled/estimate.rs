@@ -8,7 +8,7 @@ use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
 use super::pool::{PooledFactors, RowWeights};
 use crate::NumericsError;
 use crate::identify::cycle::identify_weighted;
-use crate::least_squares::conditioning::identifiability;
+use crate::least_squares::conditioning::{identifiability, shown_columns};
 use crate::least_squares::essential::{EssentialSettings, essential};
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::huber::{HUBER_CONSTANT, torque_change};
@@ -128,11 +128,12 @@ pub struct EssentialReport {
     pub full: Vec<IdentifiedParameter>,
 }
 
-/// Identifies one parameter set on all cycles, joints stacked.
+/// Identifies one parameter set on all cycles, joints stacked. Parameters that the motion does not show are in it as
+/// [`IdentifiedParameter::is_shown`] says.
 ///
 /// # Errors
-/// [`NumericsError::RankDeficient`] if the motion does not show every parameter (not with a prior on those
-/// it does not), [`NumericsError::TooShort`] with too few rows, or too few cycles for
+/// [`NumericsError::RankDeficient`] if the motion does not show three quarters of the parameters (not with a prior on
+/// those it does not show), [`NumericsError::TooShort`] with too few rows, or too few cycles for
 /// [`StackedEstimator::Huber`]; those of `weighted` and `with_prior`.
 pub fn estimate(
     union: &PooledFactors,
@@ -145,11 +146,33 @@ pub fn estimate(
             let priors: Vec<Option<Prior>> = union.columns().kept().iter().map(of).collect();
             towards_prior(union, &priors, *strength)
         }
-        _ => {
-            let (weights, settled) = weights(union, estimator)?;
-            least_squares(union, &all, weights, settled)
-        }
+        _ => match of_columns(union, estimator, &all) {
+            Err(error @ NumericsError::RankDeficient { .. }) => {
+                let equal = RowWeights::equal(union.columns().joint_count());
+                let Some(shown) = shown_columns(&union.stacked(&equal))? else { return Err(error) };
+                let mut found = of_columns(union, estimator, &shown.kept)?;
+                for (&place, _) in shown.kept.iter().zip(&shown.alone).filter(|(_, alone)| !**alone) {
+                    let parameter = &mut found.identification.parameters[place];
+                    *parameter = IdentifiedParameter {
+                        value: parameter.value,
+                        ..IdentifiedParameter::left_out(parameter.id)
+                    };
+                    found.half_width[place] = f64::NAN;
+                }
+                Ok(found)
+            }
+            done => done,
+        },
     }
+}
+
+fn of_columns(
+    union: &PooledFactors,
+    estimator: &StackedEstimator,
+    kept: &[usize],
+) -> Result<PooledEstimate, NumericsError> {
+    let (weights, settled) = weights(union, estimator, kept)?;
+    least_squares(union, kept, weights, settled)
 }
 
 /// As [`estimate`], with the fewest parameters that explain the torque as well.
@@ -178,20 +201,32 @@ pub fn estimate_essential(
     Ok(found)
 }
 
-fn weights(union: &PooledFactors, estimator: &StackedEstimator) -> Result<(RowWeights, bool), NumericsError> {
+fn weights(
+    union: &PooledFactors,
+    estimator: &StackedEstimator,
+    columns: &[usize],
+) -> Result<(RowWeights, bool), NumericsError> {
     let n = union.columns().joint_count();
     match estimator {
         StackedEstimator::Weighted => {
-            let found = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+            let found = weighted(&restricted(union, columns), MAX_WEIGHTED_CONDITION, names(union, columns))?;
             Ok((RowWeights::of_noise(&found.rule.sigma), found.settled))
         }
-        StackedEstimator::Huber => huber_weights(union),
+        StackedEstimator::Huber => huber_weights(union, columns),
         StackedEstimator::Ordinary | StackedEstimator::Prior { .. } => Ok((RowWeights::equal(n), true)),
     }
 }
 
-fn names(union: &PooledFactors) -> impl Fn(usize) -> String {
-    |column| union.columns().kept()[column].to_string()
+fn names(union: &PooledFactors, columns: &[usize]) -> impl Fn(usize) -> String {
+    |column| union.columns().kept()[columns[column]].to_string()
+}
+
+fn restricted(union: &PooledFactors, columns: &[usize]) -> Vec<TriangularFactor> {
+    union.embedded_by_joint().into_iter().map(|factor| only(factor, columns)).collect()
+}
+
+fn only(factor: TriangularFactor, columns: &[usize]) -> TriangularFactor {
+    if columns.len() == factor.columns() { factor } else { factor.restricted(columns) }
 }
 
 /// Solves for the columns `kept` with given weights; the others count as zero.
@@ -234,13 +269,7 @@ fn least_squares(
         prior: None,
         essential: None,
     };
-    let absent = |&id: &ParameterId| IdentifiedParameter {
-        id,
-        value: 0.0,
-        std_error: f64::NAN,
-        degrees_of_freedom: f64::NAN,
-    };
-    found.identification.parameters = ids.iter().map(absent).collect();
+    found.identification.parameters = ids.iter().map(|&id| IdentifiedParameter::left_out(id)).collect();
     for ((&place, parameter), half) in kept.iter().zip(solved.parameters).zip(half_width) {
         found.identification.parameters[place] = parameter;
         found.half_width[place] = half;
@@ -268,7 +297,7 @@ fn residual_std(union: &PooledFactors, parameters: &[IdentifiedParameter], count
 /// Weights of joints and of their cycles, iterated: a joint's noise is the median over the cycles of
 /// the RMS residual; a cycle beyond the median by more than Huber's constant times the robust spread
 /// weighs as much less as its residual is larger than that limit.
-fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsError> {
+fn huber_weights(union: &PooledFactors, columns: &[usize]) -> Result<(RowWeights, bool), NumericsError> {
     let cycles = union.cycles();
     if cycles.len() < FEWEST_FOR_HUBER {
         return Err(NumericsError::TooShort {
@@ -277,19 +306,25 @@ fn huber_weights(union: &PooledFactors) -> Result<(RowWeights, bool), NumericsEr
             needed: FEWEST_FOR_HUBER,
         });
     }
-    let start = weighted(&union.embedded_by_joint(), MAX_WEIGHTED_CONDITION, names(union))?;
+    let names = names(union, columns);
+    let start = weighted(&restricted(union, columns), MAX_WEIGHTED_CONDITION, &names)?;
+    let all = |theta: &[f64]| {
+        let mut all = vec![0.0; union.columns().kept().len()];
+        columns.iter().zip(theta).for_each(|(&place, value)| all[place] = *value);
+        all
+    };
     let mut theta = start.theta;
     for _ in 0..MAX_ROUNDS {
-        let weights = reweighted(union, &theta)?;
-        let factor = union.stacked(&weights);
-        let next = factor.solve_bounded(MAX_WEIGHTED_CONDITION, names(union))?.theta;
+        let weights = reweighted(union, &all(&theta))?;
+        let factor = only(union.stacked(&weights), columns);
+        let next = factor.solve_bounded(MAX_WEIGHTED_CONDITION, &names)?.theta;
         let step: Vec<f64> = next.iter().zip(&theta).map(|(a, b)| a - b).collect();
         theta = next;
         if torque_change(&factor, &step) < SETTLED {
             return Ok((weights, true));
         }
     }
-    Ok((reweighted(union, &theta)?, false))
+    Ok((reweighted(union, &all(&theta))?, false))
 }
 
 fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, NumericsError> {

@@ -2,11 +2,16 @@
 
 use crate::robot::JointIndex;
 
+/// How the remark begins with which an accepted finding marks its cycle.
+pub const ACCEPTED: &str = "accepted: ";
+
 /// Whether numbers from such data may pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum FindingSeverity {
     /// Worth knowing; the numbers stand.
     Warn,
+    /// The configuration accepts the finding: the numbers count, and a remark marks them.
+    Accepted,
     /// The numbers are given, and nothing is concluded from them.
     Doubt,
     /// No parameters should be made from this.

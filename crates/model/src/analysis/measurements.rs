@@ -60,6 +60,8 @@ pub struct CycleNoise {
     pub joint: JointIndex,
     /// As a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
     pub relative_noise: f64,
+    /// The RMS that it is a fraction of, Nm (N).
+    pub torque_rms: f64,
 }
 
 /// Values with the numbers of their cycles, in the order of cycles.
@@ -71,10 +73,12 @@ impl RunMeasurements {
     pub fn by_parameter(&self) -> Vec<(ParameterId, ByCycle)> {
         let mut found: Vec<(ParameterId, ByCycle)> = Vec::new();
         for of in &self.parameters {
-            for (place, parameter) in of.parameters.iter().enumerate() {
-                // every cycle has the same parameters in the same order
-                match found.get_mut(place).filter(|(id, _)| *id == parameter.id) {
-                    Some((_, values)) => values.push((of.cycle, parameter.value)),
+            for (place, parameter) in of.parameters.iter().filter(|of| of.is_shown()).enumerate() {
+                // cycles have the same parameters in the same order, unless their motion does not show one
+                let is_it = |(id, _): &(ParameterId, ByCycle)| *id == parameter.id;
+                let place = found.get(place).filter(|of| is_it(of)).map(|_| place);
+                match place.or_else(|| found.iter().position(is_it)) {
+                    Some(place) => found[place].1.push((of.cycle, parameter.value)),
                     None => found.push((parameter.id, vec![(of.cycle, parameter.value)])),
                 }
             }
@@ -86,6 +90,13 @@ impl RunMeasurements {
     #[must_use]
     pub fn noise_of(&self, joint: JointIndex) -> Vec<f64> {
         self.torque_noise.iter().filter(|of| of.joint == joint).map(|of| of.relative_noise).collect()
+    }
+
+    /// RMS of a joint's torque while it moves in the excitation, in each cycle, Nm (N).
+    #[must_use]
+    pub fn torque_of(&self, joint: JointIndex) -> Vec<f64> {
+        let of_joint = self.torque_noise.iter().filter(|of| of.joint == joint).map(|of| of.torque_rms);
+        of_joint.filter(|rms| rms.is_finite()).collect()
     }
 
     /// Moving relative RMSD of the excitation stage of each joint by cycle.

@@ -58,6 +58,9 @@ impl fmt::Display for Channel {
     }
 }
 
+/// Name of the reason of logs without positions: their layout has none, so that no test of theirs has a result.
+pub const NO_POSITIONS: &str = "no_positions";
+
 /// One reason for which a cycle gave no result.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RefusalCause {

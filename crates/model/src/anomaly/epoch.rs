@@ -209,6 +209,7 @@ mod tests {
             relative_rmsd: None,
             rmsd_swing: None,
             relative_noise: None,
+            torque_rms: None,
         };
         RunSummary {
             run_id: at,

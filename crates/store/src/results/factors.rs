@@ -38,6 +38,8 @@ pub struct StoredCycle {
     pub independent_shares: Vec<f64>,
     /// Whether its numbers count: neither refused nor doubtful.
     pub counts: bool,
+    /// Whether it was refused for its motion alone: others beside it may show what it does not.
+    pub joinable: bool,
     /// Its factors.
     pub factors: CycleFactors,
 }
@@ -186,6 +188,7 @@ async fn read(
             sample_rate: head.sample_rate,
             independent_shares: shares.remove(&head.cycle_id).unwrap_or_default(),
             counts: head.counts,
+            joinable: head.joinable,
             factors: CycleFactors { columns, factors },
         });
     }
@@ -200,6 +203,7 @@ pub(super) struct Head {
     cutoff: f64,
     sample_rate: f64,
     counts: bool,
+    joinable: bool,
     pub(super) layout: i64,
 }
 
@@ -210,7 +214,10 @@ pub(super) async fn heads(
 ) -> Result<Vec<Head>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle.cycle_id, robot.name AS robot, cycle.number AS cycle, cutoff_hz, cycle.sample_rate_hz,
-                cycle.status = 'complete' AND NOT cycle.doubtful AS counts, factor_layout_id
+                cycle.status = 'complete' AND NOT cycle.doubtful AS counts,
+                cycle.status = 'refused'
+                AND NOT EXISTS (SELECT 1 FROM cycle_refusal WHERE cycle_refusal.cycle_id = cycle.cycle_id)
+                AS joinable, factor_layout_id
          FROM cycle
          JOIN cycle_factor_layout USING (cycle_id)
          JOIN run USING (run_id)
@@ -229,6 +236,7 @@ pub(super) async fn heads(
             cutoff: row.try_get("cutoff_hz")?,
             sample_rate: row.try_get("sample_rate_hz")?,
             counts: row.try_get("counts")?,
+            joinable: row.try_get("joinable")?,
             layout: row.try_get("factor_layout_id")?,
         })
     })

@@ -187,11 +187,15 @@ async fn insert_parameters(
     keys: &HashMap<ParameterId, i64>,
     rows: &[IdentifiedParameter],
 ) -> Result<(), sqlx::Error> {
+    let shown: Vec<&IdentifiedParameter> = rows.iter().filter(|of| of.is_shown()).collect();
+    if shown.is_empty() {
+        return Ok(());
+    }
     QueryBuilder::<Engine>::new(
         "INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error, degrees_of_freedom,
                                       half_width_95) ",
     )
-    .push_values(rows, |mut row, parameter| {
+    .push_values(shown, |mut row, parameter| {
         row.push_bind(cycle_id)
             .push_bind(keys.get(&parameter.id).copied())
             .push_bind(finite(parameter.value))

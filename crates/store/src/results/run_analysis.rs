@@ -229,7 +229,7 @@ async fn insert_summaries(
     QueryBuilder::<Engine>::new(
         "INSERT INTO run_joint_summary (run_id, joint, warm_friction_nm, warm_friction_std_error_nm, warm_minute,
                                         warm_speed_fraction, relative_rmsd, rmsd_swing, rmsd_swing_cycles,
-                                        relative_noise,
+                                        relative_noise, torque_rms_nm,
                                         excitation_friction_nm, excitation_friction_std_error_nm,
                                         excitation_minute, excitation_speed_fraction) ",
     )
@@ -245,6 +245,7 @@ async fn insert_summaries(
             .push_bind(summary.rmsd_swing.and_then(|s| finite(s.value)))
             .push_bind(summary.rmsd_swing.map(|s| count(s.cycles)))
             .push_bind(summary.relative_noise.and_then(finite))
+            .push_bind(summary.torque_rms.and_then(finite))
             .push_bind(excitation.and_then(|e| finite(e.torque)))
             .push_bind(excitation.and_then(|e| finite(e.std_error)))
             .push_bind(excitation.and_then(|e| finite(e.minute)))

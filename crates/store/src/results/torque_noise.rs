@@ -36,7 +36,7 @@ pub(crate) async fn of_run(
     run_id: i64,
 ) -> Result<Vec<CycleNoise>, sqlx::Error> {
     sqlx::query(
-        "SELECT cycle.number AS cycle, joint, relative_noise
+        "SELECT cycle.number AS cycle, joint, noise_nm, relative_noise
          FROM cycle
          JOIN channel_noise USING (cycle_id)
          WHERE cycle.run_id = $1 AND cycle.status = 'complete' AND NOT cycle.doubtful
@@ -44,10 +44,12 @@ pub(crate) async fn of_run(
     )
     .bind(run_id)
     .try_map(|row: EngineRow| {
+        let (noise, relative_noise): (f64, f64) = (row.try_get("noise_nm")?, row.try_get("relative_noise")?);
         Ok(CycleNoise {
             cycle: size(&row, "cycle")?,
             joint: joint(&row, "joint")?,
-            relative_noise: row.try_get("relative_noise")?,
+            relative_noise,
+            torque_rms: noise / relative_noise,
         })
     })
     .fetch_all(executor)

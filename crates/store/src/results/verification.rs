@@ -20,6 +20,8 @@ pub struct CycleState {
     pub cutoff: Option<f64>,
     /// Why the cycle has no parameters, where it has none.
     pub reason: Option<String>,
+    /// What is to be known of the cycle, a line each.
+    pub remarks: Option<String>,
     /// What became of its factors, if it had any and has none of its own any more.
     pub factors_gone: Option<FactorsGone>,
 }
@@ -85,7 +87,7 @@ pub(crate) async fn cycle_states(
     run_id: i64,
 ) -> Result<Vec<CycleState>, sqlx::Error> {
     sqlx::query(
-        "SELECT number, rows, cutoff_hz, reason, factors_gone FROM cycle WHERE run_id = $1 ORDER BY number",
+        "SELECT number, rows, cutoff_hz, reason, remarks, factors_gone FROM cycle WHERE run_id = $1 ORDER BY number",
     )
     .bind(run_id)
     .try_map(|row: EngineRow| {
@@ -94,6 +96,7 @@ pub(crate) async fn cycle_states(
             rows: size(&row, "rows")?,
             cutoff: row.try_get("cutoff_hz")?,
             reason: row.try_get("reason")?,
+            remarks: row.try_get("remarks")?,
             factors_gone: match row.try_get::<Option<&str>, _>("factors_gone")? {
                 Some(_) => Some(named(&row, "factors_gone", &FactorsGone::ALL, FactorsGone::name)?),
                 None => None,

@@ -113,7 +113,8 @@ async fn first_tests(
                 summary.warm_minute, summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
                 summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
-                summary.rmsd_swing_cycles, summary.relative_noise, NULL AS friction_index, NULL AS friction_index_std_error
+                summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm,
+                NULL AS friction_index, NULL AS friction_index_std_error
          FROM (SELECT run_id, started_at FROM run
                WHERE robot_id = $1 AND status = 'complete' AND kind = 'test'
                ORDER BY started_at, run_id LIMIT $2) AS early

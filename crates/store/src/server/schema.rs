@@ -8,10 +8,10 @@ use crate::error::StoreError;
 
 /// The version of this schema, which counts with the migrations of SQLite's: what one of them changes is changed in the
 /// files here too, and comes to a database that is there by a step of [`STEPS`].
-pub(super) const VERSION: i64 = 49;
+pub(super) const VERSION: i64 = 50;
 
 /// How a database with an older version is brought up to date: the version that a step leads to, and its statements.
-const STEPS: [(i64, &str); 8] = [
+const STEPS: [(i64, &str); 9] = [
     (42, include_str!("steps/0042_hosts.sql")),
     (43, include_str!("steps/0043_settled_history.sql")),
     (44, include_str!("steps/0044_runs_by_index.sql")),
@@ -20,6 +20,7 @@ const STEPS: [(i64, &str); 8] = [
     (47, include_str!("steps/0047_attempts.sql")),
     (48, include_str!("steps/0048_unanswered_folders.sql")),
     (49, include_str!("steps/0049_dates.sql")),
+    (50, include_str!("steps/0050_torque_of_joints.sql")),
 ];
 
 /// Oldest server that the schema works with: earlier ones know no `gen_random_uuid` of their own.

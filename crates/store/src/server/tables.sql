@@ -267,6 +267,8 @@ CREATE TABLE run_joint_summary (
     excitation_speed_fraction double precision,
     -- Median over the cycles of a test.
     relative_noise double precision,
+    -- RMS of the torque while the joint moves in the excitation: median over the cycles of a test.
+    torque_rms_nm double precision,
     PRIMARY KEY (run_id, joint)
 );
 

@@ -188,11 +188,13 @@ async fn figures_that_are_not_finite_are_null_and_values_may_not_be() {
     assert!(store.record_cycle(run_id, &analysis, &er3a()).await.expect("a cycle"));
     for query in [
         "SELECT count(*) FROM cycles WHERE condition_number IS NULL",
-        "SELECT count(*) FROM cycle_parameters WHERE std_error IS NULL",
         "SELECT count(*) FROM cycle_rmsd WHERE moving_rmsd_nm IS NULL AND moving_relative_rmsd IS NULL",
     ] {
         assert_eq!(number(&store, query).await, Some(1.0), "{query}");
     }
+    // a parameter without an error is one that the motion does not show
+    let stored = cycle(1).identification.expect("parameters").parameters.len() - 1;
+    assert_eq!(number(&store, "SELECT count(*) FROM cycle_parameters").await, Some(stored as f64));
 
     let before = dump(&store).await;
     let mut analysis = cycle(2);

@@ -281,6 +281,7 @@ fn summary(joint: JointIndex, seed: f64) -> JointSummary {
         relative_rmsd: known.then_some(0.05 + seed / 1000.0),
         rmsd_swing: known.then_some(RmsdSwing { value: 0.002, cycles: 24 }),
         relative_noise: known.then_some(0.01 + seed / 1e4),
+        torque_rms: known.then_some(3.0 * seed),
     }
 }
 

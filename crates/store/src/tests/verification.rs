@@ -35,8 +35,17 @@ async fn self_verification_comes_back_by_cycle_joint_and_stage() {
     assert_eq!(found, [OfCycle { cycle: 1, value: contrast }]);
 
     let states = store.cycle_states(run_id).await.expect("states");
-    let state =
-        |cycle, reason| CycleState { cycle, rows: 30_026, cutoff: Some(12.5), reason, factors_gone: None };
+    let state = |cycle, reason| CycleState {
+        cycle,
+        rows: 30_026,
+        cutoff: Some(12.5),
+        remarks: match reason {
+            None => Some("velocity is derived\njoint 4 starts late".to_owned()),
+            Some(_) => None,
+        },
+        reason,
+        factors_gone: None,
+    };
     let refused = Some("joint 3 stands still".to_string());
     assert_eq!(states, [state(1, None), state(2, refused), state(3, None)]);
     let points = store.friction_points(run_id).await.expect("points");

@@ -56,6 +56,11 @@ impl LogCauses {
         (self.advantage_of_load() >= self.least).then_some(load)
     }
 
+    /// The likeliest cause beside a load, clear or not.
+    pub(super) fn likeliest(&self) -> WorkCause {
+        self.fits.first().map_or(WorkCause::None, |of| of.cause)
+    }
+
     /// What beside a load is clear.
     pub(super) fn cause(&self) -> WorkCause {
         let Some(Fit { cause, .. }) = self.fits.first() else { return WorkCause::None };

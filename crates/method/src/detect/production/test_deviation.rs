@@ -7,6 +7,7 @@
 //! ([`OFF_UNEXPLAINED_RATIO`]). A log is only worth knowing (`info`) below 1.0, and a warning from there on
 //! ([`OFF_WARNING`]). Where it is known what causes explain of a log, both are what is left beside the likeliest of them. Section "Watched between tests" of docs/production-logs.md gives the reasons.
 
+use super::causes::cause::WorkCause;
 use super::causes::odds::Asked;
 use super::series::{JointLogs, unexplained};
 use crate::detect::detector::Detector;
@@ -28,6 +29,9 @@ const OFF_RATIO: f64 = 8.0;
 /// From here on no torque at all would be the better estimate; no load that is only carried along does that.
 const OFF_WARNING: f64 = 1.0;
 
+/// What to do where friction explains a deviation.
+const FRICTION: &str = "friction: check lubrication, gearbox and brake";
+
 pub(super) struct TestDeviation;
 
 impl Detector<JointLogs<'_>> for TestDeviation {
@@ -46,26 +50,38 @@ impl Detector<JointLogs<'_>> for TestDeviation {
                 (Some(rest), Some(causes)) => {
                     // what is left is no cause that was compared
                     let why = Why { odds: None, ..causes.why(Asked::Cause) };
-                    against_the_test(of, rest.with_friction, rest.left, why)
+                    against_the_test(of, rest.with_friction, rest.left, Some(causes.likeliest()), why)
                 }
-                _ => against_the_test(of, of.relative_rmsd, unexplained(of), Why::default()),
+                _ => against_the_test(of, of.relative_rmsd, unexplained(of), None, Why::default()),
             })
         };
         (0..series.history.len()).map(verdict).collect()
     }
 }
 
-/// `all` and `part` are what the test leaves of the torque, with and without what friction explains.
-fn against_the_test(of: &ProductionJoint, all: f64, part: f64, why: Why) -> Verdict {
+/// `all` and `part` are what the test leaves of the torque, with and without what friction explains; `likeliest` is the
+/// cause that explains most, where causes were compared.
+fn against_the_test(
+    of: &ProductionJoint,
+    all: f64,
+    part: f64,
+    likeliest: Option<WorkCause>,
+    why: Why,
+) -> Verdict {
     let own = of.test_relative_rmsd.unwrap_or(0.0);
     let of_part = OFF_UNEXPLAINED.max(OFF_UNEXPLAINED_RATIO * own);
     let of_all = OFF.max(OFF_RATIO * own);
     if part < of_part && all < of_all {
         return Verdict::Quiet;
     }
-    let cause = match part >= of_part {
-        true => "a load or tool that the test did not carry, a contact, or a torque signal that is off",
-        false => "friction: check lubrication, gearbox and brake",
+    let cause = match likeliest {
+        _ if part >= of_part => {
+            "a load or tool that the test did not carry, a contact, or a torque signal that is off".to_owned()
+        }
+        // warmth is friction too
+        None | Some(WorkCause::None) => FRICTION.to_owned(),
+        Some(WorkCause::Friction(joint, _)) if joint == of.joint => FRICTION.to_owned(),
+        Some(other) => format!("{} explains most of it", other.words()),
     };
     let itself = match of.test_relative_rmsd {
         Some(own) => format!("the test itself leaves {:.1} %", 100.0 * own),
@@ -91,6 +107,24 @@ mod tests {
     use super::*;
     use crate::detect::production::fixtures::{USUAL, detected, history, wobble};
     use armwatch_model::robot::JointIndex;
+
+    #[test]
+    fn the_remedy_goes_with_the_likeliest_cause() {
+        let logs = history(1, |_, _| (0.0, USUAL));
+        let of = &logs[0].joints[1];
+        let other = JointIndex::new(0);
+        let told = |likeliest| match against_the_test(of, 0.75, 0.1, likeliest, Why::default()) {
+            Verdict::Out { message, .. } => message,
+            verdict => panic!("{verdict:?}"),
+        };
+        for of_friction in [None, Some(WorkCause::None), Some(WorkCause::Friction(of.joint, 0.5))] {
+            assert!(told(of_friction).contains("check lubrication"), "{of_friction:?}");
+        }
+        for another in [WorkCause::Friction(other, 0.5), WorkCause::Gain(of.joint, 0.4), WorkCause::Unknown] {
+            let message = told(Some(another));
+            assert!(!message.contains("lubrication") && message.contains(&another.words()), "{message}");
+        }
+    }
 
     #[test]
     fn the_first_logs_after_a_test_are_held_against_the_test() {

@@ -107,6 +107,7 @@ fn test(run: i64, noise: &Noise, state: State) -> RunSummary {
             relative_noise: state
                 .noise
                 .map(|(of, ratio)| 0.01 * if of == j { ratio } else { 1.0 } * (0.01 * noise.normal()).exp()),
+            torque_rms: None,
         });
     }
     RunSummary {

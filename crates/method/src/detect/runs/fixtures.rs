@@ -34,6 +34,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         relative_rmsd: Some(rmsd),
         rmsd_swing: Some(RmsdSwing { value: swing, cycles: 24 }),
         relative_noise: None,
+        torque_rms: None,
     };
     let quiet = |j: usize| JointSummary {
         joint: JointIndex::new(j),
@@ -43,6 +44,7 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         relative_rmsd: None,
         rmsd_swing: None,
         relative_noise: None,
+        torque_rms: None,
     };
     RunSummary {
         run_id: i64::try_from(index).expect("small") + 1,
@@ -86,6 +88,7 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         relative_rmsd: index.map(|_| 0.03),
         rmsd_swing: None,
         relative_noise: None,
+        torque_rms: None,
     };
     RunSummary {
         run_id: day + 1,

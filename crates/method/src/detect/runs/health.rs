@@ -68,7 +68,7 @@ fn knowledge(
             not_compared(history, series.joint).map_or_else(String::new, |words| format!("{words}: "));
         let words = format!(
             "{since}friction of the latest test does not compare with the baseline: no stage of it was as warm \
-             as in the baseline{}; {}",
+             as in the baseline, at the same speed{}; {}",
             of_refused(latest),
             known()
         );
@@ -157,11 +157,11 @@ fn known_before(history: &[RunSummary], latest: Option<&Observed>, last_result: 
     let day = |run: usize| history[run].started_at.strftime("%Y-%m-%d %H:%M").to_string();
     match (latest, last_result) {
         (Some(observed), _) => {
-            format!(
-                "known last: friction index {:.3} of {} UTC",
-                observed.measured_ratio(),
-                day(observed.run)
-            )
+            let what = match observed.source {
+                Source::Index | Source::Warm => "friction index",
+                Source::Excitation => "friction of the excitation over that of the baseline",
+            };
+            format!("known last: {what} {:.3} of {} UTC", observed.measured_ratio(), day(observed.run))
         }
         (None, Some(run)) => format!("the latest result is of {} UTC", day(run)),
         (None, None) => "no test gave a result yet".into(),

@@ -31,6 +31,8 @@ pub(super) struct JointSeries<'a> {
     pub(super) runs: Vec<Option<&'a JointSummary>>,
     /// Start of each run.
     pub(super) starts: Vec<Timestamp>,
+    /// Largest RMS torque among the joints of each run, Nm (N); 0 where it is not known.
+    largest_torques: Vec<f64>,
     /// Joints of the arm.
     pub(super) joints: usize,
     /// Friction of these runs, for the detector of drift and the joint's health.
@@ -48,6 +50,10 @@ pub(super) struct JointSeries<'a> {
     peers: &'a [Peer],
 }
 
+fn largest_torque(run: &RunSummary) -> f64 {
+    run.joints.iter().filter_map(|of| of.torque_rms).fold(0.0, f64::max)
+}
+
 impl<'a> JointSeries<'a> {
     pub(super) fn new(
         history: &'a [RunSummary],
@@ -63,6 +69,7 @@ impl<'a> JointSeries<'a> {
             joint,
             runs: summaries(history, joint),
             starts,
+            largest_torques: history.iter().map(largest_torque).collect(),
             joints,
             friction,
             causes,
@@ -72,6 +79,11 @@ impl<'a> JointSeries<'a> {
             settings,
             peers: &[],
         }
+    }
+
+    /// Largest RMS torque among the joints in a run, Nm (N); 0 where it is not known.
+    pub(super) fn largest_torque(&self, run: usize) -> f64 {
+        self.largest_torques[run]
     }
 
     /// The same with other robots of the model to compare with.

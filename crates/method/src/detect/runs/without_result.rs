@@ -7,7 +7,7 @@
 //! This is no [`Detector`](crate::detect::detector::Detector): it judges a run as a whole, its
 //! anomaly may be the whole arm's, and it has no quantity with a baseline.
 
-use armwatch_model::analysis::refusal::{Channel, RefusalCause};
+use armwatch_model::analysis::refusal::{Channel, NO_POSITIONS, RefusalCause};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, RunRefusal, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
@@ -16,6 +16,10 @@ use armwatch_model::robot::JointIndex;
 pub(super) fn without_result(history: &[RunSummary]) -> Vec<Anomaly> {
     let mut found: Vec<Anomaly> = Vec::new();
     for run in history {
+        // whoever logs no positions expects no result
+        if run.refusals.iter().any(|of| of.cause.finding == NO_POSITIONS) {
+            continue;
+        }
         if !run.is_without_result() {
             found.iter_mut().for_each(|anomaly| anomaly.ended = true);
             continue;

@@ -28,6 +28,9 @@ pub(super) struct Combination {
 impl Combination {
     pub(super) fn add(&mut self, coefficient: f64, value: f64, sigma: f64) {
         self.value += coefficient * value;
-        self.variance += (coefficient * sigma).powi(2);
+        // a parameter that the motion does not show has no error, and sums with it are not known
+        if coefficient != 0.0 {
+            self.variance += if sigma.is_finite() { (coefficient * sigma).powi(2) } else { f64::INFINITY };
+        }
     }
 }

@@ -127,7 +127,7 @@ fn next_to_no_torque_need_not_be_explained() {
 }
 
 #[test]
-fn an_accepted_finding_gives_doubtful_numbers_and_its_name_is_in_the_refusal() {
+fn an_accepted_finding_marks_its_cycle_and_its_name_is_in_the_refusal() {
     let robot = er3a();
     let mut samples = recording(&robot, 7, 100.0);
     for torque in &mut samples.torque {
@@ -145,9 +145,9 @@ fn an_accepted_finding_gives_doubtful_numbers_and_its_name_is_in_the_refusal() {
         .map(|finding| finding.kind)
         .collect();
     let taken = analysed_with(&robot, &samples, AnalysisSettings { accept, ..AnalysisSettings::default() });
-    assert!(taken.identification.is_ok() && taken.is_doubtful(), "{:?}", taken.identification);
+    assert!(taken.identification.is_ok() && !taken.is_doubtful(), "{:?}", taken.identification);
     let said =
-        taken.remarks.iter().any(|remark| remark.starts_with("doubtful: the torques come 40 ms after"));
+        taken.remarks.iter().any(|remark| remark.starts_with("accepted: the torques come 40 ms after"));
     assert!(said, "{:?}", taken.remarks);
 }
 

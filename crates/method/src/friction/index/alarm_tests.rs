@@ -35,6 +35,7 @@ fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
             relative_rmsd: None,
             rmsd_swing: None,
             relative_noise: None,
+            torque_rms: None,
         }
     };
     (0..arm.runs.len())

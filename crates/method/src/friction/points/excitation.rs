@@ -67,19 +67,20 @@ fn friction_at(
     parameters: &[IdentifiedParameter],
 ) -> Option<(f64, f64)> {
     let (forth, back) = (robot.friction.columns(speed), robot.friction.columns(-speed));
-    let mut known = false;
+    // an offset of the torque signal is no friction; it is not in the mean of both directions either
+    let wanted = robot.friction.terms().iter().filter(|term| **term != FrictionTerm::Offset).count();
+    let mut known = 0;
     let (mut torque, mut variance) = (0.0, 0.0);
-    for parameter in parameters.iter().filter(|of| of.id.joint == joint) {
+    for parameter in parameters.iter().filter(|of| of.id.joint == joint && of.is_shown()) {
         let ParameterKind::Friction(term) = parameter.id.kind else { continue };
-        // an offset of the torque signal is no friction; it is not in the mean of both directions either
         let place = robot.friction.terms().iter().position(|of| *of == term && term != FrictionTerm::Offset);
         let Some(place) = place else { continue };
         let column = 0.5 * (forth[place] - back[place]);
         torque += column * parameter.value;
         variance += (column * parameter.std_error).powi(2);
-        known = true;
+        known += 1;
     }
-    known.then_some((torque, variance.sqrt()))
+    (known > 0 && known == wanted).then_some((torque, variance.sqrt()))
 }
 
 #[cfg(test)]

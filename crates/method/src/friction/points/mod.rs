@@ -1,5 +1,6 @@
 //! Friction points of one cycle: at constant speed, from slow passes, from the excitation, and what they come to.
 
+mod gravity;
 mod plateau;
 mod slow_passes;
 pub mod plateaus;

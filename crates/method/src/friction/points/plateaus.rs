@@ -1,16 +1,13 @@
 //! Friction on the constant-speed plateaus of the friction stage [5.2], with gravity removed [5.3].
 
-use faer::Mat;
-
+use super::gravity::Gravity;
 use super::plateau::{Plateau, SPEED_TOLERANCE};
-use crate::least_squares::factor::TriangularFactor;
-use crate::model::dynamics::{DynamicModel, gravity_torque};
-use crate::model::kinematics::joint_axis_in_base;
+use crate::model::dynamics::DynamicModel;
 use crate::segment::cycles::ranges_where;
 use crate::signal::filter::FilteredSignals;
-use crate::statistics::descriptive::{mean, standard_deviation};
-use armwatch_model::analysis::{FrictionPoint, GravityRemoval};
-use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
+use crate::statistics::descriptive::mean;
+use armwatch_model::analysis::FrictionPoint;
+use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
 /// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
@@ -30,18 +27,6 @@ const NOMINAL_TOLERANCE: f64 = 0.15;
 
 /// Joints other than the one under test stand still within this fraction of their largest speed.
 const STILL_FRACTION: f64 = 0.01;
-
-/// An axis within this angle of the vertical, rad, carries no gravity: 0.5 degrees of tilt is what
-/// floors have, and changes a plateau's mean over both directions by nothing.
-const VERTICAL_TOLERANCE: f64 = 0.02;
-
-/// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly
-/// parallel, which harms their coefficients but not their sum inside the travel.
-const MAX_GRAVITY_CONDITION: f64 = 1e6;
-
-/// The same of the fit in which the torque's own constant is told from the load: with less travel than some 0.2 rad either way,
-/// that constant would be noise, and the load takes it.
-const MAX_OFFSET_CONDITION: f64 = 200.0;
 
 /// Friction points of a cycle, and what is missing.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -120,34 +105,34 @@ fn joint_points(
         }
     }
     found.remarks.extend(remarks);
-    if plateaus.is_empty() {
-        return true;
-    }
-    let (without_gravity, gravity) = match remove_gravity(robot, filtered, model, joint, &tested) {
-        Ok(removed) => removed,
-        Err(reason) => {
-            found.remarks.push(reason);
-            return true;
-        }
-    };
+    let gravity = Gravity::new(robot, filtered, model, joint, &tested);
+    let mut unclear = Vec::new();
     for plateau in plateaus {
-        let torque: Vec<f64> = plateau.rows.iter().map(|&row| without_gravity(row)).collect();
         let speed: Vec<f64> = plateau.rows.iter().map(|&row| filtered.qd[joint.index()][row].abs()).collect();
         let time: Vec<f64> = plateau.rows.iter().map(|&row| samples.time[row]).collect();
-        let (Some(torque_mean), Some(speed), Some(time)) = (mean(&torque), mean(&speed), mean(&time)) else {
+        let Some(freed) = gravity.remove(&plateau.rows) else {
+            unclear.push(format!("{:.0} % {:+}", 100.0 * plateau.speed_fraction, plateau.direction));
             continue;
         };
+        let (Some(speed), Some(time)) = (mean(&speed), mean(&time)) else { continue };
         found.points.push(FrictionPoint {
             joint,
             time,
             speed_fraction: plateau.speed_fraction,
             speed,
             direction: plateau.direction,
-            torque: torque_mean,
-            std: standard_deviation(&torque).unwrap_or(0.0),
-            samples: torque.len(),
-            gravity,
+            torque: freed.torque,
+            std: freed.std,
+            samples: plateau.rows.len(),
+            gravity: freed.how,
         });
+    }
+    if !unclear.is_empty() {
+        found.remarks.push(format!(
+            "friction of joint {joint} left out at {}: its motion in the friction stage does not tell friction from the \
+             load of gravity, and the cycle has no identified parameters; move it back and forth over the same travel",
+            unclear.join(", ")
+        ));
     }
     true
 }
@@ -271,123 +256,13 @@ fn quantile(mut values: Vec<f64>, fraction: f64) -> Option<f64> {
     Some(*value)
 }
 
-type WithoutGravity<'a> = Box<dyn Fn(usize) -> f64 + 'a>;
-
-/// Torque of a row without gravity, and how that was had.
-fn remove_gravity<'a>(
-    robot: &'a Robot,
-    filtered: &'a FilteredSignals,
-    model: Option<&'a DynamicModel>,
-    joint: JointIndex,
-    tested: &[usize],
-) -> Result<(WithoutGravity<'a>, GravityRemoval), String> {
-    let j = joint.index();
-    let tau = &filtered.tau[j];
-    if !carries_gravity(robot, filtered, joint, tested[tested.len() / 2]) {
-        return Ok((Box::new(move |row| tau[row]), GravityRemoval::AxisVertical));
-    }
-    let fitted = fit_gravity(robot, filtered, joint, tested, true)
-        .or_else(|| fit_gravity(robot, filtered, joint, tested, false));
-    if let Some([by_sine, by_cosine]) = fitted {
-        let q = &filtered.q[j];
-        let (sine, cosine) = gravity_columns(robot.joints[j].kind);
-        let load = move |row: usize| by_sine * sine(q[row]) + by_cosine * cosine(q[row]);
-        return Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Fitted));
-    }
-    let Some(model) = model else {
-        return Err(format!(
-            "friction of joint {joint} left out: gravity acts on it, its motion is too short to fit the load, and \
-             the cycle has no identified parameters"
-        ));
-    };
-    let load = move |row: usize| {
-        let n = robot.joint_count();
-        let (mut q, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
-        for (k, q) in q.iter_mut().enumerate().take(n) {
-            *q = filtered.q[k][row];
-        }
-        gravity_torque(robot, &model.inertial, &q[..n], &mut torque[..n]);
-        torque[j]
-    };
-    Ok((Box::new(move |row| tau[row] - load(row)), GravityRemoval::Model))
-}
-
-/// Whether gravity does work on the joint in the posture of `row`: a turning axis that is not
-/// vertical, a sliding axis that is not horizontal.
-fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
-    let g = robot.gravity.norm();
-    if g == 0.0 {
-        return false;
-    }
-    let q: Vec<f64> = filtered.q.iter().map(|channel| channel[row]).collect();
-    let axis = joint_axis_in_base(robot, &q, joint);
-    let along = (axis.dot(&robot.gravity) / g).clamp(-1.0, 1.0);
-    match robot.joints[joint.index()].kind {
-        JointKind::Revolute => along.abs().acos() > VERTICAL_TOLERANCE,
-        JointKind::Prismatic => along.abs() > VERTICAL_TOLERANCE.sin(),
-    }
-}
-
-type Shape = fn(f64) -> f64;
-
-/// Shapes of the load over the position: `-sin(theta)` and `-cos(theta)` of [5.3] for a turning
-/// joint, a constant for a sliding one.
-fn gravity_columns(kind: JointKind) -> (Shape, Shape) {
-    match kind {
-        JointKind::Revolute => (|q| -q.sin(), |q| -q.cos()),
-        JointKind::Prismatic => (|_| 1.0, |_| 0.0),
-    }
-}
-
-/// Least squares of [5.3] over the moving rows of the joint's friction stage:
-/// `tau = I_m qdd - mPx sin(theta) - mPy cos(theta) + f1 sign(qd) + .. + f4 qd³`, and a constant where `with_offset`: an
-/// offset of the torque signal, which is no load and stays in the torque. Returns the two load coefficients, or `None`
-/// where the motion does not tell them apart.
-fn fit_gravity(
-    robot: &Robot,
-    filtered: &FilteredSignals,
-    joint: JointIndex,
-    tested: &[usize],
-    with_offset: bool,
-) -> Option<[f64; 2]> {
-    let j = joint.index();
-    let description = &robot.joints[j];
-    let (sine, cosine) = gravity_columns(description.kind);
-    let loads = match description.kind {
-        JointKind::Revolute => 2,
-        // its load is a constant itself
-        JointKind::Prismatic if with_offset => return None,
-        JointKind::Prismatic => 1,
-    };
-    let moving: Vec<usize> =
-        tested.iter().copied().filter(|&row| filtered.qd[j][row].abs() > description.low_speed).collect();
-    let friction = 1 + loads;
-    let columns = friction + 4 + usize::from(with_offset);
-    let mut factor = TriangularFactor::new(columns);
-    let rows = Mat::from_fn(moving.len(), columns + 1, |i, column| {
-        let row = moving[i];
-        let (q, qd) = (filtered.q[j][row], filtered.qd[j][row]);
-        match column {
-            0 => filtered.qdd[j][row],
-            1 => sine(q),
-            c if c == loads && loads == 2 => cosine(q),
-            c if c == columns => filtered.tau[j][row],
-            c if c == friction + 4 => 1.0,
-            c => FrictionModel::POLYNOMIAL.columns(qd)[c - friction],
-        }
-    });
-    factor.fold(rows.as_ref());
-    let most = if with_offset { MAX_OFFSET_CONDITION } else { MAX_GRAVITY_CONDITION };
-    let solved = factor.solve(most, |i| i.to_string()).ok()?;
-    Some([solved.theta[1], if loads == 2 { solved.theta[2] } else { 0.0 }])
-}
-
 #[cfg(test)]
 pub(in crate::friction) mod tests {
     use nalgebra::Vector3;
 
     use super::*;
     use crate::signal::filter::filter_signals;
+    use armwatch_model::analysis::GravityRemoval;
     use armwatch_model::run::FrictionSignal;
 
     pub(in crate::friction) const RATE: f64 = 250.0;

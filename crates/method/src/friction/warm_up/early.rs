@@ -15,7 +15,7 @@ use super::curve::{
     CandidateFit, ExponentialFit, Mean, decay, decay_slope, extent, finished_log_times, from_the_best,
     single_starts,
 };
-use crate::statistics::distributions::f_quantile;
+use crate::statistics::distributions::{f_quantile, student_quantile};
 use armwatch_model::analysis::{Decay, Estimate, FastShown};
 
 /// Time constants that are gone through.
@@ -31,9 +31,11 @@ const FASTEST: f64 = 0.05;
 /// The slowest is this part of the record; slower ones are not fast.
 const SLOWEST_IN_RECORD: f64 = 0.25;
 
-/// Fewest points that show the part, each by this many times the deviation of all: one point alone may be an outlier.
+/// Points that show the part, each by this many times the deviation of all. With one point a cycle there may be one
+/// only, which has to stand out so far that chance gives it to one curve in so many.
 const FEWEST_POINTS: f64 = 2.0;
 const SHOWN_BY: f64 = 2.0;
+const CHANCE_OF_ONE_POINT: f64 = 1e-4;
 
 /// Two exponentials of which the faster is known by its value at the first point and by the longest that its time
 /// constant may be. `None` where the points do not bound it, or too few show it.
@@ -60,7 +62,9 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
     let rmsd = (best.squares / points.len() as f64).sqrt();
     let value = |minute: f64| best.at_first.value * (-(minute - first) / time).exp();
     let showing = points.iter().filter(|p| value(p.minute) > SHOWN_BY * rmsd).map(|p| p.weight).sum::<f64>();
-    (showing >= FEWEST_POINTS && best.at_first.value > 0.0).then(|| CandidateFit {
+    let stands_out = student_quantile(1.0 - CHANCE_OF_ONE_POINT, freedom) * best.at_first.std_error;
+    let shown = showing >= FEWEST_POINTS || best.at_first.value > stands_out;
+    (shown && best.at_first.value > 0.0).then(|| CandidateFit {
         a: best.a,
         parts: vec![best.slow, unbounded(best.at_first.value * (first / time).exp(), time)],
         fast_shown: Some(FastShown { at_first: best.at_first, longest }),

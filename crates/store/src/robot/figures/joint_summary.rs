@@ -35,7 +35,8 @@ pub(in crate::robot) async fn of_run(
                 summary.warm_speed_fraction, summary.excitation_friction_nm,
                 summary.excitation_friction_std_error_nm, summary.excitation_minute,
                 summary.excitation_speed_fraction, summary.relative_rmsd, summary.rmsd_swing,
-                summary.rmsd_swing_cycles, summary.relative_noise, summary.estimator, found.friction_index, found.friction_index_std_error
+                summary.rmsd_swing_cycles, summary.relative_noise, summary.torque_rms_nm, summary.estimator,
+                found.friction_index, found.friction_index_std_error
          FROM run_joint_summary AS summary
          LEFT JOIN run_friction_index AS found ON found.run_id = summary.run_id AND found.joint = summary.joint
          WHERE summary.run_id = $1
@@ -74,6 +75,7 @@ pub(in crate::robot) fn of_row(row: &EngineRow) -> Result<JointSummary, sqlx::Er
         relative_rmsd: row.try_get("relative_rmsd")?,
         rmsd_swing,
         relative_noise: row.try_get("relative_noise")?,
+        torque_rms: row.try_get("torque_rms_nm")?,
     })
 }
 
@@ -97,6 +99,7 @@ const RMSD: u8 = 8;
 const SWING: u8 = 16;
 const ESTIMATOR: u8 = 32;
 const NOISE: u8 = 64;
+const TORQUE: u8 = 128;
 
 /// Adds the joint, which figures it has, and these.
 pub(in crate::robot) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
@@ -108,6 +111,7 @@ pub(in crate::robot) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
         relative_rmsd,
         rmsd_swing,
         relative_noise,
+        torque_rms,
     } = row.summary;
     let bit = |bit: u8, is_there: bool| if is_there { bit } else { 0 };
     add_joint(bytes, joint);
@@ -118,7 +122,8 @@ pub(in crate::robot) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
             | bit(RMSD, relative_rmsd.is_some())
             | bit(SWING, rmsd_swing.is_some())
             | bit(ESTIMATOR, row.estimator.is_some())
-            | bit(NOISE, relative_noise.is_some()),
+            | bit(NOISE, relative_noise.is_some())
+            | bit(TORQUE, torque_rms.is_some()),
     );
     for WarmFriction { torque, std_error, minute, speed_fraction } in
         warm_friction.iter().chain(&excitation_friction).copied()
@@ -134,8 +139,8 @@ pub(in crate::robot) fn pack(bytes: &mut Vec<u8>, row: &SummaryRow) {
     if let Some(RmsdSwing { value, cycles }) = rmsd_swing {
         add_numbers(bytes, [value, cycles as f64]);
     }
-    if let Some(noise) = relative_noise {
-        add_numbers(bytes, [noise]);
+    for figure in relative_noise.iter().chain(&torque_rms) {
+        add_numbers(bytes, [*figure]);
     }
     if let Some(name) = &row.estimator {
         // names of estimators are short words
@@ -170,6 +175,7 @@ pub(super) fn unpack(reader: &mut Reader<'_>) -> Option<SummaryRow> {
         rmsd_swing = Some(RmsdSwing { value, cycles: cycles as usize });
     }
     let relative_noise = if bits & NOISE != 0 { Some(reader.f64()?) } else { None };
+    let torque_rms = if bits & TORQUE != 0 { Some(reader.f64()?) } else { None };
     if bits & ESTIMATOR != 0 {
         let length = usize::from(reader.u8()?);
         estimator = Some(std::str::from_utf8(reader.bytes(length)?).ok()?.to_owned());
@@ -182,6 +188,7 @@ pub(super) fn unpack(reader: &mut Reader<'_>) -> Option<SummaryRow> {
         relative_rmsd,
         rmsd_swing,
         relative_noise,
+        torque_rms,
     };
     Some(SummaryRow { summary, estimator })
 }
@@ -194,7 +201,7 @@ mod tests {
     #[test]
     fn any_choice_of_figures_comes_back() {
         let warm = WarmFriction { torque: 1.0 / 3.0, std_error: 0.1, minute: 60.0, speed_fraction: 0.6 };
-        for bits in 0..128_u8 {
+        for bits in 0..=u8::MAX {
             let is = |bit: u8| bits & bit != 0;
             let summary = JointSummary {
                 joint: JointIndex::new(3),
@@ -204,6 +211,7 @@ mod tests {
                 relative_rmsd: is(RMSD).then_some(0.07),
                 rmsd_swing: is(SWING).then_some(RmsdSwing { value: 0.002, cycles: 24 }),
                 relative_noise: is(NOISE).then_some(0.013),
+                torque_rms: is(TORQUE).then_some(31.0),
             };
             let row = SummaryRow { summary, estimator: is(ESTIMATOR).then(|| "weighted".to_owned()) };
             let mut bytes = Vec::new();

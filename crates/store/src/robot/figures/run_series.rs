@@ -191,6 +191,7 @@ mod tests {
             relative_rmsd: Some(0.05),
             rmsd_swing: None,
             relative_noise: None,
+            torque_rms: None,
         };
         let series = RunSeries {
             joints: vec![SummaryRow { summary, estimator: None }],

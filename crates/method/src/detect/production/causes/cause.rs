@@ -69,7 +69,7 @@ impl WorkCause {
     }
 
     /// What it would be, in words that follow "rather than".
-    pub(super) fn words(&self) -> String {
+    pub(in crate::detect::production) fn words(&self) -> String {
         match self {
             Self::None => "no change beside warmth".into(),
             Self::Friction(joint, _) => format!("friction of joint {joint}"),

@@ -22,6 +22,9 @@ pub(in crate::detect::runs) const MIN_INDEX_SPREAD: f64 = 0.005;
 /// the baseline's.
 const WARMTH_TOLERANCE: f64 = 0.25;
 
+/// Or within this, min: gearboxes warm in minutes, so that tests of seconds are all cold, however their lengths differ.
+const WARMTH_MINUTES: f64 = 0.5;
+
 /// Friction of one joint over the runs.
 pub(in crate::detect::runs) struct FrictionHistory {
     /// The quantity that the joint is watched by.
@@ -401,7 +404,7 @@ impl Baseline {
     fn observed(&self, series: &[Option<&JointSummary>], run: usize) -> Option<Observed> {
         let warm = series[run].and_then(|summary| self.source.of(summary))?;
         let comparable = same_speed(&warm, self.speed_fraction)
-            && (warm.minute - self.minute).abs() <= WARMTH_TOLERANCE * self.minute;
+            && (warm.minute - self.minute).abs() <= (WARMTH_TOLERANCE * self.minute).max(WARMTH_MINUTES);
         // the scatter of the baseline has the errors of its runs in it; a run with a larger one scatters more
         let relative_scatter = match self.source {
             Source::Index | Source::Warm => 0.0,

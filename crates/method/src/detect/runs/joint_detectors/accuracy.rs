@@ -5,11 +5,17 @@
 //! critical above `accuracy_critical` (0.15). If the joint's baseline, the median of its first runs, is above
 //! `accuracy_warning` itself, a run of up to 1.3 times the baseline ([`ACCURACY_AS_EVER`]) is only worth
 //! knowing (`info`).
+//!
+//! An error that is small in Nm says nothing of the model, whatever part of a small torque it is: one below 1 % of the
+//! largest torque among the arm's joints, or below three standard deviations of the channel's noise, is none. Until
+//! the joint has a baseline, an error within 60 % of its own friction is worth knowing only: friction may have another
+//! shape than the description's law. The refusal of a cycle (`unexplained_torque`) goes by the same figures.
 
 use crate::detect::control_chart::baseline;
 use crate::detect::detector::Detector;
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why, apart};
+use crate::diagnose::model::weigh::WeighSettings;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// A relative RMSD beyond its limit that is within this factor of the joint's own baseline is how
@@ -17,6 +23,29 @@ use armwatch_model::anomaly::{AnomalyKind, Severity};
 const ACCURACY_AS_EVER: f64 = 1.3;
 
 pub(super) struct Accuracy;
+
+/// What a run says of how large an error matters.
+#[derive(Debug, Clone, Copy, Default)]
+struct Floors {
+    /// As parts of the joint's torque: below, there is no error.
+    none: f64,
+    /// Up to here it may be friction of another shape.
+    friction: f64,
+}
+
+impl Floors {
+    fn of(series: &JointSeries<'_>, run: usize) -> Self {
+        let Some(own) = series.runs[run] else { return Self::default() };
+        let limits = WeighSettings::default();
+        let noise = limits.noise_deviations * own.relative_noise.unwrap_or(0.0);
+        let Some(torque) = own.torque_rms.filter(|torque| *torque > 0.0) else { return Self::default() };
+        let friction = own.warm_friction.or(own.excitation_friction).map_or(0.0, |of| of.torque);
+        Self {
+            none: noise.max(limits.arm_share * series.largest_torque(run) / torque),
+            friction: limits.friction_share * friction / torque,
+        }
+    }
+}
 
 impl Detector<JointSeries<'_>> for Accuracy {
     fn kind(&self) -> AnomalyKind {
@@ -31,17 +60,19 @@ impl Detector<JointSeries<'_>> for Accuracy {
         let settings = series.settings;
         let values = series.figures(|summary| summary.relative_rmsd);
         let baseline = baseline(values.iter().flatten().copied(), settings.baseline_runs);
-        let verdict = |value: Option<f64>| match value {
+        let verdict = |run: usize, value: Option<f64>| match value {
             None => Verdict::Unknown,
             Some(value) if value <= settings.accuracy_warning => Verdict::Quiet,
+            Some(value) if value <= Floors::of(series, run).none => Verdict::Quiet,
             Some(value) => {
+                let of_friction = baseline.is_none() && value <= Floors::of(series, run).friction;
                 let critical = value > settings.accuracy_critical;
                 let as_ever =
                     baseline.is_some_and(|b| b > settings.accuracy_warning && value <= ACCURACY_AS_EVER * b);
                 let threshold = if critical { settings.accuracy_critical } else { settings.accuracy_warning };
                 let [percent, limit] = apart(100.0 * value, 100.0 * threshold);
                 Verdict::Out {
-                    severity: match (as_ever, critical) {
+                    severity: match (as_ever || of_friction, critical) {
                         (true, _) => Severity::Info,
                         (false, true) => Severity::Critical,
                         (false, false) => Severity::Warning,
@@ -53,7 +84,12 @@ impl Detector<JointSeries<'_>> for Accuracy {
                     message: format!(
                         "the identified model misses {percent} % of this joint's torque, limit {limit} %{}; \
                          check torque signal, payload and the robot's description",
-                        if as_ever { ", as in its baseline" } else { "" }
+                        match (as_ever, of_friction) {
+                            (true, _) => ", as in its baseline",
+                            (false, true) =>
+                                ", which friction of another shape than the description's may explain",
+                            (false, false) => "",
+                        }
                     ),
                     why: Why::default(),
                 }
@@ -61,7 +97,7 @@ impl Detector<JointSeries<'_>> for Accuracy {
         };
         let one = |(run, of)| match series.is_rest_explained(run) {
             true => Verdict::Unknown,
-            false => verdict(of),
+            false => verdict(run, of),
         };
         values.into_iter().enumerate().map(one).collect()
     }
@@ -80,6 +116,28 @@ mod tests {
         let found = detect(&runs, &DetectSettings::default()).anomalies;
         let after_learning = found.last().expect("one");
         assert_eq!(after_learning.severity, Severity::Info);
+    }
+
+    #[test]
+    fn an_error_of_little_torque_or_within_friction_is_no_alarm_of_a_new_arm() {
+        let settings = DetectSettings::default();
+        let severity = |torque: f64, friction: f64, tests: usize| {
+            let mut history: Vec<_> = (0..tests).map(|i| run(i, friction, 0.05, 0.002)).collect();
+            let last = history.last_mut().expect("tests");
+            let place = |joint| last.joints.iter().position(|of| of.joint == joint).expect("the joint");
+            let (own, other) = (place(JOINT), (place(JOINT) + 1) % last.joints.len());
+            last.joints[own].relative_rmsd = Some(0.37);
+            last.joints[own].torque_rms = Some(torque);
+            last.joints[other].torque_rms = Some(31.0);
+            match judged(&Accuracy, &history, JOINT, &settings).last() {
+                Some(Verdict::Out { severity, .. }) => Some(*severity),
+                _ => None,
+            }
+        };
+        assert_eq!(severity(0.18, 0.1, 1), None, "0.07 Nm in an arm of 31 Nm");
+        assert_eq!(severity(1.8, 0.1, 1), Some(Severity::Critical), "0.67 Nm");
+        assert_eq!(severity(1.8, 1.5, 1), Some(Severity::Info), "within its friction");
+        assert_eq!(severity(1.8, 1.5, 8), Some(Severity::Critical), "it was better before");
     }
 
     #[test]

@@ -59,6 +59,7 @@ fn test(run: i64, cold: f64, pushes: &[(usize, u32, f64, f64)]) -> RunSummary {
             relative_rmsd: Some(0.02),
             rmsd_swing: None,
             relative_noise: None,
+            torque_rms: None,
         })
         .collect();
     summary

@@ -1,0 +1,329 @@
+//! The load of gravity on a joint that moves alone, told from its friction [5.3].
+
+use faer::Mat;
+
+use crate::least_squares::factor::TriangularFactor;
+use crate::model::dynamics::{DynamicModel, gravity_torque};
+use crate::model::kinematics::joint_axis_in_base;
+use crate::signal::filter::FilteredSignals;
+use crate::statistics::descriptive::{mean, standard_deviation};
+use armwatch_model::analysis::GravityRemoval;
+use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
+
+/// An axis within this angle of the vertical, rad, carries no gravity: 0.5 degrees of tilt is what
+/// floors have, and changes a plateau's mean over both directions by nothing.
+const VERTICAL_TOLERANCE: f64 = 0.02;
+
+/// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly
+/// parallel, which harms their coefficients but not their sum inside the travel.
+const MAX_GRAVITY_CONDITION: f64 = 1e6;
+
+/// The same of the fit in which the torque's own constant is told from the load: with less travel than some 0.2 rad either way,
+/// that constant would be noise, and the load takes it.
+const MAX_OFFSET_CONDITION: f64 = 200.0;
+
+/// A fitted load may make the variance of a plateau's friction this many times that of the plateau's mean torque. Back
+/// and forth over one travel, loads cost a factor of one to four.
+const MAX_INFLATION: f64 = 10.0;
+
+/// Beyond [`MAX_INFLATION`], the error of the load may still be this part of the friction: half of the least change
+/// of friction that matters.
+const MAX_LOAD_ERROR: f64 = 0.025;
+
+/// Friction that is left when gravity is taken from a plateau.
+pub(super) struct Freed {
+    /// Mean torque, Nm (N).
+    pub(super) torque: f64,
+    /// As [`armwatch_model::analysis::FrictionPoint::std`], Nm (N).
+    pub(super) std: f64,
+    /// How gravity was removed.
+    pub(super) how: GravityRemoval,
+}
+
+/// What is known of the load of gravity on the joint under test.
+pub(super) struct Gravity<'a> {
+    robot: &'a Robot,
+    filtered: &'a FilteredSignals,
+    joint: JointIndex,
+    acts: bool,
+    fit: Option<GravityFit>,
+    model: Option<&'a DynamicModel>,
+}
+
+impl<'a> Gravity<'a> {
+    /// Fits the load on the rows `tested`, at least one, of the joint.
+    pub(super) fn new(
+        robot: &'a Robot,
+        filtered: &'a FilteredSignals,
+        model: Option<&'a DynamicModel>,
+        joint: JointIndex,
+        tested: &[usize],
+    ) -> Self {
+        let acts = carries_gravity(robot, filtered, joint, tested[tested.len() / 2]);
+        let fit_of = |with_offset| GravityFit::new(robot, filtered, joint, tested, with_offset);
+        let fit = if acts { fit_of(true).or_else(|| fit_of(false)) } else { None };
+        Self { robot, filtered, joint, acts, fit, model }
+    }
+
+    /// Friction over the rows of a plateau; `None` where neither its motion nor a model tells it from the load.
+    pub(super) fn remove(&self, plateau: &[usize]) -> Option<Freed> {
+        if !self.acts {
+            return self.less(plateau, |_| 0.0, GravityRemoval::AxisVertical);
+        }
+        self.fitted(plateau).or_else(|| {
+            let model = self.model?;
+            self.less(plateau, |row| self.modelled_load(model, row), GravityRemoval::Model)
+        })
+    }
+
+    fn less(&self, plateau: &[usize], load: impl Fn(usize) -> f64, how: GravityRemoval) -> Option<Freed> {
+        let tau = &self.filtered.tau[self.joint.index()];
+        let torque: Vec<f64> = plateau.iter().map(|&row| tau[row] - load(row)).collect();
+        Some(Freed { torque: mean(&torque)?, std: standard_deviation(&torque).unwrap_or(0.0), how })
+    }
+
+    fn fitted(&self, plateau: &[usize]) -> Option<Freed> {
+        let fit = self.fit.as_ref()?;
+        let freed = self.less(plateau, |row| fit.load(self.filtered, row), GravityRemoval::Fitted)?;
+        let excess = fit.inflation(self.filtered, plateau) - 1.0;
+        let independent = plateau.len() as f64 * independent_share(self.filtered);
+        let load_error = fit.residual_std * (excess / independent).sqrt();
+        let told = excess < MAX_INFLATION || load_error < MAX_LOAD_ERROR * freed.torque.abs();
+        told.then(|| Freed { std: freed.std.hypot(fit.residual_std * excess.sqrt()), ..freed })
+    }
+
+    fn modelled_load(&self, model: &DynamicModel, row: usize) -> f64 {
+        let n = self.robot.joint_count();
+        let (mut q, mut torque) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
+        for (q, channel) in q.iter_mut().zip(&self.filtered.q) {
+            *q = channel[row];
+        }
+        gravity_torque(self.robot, &model.inertial, &q[..n], &mut torque[..n]);
+        torque[self.joint.index()]
+    }
+}
+
+/// Share of rows that are independent, of all rows rather than of every n-th: a low-pass at `f_c` leaves `2 f_c` a second.
+fn independent_share(filtered: &FilteredSignals) -> f64 {
+    (2.0 * filtered.cutoff / filtered.sample_rate).min(1.0)
+}
+
+/// Whether gravity does work on the joint in the posture of `row`: a turning axis that is not
+/// vertical, a sliding axis that is not horizontal.
+fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
+    let g = robot.gravity.norm();
+    if g == 0.0 {
+        return false;
+    }
+    let q: Vec<f64> = filtered.q.iter().map(|channel| channel[row]).collect();
+    let axis = joint_axis_in_base(robot, &q, joint);
+    let along = (axis.dot(&robot.gravity) / g).clamp(-1.0, 1.0);
+    match robot.joints[joint.index()].kind {
+        JointKind::Revolute => along.abs().acos() > VERTICAL_TOLERANCE,
+        JointKind::Prismatic => along.abs() > VERTICAL_TOLERANCE.sin(),
+    }
+}
+
+/// Least squares of [5.3] over the moving rows of the joint's friction stage:
+/// `tau = -mPx sin(theta) - mPy cos(theta) + I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant: an offset of the
+/// torque signal, which is no load and stays in the torque. A sliding joint has a constant load.
+struct GravityFit {
+    joint: JointIndex,
+    kind: JointKind,
+    with_offset: bool,
+    /// Coefficients of the load, which come first among the columns.
+    load: Vec<f64>,
+    /// `R⁻¹` of the columns `X = Q R`.
+    inverse: Mat<f64>,
+    /// Standard deviation of the residual, Nm (N).
+    residual_std: f64,
+}
+
+impl GravityFit {
+    /// `None` where the motion does not tell the columns apart, or has too few rows to know the residual.
+    fn new(
+        robot: &Robot,
+        filtered: &FilteredSignals,
+        joint: JointIndex,
+        tested: &[usize],
+        with_offset: bool,
+    ) -> Option<Self> {
+        let description = &robot.joints[joint.index()];
+        if with_offset && description.kind == JointKind::Prismatic {
+            return None;
+        }
+        let qd = &filtered.qd[joint.index()];
+        let mut fit = Self {
+            joint,
+            kind: description.kind,
+            with_offset,
+            load: Vec::new(),
+            inverse: Mat::new(),
+            residual_std: 0.0,
+        };
+        // where the motion begins or turns, low-passed friction is on its way between two values
+        let margin = (0.5 * filtered.sample_rate / filtered.cutoff).ceil() as usize;
+        let goes_on = |row: usize, other: Option<usize>| {
+            other
+                .and_then(|other| qd.get(other))
+                .is_some_and(|v| v * qd[row].signum() > description.low_speed)
+        };
+        let inside = |row: usize| {
+            goes_on(row, Some(row))
+                && goes_on(row, row.checked_sub(margin))
+                && goes_on(row, Some(row + margin))
+        };
+        let moving: Vec<usize> = tested.iter().copied().filter(|&row| inside(row)).collect();
+        let columns = fit.row(filtered, *moving.first()?).count();
+        let mut rows = Mat::<f64>::zeros(moving.len(), columns + 1);
+        for (i, &row) in moving.iter().enumerate() {
+            let torque = filtered.tau[joint.index()][row];
+            fit.row(filtered, row).chain([torque]).enumerate().for_each(|(k, entry)| rows[(i, k)] = entry);
+        }
+        let mut factor = TriangularFactor::new(columns);
+        factor.fold(rows.as_ref());
+        let freedom = moving.len() as f64 * independent_share(filtered) - columns as f64;
+        let most = if with_offset { MAX_OFFSET_CONDITION } else { MAX_GRAVITY_CONDITION };
+        let solved = factor.solve(most, |i| i.to_string()).ok().filter(|_| freedom >= 1.0)?;
+        fit.load = solved.theta[..fit.loads()].to_vec();
+        fit.inverse = factor.inverse_of_upper().ok()?;
+        let independent = solved.residual_sum_of_squares * independent_share(filtered);
+        fit.residual_std = (independent / freedom).sqrt();
+        Some(fit)
+    }
+
+    fn loads(&self) -> usize {
+        match self.kind {
+            JointKind::Revolute => 2,
+            JointKind::Prismatic => 1,
+        }
+    }
+
+    /// The columns of one row: loads, inertia, friction, constant.
+    fn row(&self, filtered: &FilteredSignals, row: usize) -> impl Iterator<Item = f64> {
+        let j = self.joint.index();
+        let load = match self.kind {
+            JointKind::Revolute => [-filtered.q[j][row].sin(), -filtered.q[j][row].cos()],
+            JointKind::Prismatic => [1.0, 0.0],
+        };
+        let friction = FrictionModel::POLYNOMIAL.columns(filtered.qd[j][row]);
+        let loads = load.into_iter().take(self.loads());
+        loads
+            .chain([filtered.qdd[j][row]])
+            .chain(friction.into_iter().take(4))
+            .chain(self.with_offset.then_some(1.0))
+    }
+
+    fn load(&self, filtered: &FilteredSignals, row: usize) -> f64 {
+        self.load.iter().zip(self.row(filtered, row)).map(|(coefficient, entry)| coefficient * entry).sum()
+    }
+
+    /// Variance of the friction of a plateau over that of its mean torque, at least 1.
+    ///
+    /// With the mean `x` of the plateau's rows of `X`, its load `c` (the entries of `x` at the loads, zeros elsewhere) and
+    /// `g = (XᵀX)⁻¹ c`, friction is the sum of `w_i tau_i` with `w_i = 1/n - x_i·g` on the plateau and `-x_i·g`
+    /// elsewhere, so that `n sum w_i² = 1 + n (c·g - 2 x·g)`.
+    fn inflation(&self, filtered: &FilteredSignals, plateau: &[usize]) -> f64 {
+        let columns = self.inverse.ncols();
+        let n = plateau.len() as f64;
+        let mut x = Mat::<f64>::zeros(columns, 1);
+        for &row in plateau {
+            self.row(filtered, row).enumerate().for_each(|(k, entry)| x[(k, 0)] += entry / n);
+        }
+        let c = Mat::from_fn(columns, 1, |k, _| if k < self.loads() { x[(k, 0)] } else { 0.0 });
+        let g = &self.inverse * (self.inverse.transpose() * &c);
+        let along = |of: &Mat<f64>| (0..columns).map(|k| of[(k, 0)] * g[(k, 0)]).sum::<f64>();
+        (1.0 + n * (along(&c) - 2.0 * along(&x))).max(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::friction::points::plateaus::tests::{RATE, friction, one_joint, points};
+    use armwatch_model::run::{FrictionSignal, Samples, Stage};
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    /// Moves from `-travel / 2` to `travel / 2` and, where `back`, back, at two thirds and all of `speed` rad/s.
+    fn moves(travel: f64, speed: f64, back: bool, noise: &mut ChaCha8Rng) -> Samples {
+        const ACCELERATION: f64 = 4.0;
+        let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };
+        let (mut velocity, mut signal) = (Vec::new(), Vec::new());
+        let signs: &[f64] = if back { &[1.0, -1.0] } else { &[1.0] };
+        for (level, v) in [(3, speed)] {
+            let ramp = v / ACCELERATION;
+            let hold = travel / v - ramp;
+            for &sign in signs {
+                for row in 0..((2.0 * ramp + hold) * RATE) as usize {
+                    let t = row as f64 / RATE;
+                    let (s, qd, qdd) = if t < ramp {
+                        (0.5 * ACCELERATION * t * t, ACCELERATION * t, ACCELERATION)
+                    } else if t < ramp + hold {
+                        (0.5 * v * ramp + v * (t - ramp), v, 0.0)
+                    } else {
+                        let left = 2.0 * ramp + hold - t;
+                        (travel - 0.5 * ACCELERATION * left * left, ACCELERATION * left, -ACCELERATION)
+                    };
+                    let q = sign * (s - 0.5 * travel);
+                    let load = 11.0 * (q + 0.3).cos();
+                    let torque = 0.4 * sign * qdd + friction(sign * qd) + load;
+                    samples.time.push(samples.time.len() as f64 / RATE);
+                    samples.position[0].push(q);
+                    velocity.push(sign * qd);
+                    samples.torque[0].push(torque + 0.1 * noise.sample::<f64, _>(StandardNormal));
+                    samples.stage.push(Stage::Friction);
+                    signal.push(Some(FrictionSignal { joint: JointIndex::new(0), level }));
+                }
+            }
+        }
+        samples.velocity = Some(vec![velocity]);
+        samples.friction_signal = Some(signal);
+        samples
+    }
+
+    /// Of 100 recordings, errors over stated errors of all points, and the remarks of the last one.
+    fn errors(travel: f64, speed: f64, back: bool) -> (Vec<f64>, Vec<String>) {
+        let robot = one_joint(true);
+        let (mut found, mut remarks) = (Vec::new(), Vec::new());
+        for seed in 0..100 {
+            let samples = moves(travel, speed, back, &mut ChaCha8Rng::seed_from_u64(seed));
+            let of = points(&robot, &samples);
+            remarks = of.remarks;
+            let share = 2.0 * 12.0 / RATE;
+            found.extend(of.points.iter().map(|point| {
+                let error = point.torque * f64::from(point.direction) - friction(point.speed);
+                error / (point.std / (point.samples as f64 * share).sqrt())
+            }));
+        }
+        (found, remarks)
+    }
+
+    fn covered(errors: &[f64]) -> f64 {
+        errors.iter().filter(|error| error.abs() < 1.96).count() as f64 / errors.len() as f64
+    }
+
+    #[test]
+    fn a_short_move_one_way_gives_no_point_and_says_why() {
+        for travel in [0.3, 0.5, 0.8] {
+            let (found, remarks) = errors(travel, 0.5, false);
+            assert!(found.is_empty(), "{travel}: {found:?}");
+            assert!(
+                remarks.iter().any(|of| of.contains("does not tell friction from the load")),
+                "{remarks:?}"
+            );
+        }
+    }
+
+    /// Of 100 errors within 1.96 with a probability of 95 %, 86 are four standard deviations below the mean.
+    #[test]
+    fn stated_errors_cover_the_truth() {
+        let back_and_forth = [0.3, 0.5, 1.0, 2.0, 4.0].map(|travel| (travel, true));
+        for (travel, back) in back_and_forth.into_iter().chain([(1.5, false), (2.0, false), (4.0, false)]) {
+            let (found, _) = errors(travel, 0.5, back);
+            assert_eq!(found.len(), if back { 200 } else { 100 }, "{travel}");
+            assert!(covered(&found) > 0.86, "{travel} {back}: {}", covered(&found));
+        }
+    }
+}
