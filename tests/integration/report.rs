@@ -101,10 +101,9 @@ fn a_run_has_its_parameters_and_figures_and_a_robot_its_history_and_twins() {
         read_run.words.contains(&format!("{ROBOT}, run 1")) && !run.contains("<b>"),
         "the name is no markup"
     );
-    let parts =
-        ["Conclusions", "What was recorded", "Base parameters", "How well the model fits", "Friction"];
+    let parts = ["Conclusions", "Recorded cycles", "Base parameters", "Model fit", "Friction"];
     assert_eq!(read_run.headings[..5], parts);
-    assert_eq!(read_run.headings[5], "What is not known, and why");
+    assert_eq!(read_run.headings[5], "Missing results and remarks");
     // the table has every parameter of the last cycle, as it is stored
     let stored = workshop.query(
         "SELECT joint, parameter, unit FROM cycle_parameters WHERE run_id = 1 AND cycle = 3 ORDER BY joint, parameter",

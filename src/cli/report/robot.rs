@@ -429,7 +429,7 @@ fn parameters(of: &Stored<'_>) -> Section {
 }
 
 fn twins(of: &Stored<'_>) -> Section {
-    let heading = "Beside other arms of its model".to_owned();
+    let heading = "Comparison with other arms of this model".to_owned();
     let twins: Vec<&Twin> = of.twins.iter().filter(|twin| !twin.joints.is_empty()).collect();
     if twins.is_empty() {
         let nothing = match of.model.is_empty() {
@@ -584,7 +584,7 @@ fn unknowns(of: &Stored<'_>) -> Section {
     }
     let nothing = "Nothing: every joint has a result of the latest test, and no export of this robot waits in quarantine.";
     Section {
-        heading: "What is not known, and why".into(),
+        heading: "Missing results and remarks".into(),
         blocks: vec![table("Gaps and remarks", &["what", "why"], unknown, nothing)],
     }
 }

@@ -210,7 +210,7 @@ fn recorded(stored: &Stored) -> Section {
     ];
     let rows = stored.cycles.iter().map(row).collect();
     Section {
-        heading: "What was recorded".into(),
+        heading: "Recorded cycles".into(),
         blocks: vec![table("Cycles", &header, rows, "No cycle of the run is stored.")],
     }
 }
@@ -320,7 +320,7 @@ fn fit(stored: &Stored, config: &Config, name: &str) -> Section {
     if !left.panels.is_empty() {
         blocks.push(Block::Figure(Box::new(left)));
     }
-    Section { heading: "How well the model fits".into(), blocks }
+    Section { heading: "Model fit".into(), blocks }
 }
 
 fn rmsd_table(cycles: &[CycleVerification]) -> Block {
@@ -530,7 +530,7 @@ fn unknowns(run: &RunRow, stored: &Stored, has_index: bool) -> Section {
     }
     let nothing = "Nothing: every cycle gave parameters, and there is no remark on any.";
     Section {
-        heading: "What is not known, and why".into(),
+        heading: "Missing results and remarks".into(),
         blocks: vec![table("Gaps and remarks", &["what", "why"], unknown, nothing)],
     }
 }
