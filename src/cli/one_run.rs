@@ -23,7 +23,6 @@ Examples:
   armwatch run-date 17 18 19 --as-arrived
   armwatch run-date 40 41 --as-recorded
   armwatch run-date 17 --undo
-  armwatch runs --status set_aside
 
 The order of a robot's tests decides every comparison. A start that cannot be right is therefore named, and its run is left
 out: see docs/method.md. This command gives a run the right start, or confirms the recorded one; the run then takes part in

@@ -17,7 +17,7 @@ fn hostile() -> Vec<(Vec<u8>, String)> {
     vec![
         plain("A\u{1b}]0;title\u{7}", "A\\u{1b}]0;title\\u{7}"),
         plain("B\nstored       forged.csv: robot X", "B\\nstored       forged.csv: robot X"),
-        plain("C\r\n2026-01-01T00:00:00Z ERROR forged", "C\\r\\n2026-01-01T00:00:00Z ERROR forged"),
+        plain("C\r\n00:00:00Z ERROR forged", "C\\r\\n00:00:00Z ERROR forged"),
         plain("D\u{9b}31m\u{7f}", "D\\u{9b}31m\\u{7f}"),
         plain("E\u{202e}vsc", "E\\u{202e}vsc"),
         plain("F\u{2066}x\u{2069}\u{61c}\u{200f}", "F\\u{2066}x\\u{2069}\\u{61c}\\u{200f}"),

@@ -263,7 +263,7 @@ impl<'a> Sequence<'a> {
         let by = |other: usize| (other, self.arrivals[other].started_at.duration_since(of.started_at));
         // later than their arrival: no further evidence is needed
         let future: Ahead = block.iter().filter(|at| self.found[**at].is_some()).map(|at| by(*at)).collect();
-        if !future.is_empty() || block.is_empty() {
+        if !future.is_empty() || block.is_empty() || !self.ordered.contains(of.folder) {
             return future;
         }
         let is_doubtful = |other: &usize| {

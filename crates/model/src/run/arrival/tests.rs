@@ -149,6 +149,8 @@ fn exports_of_an_archive_are_right_in_any_order() {
     let mut by_day = year.clone();
     by_day.sort_by_key(|start| start.strftime("%d%m%Y").to_string());
     assert_eq!(left_out(&copied(&by_day)), [0_usize; 0], "by names that begin with the day");
+    let strides: Vec<Timestamp> = (0..52).map(|at| after(day("2026-01-05"), (at * 17 + 5) % 52)).collect();
+    assert_eq!(left_out(&copied(&strides)), [0_usize; 0], "in three strides");
     let old: Vec<Timestamp> = (0..9).map(|at| after(day("2019-01-01"), at)).collect();
     assert_eq!(left_out(&copied(&old)), [0_usize; 0], "an old archive of a new robot");
 }
