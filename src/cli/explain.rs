@@ -300,9 +300,10 @@ fn problems(of: &Explanation) -> Vec<String> {
 
 /// What the analysis remarks of cycles that it takes.
 fn remarks(of: &Explanation) -> Vec<String> {
-    of.reading
-        .as_ref()
-        .map_or_else(Vec::new, |reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()))
+    let Some(reading) = &of.reading else { return Vec::new() };
+    let mut remarks = reading.mended.sentences();
+    remarks.extend(said_of_cycles(reading, |analysis| analysis.remarks.clone()));
+    remarks
 }
 
 /// What is said of cycles; what is said of several is said once, with their numbers.
