@@ -67,12 +67,17 @@ impl TimeForms {
     }
 }
 
-/// The question about a column that is called time, and whose numbers do not rise because digits are lost.
+/// The question about a column that is called time, and whose times do not rise because digits are lost.
 pub(super) fn lost_digits(cells: &[String]) -> Option<String> {
-    let first = cells.first().filter(|cell| cell.contains(['E', 'e']) && cell.parse::<f64>().is_ok())?;
+    let first = cells.first()?;
+    let is_scientific = first.contains(['E', 'e']) && first.parse::<f64>().is_ok();
+    let repeats = || cells.windows(2).any(|pair| pair[0] == pair[1]);
+    if !is_scientific && !(repeats() && TimeForms::of(cells).0.is_text()) {
+        return None;
+    }
     Some(format!(
-        "the last digits of this time are lost, since a spreadsheet wrote it as {first}: format the column as a number with \
-         all digits, and export again. Otherwise, how many rows are there a second?"
+        "the last digits of this time are lost, since it is written as {first}: export it with all digits. If that is not \
+         possible, how many rows are there per second?"
     ))
 }
 

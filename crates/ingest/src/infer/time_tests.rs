@@ -103,7 +103,13 @@ fn every_spelling_is_proposed_as_it_is_or_asked() {
 
 #[test]
 fn lost_digits_are_asked_about() {
-    let (_, text) = export(|_| "1.76760E+12".to_owned());
-    let toml = proposed(&text);
-    assert!(toml.contains("the last digits of this time are lost"), "{toml}");
+    let tenths = |t: u64| clock(MORNING)(t)[3..10].to_owned();
+    let seconds = |t: u64| format!("05/01/2026 {}", &clock(MORNING)(t)[..8]);
+    let scientific = |_: u64| "1.76760E+12".to_owned();
+    let writes: [&dyn Fn(u64) -> String; 3] = [&tenths, &seconds, &scientific];
+    for write in writes {
+        let (_, text) = export(write);
+        let toml = proposed(&text);
+        assert!(toml.contains("the last digits of this time are lost"), "{toml}");
+    }
 }
