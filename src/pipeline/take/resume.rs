@@ -156,8 +156,7 @@ fn check(written: &[u8], settings: &ContentHash) -> ContentHash {
 mod tests {
     use super::*;
     use armwatch_ingest::table::cell::Decimal;
-    use armwatch_ingest::table::cell_reader::PreviousTime;
-    use armwatch_ingest::table::clock::ClockOrigin;
+    use armwatch_ingest::table::clock::{ClockOrigin, PreviousTime};
     use armwatch_method::segment::cycles::CutterState;
     use armwatch_method::segment::stages::{OutsideLevels, SignalState};
     use armwatch_method::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};

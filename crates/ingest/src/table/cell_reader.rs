@@ -5,10 +5,8 @@
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
 use super::channels::RawColumns;
-use super::clock::{ClockOrigin, TimeColumn};
+use super::clock::{CHANGE_OF_CLOCKS, ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, Role};
 use super::fields::fields;
 use super::mended::{Mend, Mended};
@@ -23,25 +21,9 @@ use armwatch_model::run::{ContentHash, RawSamples};
 pub(crate) const CUT: &str = "last line is cut";
 pub(crate) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
-/// By how much clocks are set, s, and the difference that a step between two rows makes to it.
-const HOUR: f64 = 3600.0;
+/// A step between two rows adds no more than this to a change of clocks, s.
 const HOUR_TOLERANCE: f64 = 5.0;
 const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
-
-/// The time of the last row of the block before.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct PreviousTime {
-    /// In the export's unit, for messages.
-    pub recorded: f64,
-    /// In s.
-    pub seconds: f64,
-    /// Usual step of a clock that is text, s.
-    pub step: f64,
-    /// What such a clock is behind the time since it began anew or was set, s.
-    pub shift: f64,
-    /// Hash of the row's text, by which a row that repeats it is known.
-    pub row: Option<ContentHash>,
-}
 
 /// The hash of the text of a row, for [`PreviousTime::row`].
 pub(crate) fn row_hash(line: &[u8]) -> ContentHash {
@@ -423,7 +405,7 @@ impl Row<'_> {
     fn time_does_not_rise(&self, before: PreviousTime, next: &PreviousTime, cell: &str) -> Rejection {
         let recorded = next.recorded;
         let backwards = before.seconds > next.seconds;
-        let is_hour = (before.seconds - next.seconds - HOUR).abs() < HOUR_TOLERANCE;
+        let is_hour = (before.seconds - next.seconds - CHANGE_OF_CLOCKS).abs() < HOUR_TOLERANCE;
         let last = match self.map.time {
             TimeColumn::Stamped { .. } => "the time".to_owned(),
             // of the row before a block only the count that goes on is known

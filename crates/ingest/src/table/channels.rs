@@ -4,8 +4,7 @@
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
 use super::cell::{self, Decimal};
-use super::cell_reader::PreviousTime;
-use super::clock::{TimeColumn, Turn};
+use super::clock::{PreviousTime, TimeColumn, Turn};
 use super::column_map::{ColumnMap, Role};
 use armwatch_config::DecimalMark;
 use armwatch_model::robot::JointIndex;

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::cell_reader::PreviousTime;
+use armwatch_model::run::ContentHash;
 
 /// By how much clocks are set in spring and autumn, s.
-const CHANGE_OF_CLOCKS: f64 = 3600.0;
+pub(super) const CHANGE_OF_CLOCKS: f64 = 3600.0;
 
 /// Between the row before a change of clocks and the one behind it is a step like others: no longer than this many of
 /// them.
@@ -14,6 +14,21 @@ const LONGEST_STEP: f64 = 2.5;
 /// Part of the usual step that is left of it a row later: it follows shorter steps slowly, and longer ones at once, since
 /// loggers write several rows at a time.
 const KEPT: f64 = 0.98;
+
+/// The time of the last row of the block before.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct PreviousTime {
+    /// In the export's unit, for messages.
+    pub recorded: f64,
+    /// In s.
+    pub seconds: f64,
+    /// Usual step of a clock that is text, s.
+    pub step: f64,
+    /// What such a clock is behind the time since it began anew or was set, s.
+    pub shift: f64,
+    /// Hash of the row's text, by which a row that repeats it is known.
+    pub row: Option<ContentHash>,
+}
 
 /// Where the time of a row comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -15,9 +15,9 @@ use polars_core::prelude::{Column, DataFrame, DataType, Field, Schema, SchemaRef
 use polars_io::SerReader;
 use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 
-use super::cell_reader::{PassedOver, PreviousTime, ReadRows};
+use super::cell_reader::{PassedOver, ReadRows};
 use super::channels::RawColumns;
-use super::clock::{ClockOrigin, TimeColumn};
+use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, Role};
 use super::fields::fields;
 use super::mended::{Mend, Mended};

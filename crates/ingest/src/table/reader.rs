@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::cell::Decimal;
-use super::cell_reader::{LastLine, PassedOver, PreviousTime, ReadRows};
-use super::clock::{ClockOrigin, TimeColumn};
+use super::cell_reader::{LastLine, PassedOver, ReadRows};
+use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, known_columns, map_columns};
 use super::mended::{Mend, Mended};
 use super::polars_reader::Parser;
