@@ -301,9 +301,10 @@ fn problems(of: &Explanation) -> Vec<String> {
 
 /// What is odd about name and start, and what the analysis remarks of cycles that it takes.
 fn remarks(of: &Explanation) -> Vec<String> {
+    let of_rows = of.reading.iter().flat_map(|reading| reading.mended.sentences());
     let of_cycles =
         of.reading.iter().flat_map(|reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()));
-    of.doubts.iter().cloned().chain(of_cycles).collect()
+    of.doubts.iter().cloned().chain(of_rows).chain(of_cycles).collect()
 }
 
 /// What is said of cycles; what is said of several is said once, with their numbers.

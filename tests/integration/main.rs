@@ -76,6 +76,7 @@ mod temperatures;
 mod torque;
 mod trajectories;
 mod streaming;
+mod odd_rows;
 mod open_tests;
 #[cfg(unix)]
 mod writers;

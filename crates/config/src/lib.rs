@@ -9,6 +9,7 @@ mod daemon;
 mod settings;
 mod cluster;
 mod date_format;
+mod moment;
 #[cfg(test)]
 mod fixtures;
 mod pattern;
@@ -27,8 +28,8 @@ pub use self::cluster::{ClusterSettings, host_name};
 pub use self::daemon::recognition::{RecogniseError, Recognised, UNKNOWN_ROBOT};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{
-    BLANKS,     Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
-    StartSource, TimeSource, TorqueQuantity,
+    BLANKS, Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,
+    StartSource, TextTime, TimeSource, TorqueQuantity,
 };
 pub use self::layout::column::{Column, JointColumns, ScaledColumn};
 pub use self::layout::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
@@ -38,6 +39,7 @@ pub use self::layout::stage_source::{
 };
 pub use self::layout::temperature::{AmbientTemperature, MotorTemperature, TemperatureUnit};
 pub use self::layout::text_format::{DecimalMark, TextEncoding, TextFormat};
+pub use self::moment::{Moment, MomentFormat, duration, forms_of, joined_forms};
 pub use self::pattern::FilePatterns;
 pub use self::retention::RetentionSettings;
 pub use self::robot::cell_file::read_cell;

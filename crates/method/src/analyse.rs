@@ -29,6 +29,7 @@ use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
 use super::signal::filter::{FilteredSignals, carried_cutoff, filter_signals_into};
+use super::signal::restore::restore;
 use super::signal::temperature::cycle_temperatures;
 use super::signal::time_grid::sample_rate;
 use super::spare_threads::SpareThreads;
@@ -103,9 +104,18 @@ fn analysed(
     buffers: &Buffers,
     spare: &SpareThreads,
 ) -> CycleAnalysis {
+    let restored = restore(&method.robot, samples);
     let mut analysis = unanalysed(method, number, samples);
     if without_positions(samples, &mut analysis) {
         return analysis;
+    }
+    analysis.remarks.extend(restored.remarks);
+    if let Some(unsteady) = restored.unsteady {
+        take_up(method, accepted(vec![unsteady], method.settings.accept), &mut analysis);
+        if is_refused(&analysis) {
+            // without times, nothing else that looks wrong is
+            return analysis;
+        }
     }
     let filtered = match filter_signals_into(samples, analysis.cutoff, buffers, spare) {
         Ok(filtered) => filtered,
@@ -495,8 +505,13 @@ pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: 
     let lost = samples.rows() - rows;
     if stretches != 1 || lost > 0 {
         let parts = if stretches == 1 { "part" } else { "parts" };
+        let longest = samples.time.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        let place = longest.map_or_else(String::new, |pair| {
+            format!("; the longest lasts {:.3} s, from {:.3} s on", pair[1] - pair[0], pair[0])
+        });
         remarks.push(format!(
-            "time has gaps: {stretches} {parts} of the cycle can be filtered, {lost} rows in shorter ones are left out"
+            "time has gaps: {stretches} {parts} of the cycle can be filtered, {lost} rows in shorter ones are left \
+             out{place}"
         ));
     }
 }

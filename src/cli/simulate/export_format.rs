@@ -89,9 +89,9 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
         TimeSource::Column(time) | TimeSource::Counter { column: time, .. } => {
             cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
         }
-        TimeSource::Timestamp(_) => {
+        TimeSource::Text { .. } => {
             return Err(CliError::Usage(format!(
-                "layout \"{}\" has timestamps, which the simulator does not write",
+                "layout \"{}\" has times as text, which the simulator does not write",
                 layout.name
             )));
         }

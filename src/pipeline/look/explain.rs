@@ -18,6 +18,7 @@ use armwatch_ingest::bytes::source;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::ColumnMap;
+use armwatch_ingest::table::mended::Mended;
 use armwatch_ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
 use armwatch_method::analyse::Method;
 use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
@@ -83,6 +84,8 @@ pub struct ExportReading {
     pub left_out: Option<LeftOut>,
     /// Bad rows that are passed over.
     pub passed_over: PassedOver,
+    /// What is understood although it is not as it should be.
+    pub mended: Mended,
     /// The cycles, in order.
     pub cycles: Vec<CycleSketch>,
 }
@@ -328,6 +331,7 @@ fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (ExportRea
         sample_rate: 0.0,
         left_out: None,
         passed_over: PassedOver::default(),
+        mended: Mended::default(),
         cycles: Vec::new(),
     };
     let fault = read_into(&mut reading, path, &entry.layout, &entry.description, work).err();
@@ -359,6 +363,7 @@ fn read_into(
     }
     reading.left_out = export.left_out();
     reading.passed_over = export.passed_over().clone();
+    reading.mended = export.mended().clone();
     reading.content = Some(hash.so_far().0);
     cutter.finish();
     reading.sketch(&mut cutter, work)

@@ -1,5 +1,6 @@
 //! One cycle of a stored run once more, from its export: what the database does not keep.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,6 +14,7 @@ use armwatch_ingest::rejection::Rejection;
 use armwatch_method::NumericsError;
 use armwatch_method::identify::torque_series::{SeriesRows, TorqueSeries, torque_series};
 use armwatch_method::signal::filter::filter_signals;
+use armwatch_method::signal::restore::restore;
 use armwatch_model::robot::{ParameterId, Robot};
 use armwatch_model::run::Cycle;
 use armwatch_model::text;
@@ -168,8 +170,10 @@ impl Replay {
                     text::of_path(&export)
                 )));
             }
-            let filtered = filter_signals(&cycle.samples, replay.cutoff)?;
-            Ok(torque_series(&replay.robot, &parameters, &cycle.samples, &filtered, rows)?)
+            let mut samples = Cow::Owned(cycle.samples);
+            restore(&replay.robot, &mut samples);
+            let filtered = filter_signals(&samples, replay.cutoff)?;
+            Ok(torque_series(&replay.robot, &parameters, &samples, &filtered, rows)?)
         })
         .await?
     }

@@ -156,7 +156,7 @@ fn check(written: &[u8], settings: &ContentHash) -> ContentHash {
 mod tests {
     use super::*;
     use armwatch_ingest::table::cell::Decimal;
-    use armwatch_ingest::table::cell_reader::PreviousTime;
+    use armwatch_ingest::table::clock::{ClockOrigin, PreviousTime};
     use armwatch_method::segment::cycles::CutterState;
     use armwatch_method::segment::stages::{OutsideLevels, SignalState};
     use armwatch_method::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};
@@ -171,9 +171,13 @@ mod tests {
                 byte: u64::MAX,
                 rows: 1,
                 rows_skipped: 6,
-                previous: Some(PreviousTime { recorded: 0.1 + 0.2, seconds: -0.0 }),
+                previous: Some(PreviousTime {
+                    recorded: 0.1 + 0.2,
+                    seconds: -0.0,
+                    ..PreviousTime::default()
+                }),
                 origin: Some(Decimal { digits: -1_700_000_000_004, places: 3 }),
-                moment: Some(i64::MIN),
+                moment: Some(ClockOrigin { nanoseconds: i64::MIN, period_s: Some(0.1), is_local: true }),
             },
             stages: FinderState {
                 first_time: Some(f64::MIN_POSITIVE),

@@ -4,6 +4,7 @@ use super::column::{Column, JointColumns, ScaledColumn};
 use super::stage_source::StageSource;
 use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;
+use crate::moment::MomentFormat;
 use crate::robot::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
     RATED_MOTOR_TORQUE,
@@ -71,7 +72,7 @@ pub enum StartForm {
     /// As ISO 8601, or day first with points.
     Timestamp,
     /// In a form of `strptime`.
-    Format(String),
+    Format(MomentFormat),
     /// As a number since 1970; factor to s.
     Since1970(f64),
 }
@@ -95,10 +96,39 @@ pub enum TimeSource {
         /// One more than the largest value, in the column's unit.
         wraps_at: f64,
     },
-    /// A column of dates and times: ISO 8601, with or without zone, or day first with points.
-    Timestamp(Column),
+    /// A column of text.
+    Text {
+        /// The column.
+        column: Column,
+        /// How its cells give the time.
+        form: TextTime,
+    },
     /// The number of the row and this sample rate, Hz.
     SampleRate(f64),
+}
+
+/// How a cell of text gives the time of its row.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum TextTime {
+    /// As ISO 8601, with or without zone, or day first with points.
+    Timestamp,
+    /// In a form of `strptime`, with or without date.
+    Format(MomentFormat),
+    /// As an elapsed time with units: `T#1h2m3s4ms`.
+    Duration,
+}
+
+impl TextTime {
+    /// After how many seconds a time of day begins anew, where cells have this form throughout; `None` of forms that
+    /// count on. A timestamp without a date is a time of day.
+    #[must_use]
+    pub fn period_s(&self) -> Option<f64> {
+        match self {
+            Self::Timestamp => Some(86_400.0),
+            Self::Format(format) => format.period_s(),
+            Self::Duration => None,
+        }
+    }
 }
 
 impl TimeSource {
@@ -107,7 +137,7 @@ impl TimeSource {
     pub fn column(&self) -> Option<&Column> {
         match self {
             Self::Column(column) | Self::Counter { column, .. } => Some(&column.column),
-            Self::Timestamp(column) => Some(column),
+            Self::Text { column, .. } => Some(column),
             Self::SampleRate(_) => None,
         }
     }
@@ -117,7 +147,7 @@ impl TimeSource {
     pub fn to_si(&self) -> f64 {
         match self {
             Self::Column(column) | Self::Counter { column, .. } => column.to_si,
-            Self::Timestamp(_) | Self::SampleRate(_) => 1.0,
+            Self::Text { .. } | Self::SampleRate(_) => 1.0,
         }
     }
 }

@@ -1,17 +1,23 @@
 //! The time of a layout: `[time]`.
 
-use super::channels::{StartForm, StartSource, TimeSource};
+use super::channels::{StartForm, StartSource, TextTime, TimeSource};
 use super::column::ScaledColumn;
-use super::column_names::{ColumnNames, named_unit, read_unit};
-use crate::date_format;
+use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
+use crate::moment::MomentFormat;
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
 
-/// A unit of time and its factor to s.
-const UNITS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+/// Units of numbers since 1970 and their factors to s.
+const CLOCK_UNITS: &[NamedUnit] = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+
+/// Further units of time and their factors to s; days are those of spreadsheets and MATLAB.
+const LONG_UNITS: &[NamedUnit] = &[("min", 60.0), ("h", 3600.0), ("d", 86_400.0)];
 
 /// Unit of cells that are dates and times as text.
 const TIMESTAMP: &str = "timestamp";
+
+/// Unit of cells that are elapsed times with units, such as `T#20ms`.
+const DURATION: &str = "duration";
 
 /// Unit of counts of a clock whose step the layout gives.
 const TICKS: &str = "ticks";
@@ -32,16 +38,22 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
         return value.number(&SAMPLE_RATE).map(TimeSource::SampleRate);
     }
     let column = table.required("column").and_then(|value| names.take(&value));
-    let unit = table.required("unit")?;
     let wraps_at = table.optional("wraps_at");
-    if unit.peek_text() == Some(TIMESTAMP) {
-        if let Some(value) = wraps_at {
-            value.refuse("timestamps do not begin anew".into(), None);
-            return None;
-        }
-        return Some(TimeSource::Timestamp(column?));
+    let (which, value) = table.one_of(&["unit", "format"])?;
+    let form = match (which, value.peek_text()) {
+        (1, _) => Some(TextTime::Format(read_format(&value, "the seconds", MomentFormat::gives_seconds)?)),
+        (_, Some(TIMESTAMP)) => Some(TextTime::Timestamp),
+        (_, Some(DURATION)) => Some(TextTime::Duration),
+        _ => None,
+    };
+    if let (Some(_), Some(value)) = (&form, &wraps_at) {
+        value.refuse("is for numbers; a time of day goes on after midnight without it".into(), None);
+        return None;
     }
-    let column = ScaledColumn { column: column?, to_si: factor(table, &unit)? };
+    if let Some(form) = form {
+        return Some(TimeSource::Text { column: column?, form });
+    }
+    let column = ScaledColumn { column: column?, to_si: factor(table, &value)? };
     match wraps_at {
         Some(value) => value.number(&WRAP).map(|wraps_at| TimeSource::Counter { column, wraps_at }),
         None => Some(TimeSource::Column(column)),
@@ -52,55 +64,50 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
 pub(crate) fn read_start(table: &Table<'_>) -> Option<StartSource> {
     // not among the columns taken: the column of time may say the start too
     let column = table.required("column").and_then(|value| ColumnNames::default().take(&value));
-    let (unit, format) = (table.optional("unit"), table.optional("format"));
-    let form = match (unit, format) {
-        (Some(_), Some(format)) => {
-            format.refuse(
-                "is for cells of another form than unit says".into(),
-                Some("leave one of them out".into()),
-            );
-            None
+    let form = match table.at_most_one_of(&["unit", "format"]) {
+        Some((1, value)) => {
+            const WANTED: &str = "year, month and day, and should give the time";
+            read_format(&value, WANTED, MomentFormat::gives_date).map(StartForm::Format)
         }
-        (None, Some(format)) => read_format(&format).map(StartForm::Format),
-        (None, None) => Some(StartForm::Timestamp),
-        (Some(unit), None) if unit.peek_text() == Some(TIMESTAMP) => Some(StartForm::Timestamp),
-        (Some(unit), None) => {
-            let known: Vec<_> = UNITS.iter().copied().chain([(TIMESTAMP, 0.0)]).collect();
+        Some((_, unit)) if unit.peek_text() != Some(TIMESTAMP) => {
+            let known: Vec<_> = CLOCK_UNITS.iter().copied().chain([(TIMESTAMP, 0.0)]).collect();
             read_unit(&unit, &known).map(StartForm::Since1970)
         }
+        _ => Some(StartForm::Timestamp),
     };
     Some(StartSource { column: column?, form: form? })
 }
 
-fn read_format(value: &Value<'_>) -> Option<String> {
-    let format = value.text()?;
-    if !date_format::gives_date(format) {
-        value.refuse(
-            "must give year, month and day, and should give the time".into(),
-            Some(
-                "conversions are those of strptime, such as \"%d/%m/%y %H:%M:%S\" for 05/01/26 08:47:30"
-                    .into(),
-            ),
-        );
-        return None;
-    }
-    Some(format.to_owned())
+/// A format that gives what is `wanted`.
+fn read_format(value: &Value<'_>, wanted: &str, gives: fn(&MomentFormat) -> bool) -> Option<MomentFormat> {
+    let problem = match MomentFormat::new(value.text()?) {
+        Ok(format) if gives(&format) => return Some(format),
+        Ok(_) => format!("must give {wanted}"),
+        Err(problem) => problem,
+    };
+    let hint = "conversions are those of strptime, such as \"%d/%m/%y %H:%M:%S\" for 05/01/26 08:47:30";
+    value.refuse(problem, Some(hint.into()));
+    None
 }
 
 /// The name of the unit that a layout reads time in; `None` where rows are counted.
 pub(crate) fn unit_of(time: &TimeSource) -> Option<&'static str> {
     match time {
         TimeSource::Column(column) | TimeSource::Counter { column, .. } => {
-            Some(named_unit(UNITS, column.to_si).unwrap_or(TICKS))
+            let named =
+                named_unit(CLOCK_UNITS, column.to_si).or_else(|| named_unit(LONG_UNITS, column.to_si));
+            Some(named.unwrap_or(TICKS))
         }
-        TimeSource::Timestamp(_) => Some(TIMESTAMP),
+        TimeSource::Text { form: TextTime::Duration, .. } => Some(DURATION),
+        TimeSource::Text { .. } => Some(TIMESTAMP),
         TimeSource::SampleRate(_) => None,
     }
 }
 
 fn factor(table: &Table<'_>, unit: &Value<'_>) -> Option<f64> {
     if unit.peek_text() != Some(TICKS) {
-        let known: Vec<_> = UNITS.iter().copied().chain([(TICKS, 0.0), (TIMESTAMP, 0.0)]).collect();
+        let others = [(TICKS, 0.0), (TIMESTAMP, 0.0), (DURATION, 0.0)];
+        let known: Vec<_> = CLOCK_UNITS.iter().chain(LONG_UNITS).copied().chain(others).collect();
         return read_unit(unit, &known);
     }
     let (which, value) = table.one_of(&["tick_s", "ticks_per_s"])?;
@@ -135,7 +142,15 @@ mod tests {
         assert_eq!(with("unit = \"ticks\"\nticks_per_s = 250"), Ok(TimeSource::Column(column(0.004))));
         let counter = TimeSource::Counter { column: column(1e-3), wraps_at: 4_294_967_296.0 };
         assert_eq!(with("unit = \"ms\"\nwraps_at = 4294967296"), Ok(counter));
-        assert_eq!(with("unit = \"timestamp\""), Ok(TimeSource::Timestamp(Column::Name("time".into()))));
+        for (unit, seconds) in [("min", 60.0), ("h", 3600.0), ("d", 86_400.0)] {
+            assert_eq!(with(&format!("unit = \"{unit}\"")), Ok(TimeSource::Column(column(seconds))));
+        }
+        let text = |form| Ok(TimeSource::Text { column: Column::Name("time".into()), form });
+        assert_eq!(with("unit = \"timestamp\""), text(TextTime::Timestamp));
+        assert_eq!(with("unit = \"duration\""), text(TextTime::Duration));
+        let format = "%m/%d/%Y %I:%M:%S %p";
+        let read = MomentFormat::new(format).expect("a format");
+        assert_eq!(with(&format!("format = \"{format}\"")), text(TextTime::Format(read)));
     }
 
     #[test]
@@ -151,13 +166,13 @@ mod tests {
         let format = "%d/%m/%y %H:%M";
         assert_eq!(
             start(&format!("column = \"time\"\nformat = \"{format}\"")),
-            of(StartForm::Format(format.into()))
+            of(StartForm::Format(MomentFormat::new(format).expect("a format")))
         );
         for (keys, said) in [
             ("unit = \"s\"", "start.column: is missing"),
             ("column = 1\nformat = \"%H:%M\"", "must give year, month and day"),
             ("column = 1\nunit = \"ticks\"", "unknown unit, must be one of s, ms, us, ns, timestamp"),
-            ("column = 1\nunit = \"s\"\nformat = \"%F\"", "leave one of them out"),
+            ("column = 1\nunit = \"s\"\nformat = \"%F\"", "keep one of them"),
         ] {
             let errors = start(keys).expect_err(keys);
             assert!(errors.contains(said), "{keys}: {errors}");
@@ -168,9 +183,17 @@ mod tests {
     fn what_is_missing_or_too_much_is_said() {
         for (keys, said) in [
             ("unit = \"ticks\"", "time.tick_s or ticks_per_s: is missing"),
-            ("unit = \"h\"", "unknown unit, must be one of s, ms, us, ns, ticks, timestamp"),
+            (
+                "unit = \"day\"",
+                "unknown unit, must be one of s, ms, us, ns, min, h, d, ticks, timestamp, duration",
+            ),
+            ("", "time.unit or format: is missing"),
+            ("unit = \"s\"\nformat = \"%T\"", "keep one of them"),
+            ("format = \"%x %T\"", "depends on the country"),
+            ("format = \"%d/%m/%Y %H:%M\"", "must give the seconds"),
+            ("format = \"%T\"\nwraps_at = 86400", "goes on after midnight"),
             ("unit = \"s\"\ntick_s = 0.004", "unknown key"),
-            ("unit = \"timestamp\"\nwraps_at = 4294967296", "timestamps do not begin anew"),
+            ("unit = \"timestamp\"\nwraps_at = 4294967296", "goes on after midnight"),
             ("unit = \"ticks\"\ntick_s = 0", "must be between"),
             ("unit = \"ms\"\nwraps_at = 1", "must be between"),
         ] {

@@ -15,6 +15,9 @@ pub const BLOCK_BYTES: usize = 1 << 19;
 /// Largest block: a setting beyond would only ask for memory that no export fills usefully.
 const MAX_BLOCK_BYTES: usize = 256 << 20;
 
+/// Most NUL bytes at the end of a file that are passed over: loggers do not allocate more beforehand.
+const MOST_TRAILING_NULS: u64 = 64 << 20;
+
 /// Longest line. A row of a nine-axis arm with two hundred further columns has some five
 /// kilobytes; a file without line ends must not grow the buffer without bound.
 const MAX_LINE_BYTES: usize = 1 << 20;
@@ -85,6 +88,8 @@ pub struct Blocks<R> {
     at_end: bool,
     /// The reader had nothing more when it was last asked, and was not at its end.
     paused: bool,
+    /// NUL bytes behind `pending`, of which it is not known yet whether anything follows.
+    nuls: u64,
 }
 
 impl<R: Read> Blocks<R> {
@@ -101,7 +106,14 @@ impl<R: Read> Blocks<R> {
             fault: None,
             at_end: false,
             paused: false,
+            nuls: 0,
         }
+    }
+
+    /// At the end: NUL bytes behind the last line, and the line in which they begin; `None` where there are none.
+    #[must_use]
+    pub fn trailing_nuls(&self) -> Option<(u64, u64)> {
+        (self.nuls > 0).then_some((self.nuls, self.line))
     }
 
     /// Takes the next line; `None` as long as it has no end and the file may still grow, and at the end of
@@ -190,7 +202,9 @@ impl<R: Read> Blocks<R> {
     pub fn next_block(&mut self, path: &Path) -> Result<Next, Rejection> {
         let mut wanted = self.block_bytes;
         loop {
+            let known = self.pending.len();
             self.fill(wanted, path);
+            self.set_nuls_aside(known, path)?;
             let rest = match last_line_end(&self.pending) {
                 Some(end) => {
                     let mut rest = std::mem::take(&mut self.spare);
@@ -220,6 +234,30 @@ impl<R: Read> Blocks<R> {
     pub fn give_back(&mut self, mut bytes: Vec<u8>) {
         bytes.clear();
         self.spare = bytes;
+    }
+
+    /// Takes NUL bytes off the end of what was read: at the end of a file, they are a part of the disk that was never
+    /// written. `known` bytes were read before the last look; with more than NUL bytes behind them, those that were taken off
+    /// come back.
+    ///
+    /// # Errors
+    /// A rejection of more than a line of NUL bytes before something else.
+    fn set_nuls_aside(&mut self, known: usize, path: &Path) -> Result<(), Rejection> {
+        let kept = self.pending.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+        if self.nuls > 0 && kept > known {
+            let nuls = usize::try_from(self.nuls).ok().filter(|nuls| *nuls <= MAX_LINE_BYTES);
+            let nuls =
+                nuls.ok_or_else(|| nul(path).at_line(self.line + line_count(&self.pending[..known])))?;
+            self.pending.splice(known..known, std::iter::repeat_n(0, nuls));
+            self.nuls = 0;
+            return self.set_nuls_aside(known, path);
+        }
+        self.nuls += (self.pending.len() - kept) as u64;
+        if self.nuls > MOST_TRAILING_NULS {
+            return Err(nul(path).at_line(self.line + line_count(&self.pending[..kept])));
+        }
+        self.pending.truncate(kept);
+        Ok(())
     }
 
     fn unterminated_line(&mut self) -> Option<Block> {

@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use super::super::rejection::Rejection;
+use super::time_form::{self, TimeForms};
 use crate::bytes::encoding::{Found, TextReader};
 use crate::table::cell;
 use crate::table::fields::fields;
@@ -58,8 +59,10 @@ pub(super) struct HeadColumn {
     pub(super) values: Option<Vec<f64>>,
     /// The first of its numbers, whatever else stands in it.
     pub(super) numbers: Vec<f64>,
-    /// Whether all cells are dates and times.
-    pub(super) timestamps: bool,
+    /// The forms in which all cells are times, of a column of text.
+    pub(super) time_forms: TimeForms,
+    /// The first of its cells.
+    pub(super) cells: Vec<String>,
 }
 
 /// Reads the head of an export.
@@ -198,19 +201,19 @@ fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encod
             under: under.get(at).cloned().unwrap_or_default(),
             values: Some(Vec::new()),
             numbers: Vec::new(),
-            timestamps: true,
+            time_forms: TimeForms::default(),
+            cells: Vec::new(),
         })
         .collect();
     let mut rows = 0;
-    let mut moments: Vec<Vec<i64>> = vec![Vec::new(); columns.len()];
     let of_rows = std::iter::once(first_row).chain(lines.filter(|line| format.is_row(line)));
     for line in of_rows.take(MOST_CELLS.div_ceil(format.fields)) {
         rows += 1;
         let cells = fields(line, format.delimiter);
-        for ((column, moments), cell) in columns.iter_mut().zip(&mut moments).zip(cells) {
-            let moment = cell::timestamp(cell).filter(|_| column.timestamps);
-            column.timestamps = moment.is_some();
-            moments.extend(moment);
+        for (column, cell) in columns.iter_mut().zip(cells) {
+            if column.cells.len() < time_form::MOST_CELLS {
+                column.cells.push(cell.to_owned());
+            }
             let number = cell::number(cell, format.decimal);
             let finite = number.as_ref().ok().copied().filter(|number| number.is_finite());
             column.numbers.extend(finite.filter(|_| column.numbers.len() < KEPT_NUMBERS));
@@ -221,10 +224,9 @@ fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encod
             }
         }
     }
-    for (column, moments) in columns.iter_mut().zip(moments) {
-        if let (true, Some(first)) = (column.timestamps, moments.first()) {
-            column.values = Some(moments.iter().map(|moment| (moment - first) as f64 * 1e-9).collect());
-        }
+    for column in columns.iter_mut().filter(|column| column.values.is_none()) {
+        let (forms, times) = TimeForms::of(&column.cells);
+        (column.time_forms, column.values) = (forms, times);
     }
     Some(Head {
         encoding,

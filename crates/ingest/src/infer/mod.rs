@@ -15,12 +15,16 @@ mod motion_units;
 mod names;
 mod stages;
 mod temperatures;
+mod time_form;
 mod torque_size;
 mod units;
 mod write;
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod time_tests;
 
 use std::io::Read;
 use std::path::Path;

@@ -1,14 +1,16 @@
 //! The sections of a layout on time, positions, velocities and torques, with reasons.
 
 use super::head::Head;
+use super::head::HeadColumn;
 use super::joints::{Found, Joints, column_name};
 use super::motion_units::{Slopes, Units};
 use super::names::Kind;
 use super::proposal::Hints;
 use super::section::{Section, TomlKey, quoted};
+use super::time_form::lost_digits;
 use super::torque_size::Size;
 use super::units::Slope;
-use super::{torque_size, units};
+use super::{names, torque_size, units};
 
 /// Sample rates that are believed, Hz: what a layout takes.
 const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
@@ -34,21 +36,36 @@ pub(super) fn time_section(
 ) -> Section {
     let mut section = Section { title: Some("time"), ..Section::default() };
     let Some((at, values)) = time else {
-        section.keys.push(sample_rate(slope, hints));
+        let lost = head
+            .columns
+            .iter()
+            .filter(|column| is_time(column))
+            .find_map(|column| lost_digits(&column.cells));
+        section.keys.push(match lost {
+            Some(question) => TomlKey::decided("sample_rate_hz", "250.0").asked(&question),
+            None => sample_rate(slope, hints),
+        });
         return section;
     };
     let column = &head.columns[at];
     section.keys.push(TomlKey::decided("column", column_name(head, at)).because("it rises from row to row"));
-    if column.timestamps {
-        section
-            .keys
-            .push(TomlKey::decided("unit", quoted("timestamp")).because("its cells are dates and times"));
+    if let Some(form) = column.time_forms.key() {
+        section.keys.push(form);
         return section;
     }
     let step = units.figures.step.unwrap_or(0.0);
     match (units.known.time, units.choice(), slope) {
         (Some(unit), ..) => {
             section.keys.push(TomlKey::decided("unit", quoted(unit)).because("the name says so"));
+        }
+        (None, Some(choice), _) if units.times().len() > 1 => {
+            let question = format!(
+                "rows are {} apart: {}? The velocities go with each; {}",
+                rounded(step),
+                units.times().join(" or "),
+                units.by_numbers()
+            );
+            section.keys.push(TomlKey::decided("unit", quoted(choice.time.0)).asked(&question));
         }
         (None, Some(choice), Some(_)) if choice.time.0 == units::TICKS => {
             let reason = format!(
@@ -75,6 +92,10 @@ pub(super) fn time_section(
     }
     section.keys.extend(wrap(values));
     section
+}
+
+fn is_time(column: &HeadColumn) -> bool {
+    names::said(&column.name, &column.under).kind == Some(Kind::Time)
 }
 
 fn sample_rate(slope: Option<Slope>, hints: Hints<'_>) -> TomlKey {

@@ -46,10 +46,10 @@ pub(super) fn decide_units(
     let of_time = time.and_then(|(column, _)| {
         let column = &head.columns[column];
         let said = names::said(&column.name, &column.under).unit;
-        if column.timestamps {
+        if column.time_forms.is_text() {
             Some("s")
         } else {
-            said.filter(|said| units::TIME.iter().any(|(u, _)| u == said))
+            said.filter(|said| units::TIME.iter().chain(&units::LONG_TIME).any(|(u, _)| u == said))
         }
     });
     let known = Known {
@@ -83,6 +83,14 @@ pub(super) fn decide_units(
 impl Units {
     pub(super) fn choice(&self) -> Option<Choice> {
         self.choices.first().copied()
+    }
+
+    /// Units of time that go with the rest.
+    pub(super) fn times(&self) -> Vec<&'static str> {
+        let mut times: Vec<&str> = self.choices.iter().map(|choice| choice.time.0).collect();
+        times.sort_unstable();
+        times.dedup();
+        times
     }
 
     /// Why a unit is what it is, where the name does not say.

@@ -235,6 +235,9 @@ const UNITS: &[(&str, &[&str])] = &[
     ("A", &["a", "amp", "ampere", "arms"]),
     ("%", &["%", "percent", "prozent", "pct"]),
     ("permille", &["permille", "‰", "promille"]),
+    ("min", &["min", "minutes", "minuten", "minuti"]),
+    ("h", &["h", "hours", "stunden", "ore"]),
+    ("d", &["d", "days", "tage", "giorni"]),
     ("us", &["us", "µs", "μs"]),
     ("ns", &["ns"]),
     ("ms", &["ms", "msec", "毫秒"]),
@@ -317,7 +320,7 @@ fn unit_in(name: &str) -> Option<&'static str> {
         }
     }
     // Single letters at the end of a name are more often joints than units.
-    let ending = |at: usize| unit_of(&name[at + 1..]).filter(|unit| unit.len() > 1);
+    let ending = |at: usize| unit_of(&name[at + 1..]).filter(|unit| unit.len() > 1 && *unit != "min");
     let places: Vec<usize> = name.match_indices(['_', ' ']).map(|(at, _)| at).collect();
     places.into_iter().find_map(ending)
 }

@@ -11,6 +11,9 @@ pub(super) const VELOCITY: [Unit; 4] =
     [("rad/s", 1.0), ("deg/s", PI / 180.0), ("rpm", TAU / 60.0), ("rev/s", TAU)];
 pub(super) const TIME: [Unit; 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
 
+/// Units of time of spreadsheets and MATLAB.
+pub(super) const LONG_TIME: [Unit; 3] = [("min", 60.0), ("h", 3600.0), ("d", 86_400.0)];
+
 /// Unit of time that is a clock's own.
 pub(super) const TICKS: &str = "ticks";
 
@@ -24,6 +27,9 @@ const WINDOW: usize = 20;
 /// Largest relative difference between the factor found and that of a pair of units; the nearest two, 1 rad/s
 /// against 9.55 rpm or 57.3 deg/s, are far apart, and velocities that are filtered differ by a few per cent.
 const SLOPE_TOLERANCE: f64 = 0.05;
+
+/// The same for minutes, hours and days: degrees per radian are 60 but for 5 per cent.
+const LONG_TIME_TOLERANCE: f64 = 0.02;
 
 /// Windows in which a joint moves less than this part of its wide moves are left out: there, noise decides.
 const LEAST_MOVE: f64 = 0.1;
@@ -145,10 +151,36 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
             }
         }
     }
+    if figures.step.is_some() {
+        found.splice(0..0, of_long_times(known, figures, !found.is_empty()));
+    }
     if found.is_empty() && known.time.is_none() {
         found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
     }
     found
+}
+
+/// Choices with minutes, hours or days. Where others go too, velocities must be in the positions' unit per second, since
+/// nearly any factor is that of some three units.
+fn of_long_times(known: Known, figures: Figures, has_others: bool) -> Vec<Choice> {
+    if has_others && figures.slope.is_none() && known.time.is_none() {
+        return Vec::new();
+    }
+    let pairs = POSITION.into_iter().zip([VELOCITY[0], VELOCITY[1], VELOCITY[3]]);
+    let agrees = |time: Unit| {
+        figures.slope.is_none_or(|slope| (slope.ratio.abs() * time.1 - 1.0).abs() <= LONG_TIME_TOLERANCE)
+    };
+    let is_known = |known: Option<&str>, unit: Unit| known.is_none_or(|known| known == unit.0);
+    pairs
+        .flat_map(|(position, velocity)| LONG_TIME.map(|time| Choice { position, velocity, time }))
+        .filter(|of| {
+            is_known(known.position, of.position)
+                && is_known(known.time, of.time)
+                && (figures.velocity.is_none() || is_known(known.velocity, of.velocity))
+                && agrees(of.time)
+                && is_possible(*of, known, figures)
+        })
+        .collect()
 }
 
 /// Choices with a clock whose step follows from positions and velocities.

@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use jiff::civil::Date;
 use serde::{Deserialize, Serialize};
 
-use armwatch_config::DecimalMark;
+use super::clock::ClockOrigin;
+use armwatch_config::{DecimalMark, TextTime, duration};
 
 /// Digits of a nanosecond.
 const FRACTION_DIGITS: usize = 9;
@@ -20,7 +21,7 @@ pub struct NoNumber {
     /// Completes "value is ..".
     pub reason: Cow<'static, str>,
     /// What to do; `None` for the usual remedy of a cell.
-    pub remedy: Option<&'static str>,
+    pub remedy: Option<Cow<'static, str>>,
 }
 
 /// The number that a cell without blanks around it holds. An exponent begins with `e` or, as Fortran writes it, with `d`.
@@ -35,10 +36,17 @@ pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
         DecimalMark::Comma if cell.contains(',') => cell.replacen(',', ".", 1).parse(),
         DecimalMark::Comma => cell.parse(),
     };
-    parsed.or_else(|_| match with_e(cell) {
-        Some(cell) => number(&cell, decimal),
-        None => Err(no_number(cell, decimal)),
+    parsed.or_else(|_| {
+        let plain = with_e(cell).or_else(|| with_ascii(cell));
+        plain.and_then(|plain| number(&plain, decimal).ok()).ok_or_else(|| no_number(cell, decimal))
     })
+}
+
+/// A cell with the minus sign of typography as a hyphen, and without blanks that do not break a line around it.
+fn with_ascii(cell: &str) -> Option<String> {
+    const MINUS: char = '\u{2212}';
+    let bare = cell.trim_matches(|c| matches!(c, '\u{a0}' | '\u{202f}' | '\u{2007}' | '\u{2009}' | ' '));
+    (bare.len() < cell.len() || bare.contains(MINUS)).then(|| bare.replace(MINUS, "-"))
 }
 
 /// A cell with the exponent of Fortran, `1.0D+03`, as other languages write it.
@@ -144,22 +152,27 @@ fn no_number(cell: &str, decimal: DecimalMark) -> NoNumber {
     match (is_other, decimal) {
         (true, DecimalMark::Point) => NoNumber {
             reason: "a number with a decimal comma".into(),
-            remedy: Some("set decimal = \",\" in the layout if all numbers have it, or export with points"),
+            remedy: Some(
+                "set decimal = \",\" in the layout if all numbers have it, or export with points".into(),
+            ),
         },
         (true, DecimalMark::Comma) => NoNumber {
             reason: "a number with a decimal point, and the layout says decimal = \",\"".into(),
             remedy: Some(
-                "take decimal = \",\" out of the layout if all numbers have points, or export with commas",
+                "take decimal = \",\" out of the layout if all numbers have points, or export with commas"
+                    .into(),
             ),
         },
         _ if is_grouped(cell, mark) => NoNumber {
             reason: "a number with separators of thousands".into(),
-            remedy: Some("export without separators of thousands"),
+            remedy: Some("export without separators of thousands".into()),
         },
         _ => match cell.chars().find(|c| !c.is_ascii()) {
             Some(character) => NoNumber {
                 reason: format!("not a number: the cell contains {}", unicode_name(character)).into(),
-                remedy: Some("export numbers with ASCII characters alone: digits, -, a decimal mark, e"),
+                remedy: Some(
+                    "export numbers with ASCII characters alone: digits, -, a decimal mark, e".into(),
+                ),
             },
             None => NoNumber { reason: "not a number".into(), remedy: None },
         },
@@ -225,6 +238,33 @@ pub fn timestamp(cell: &str) -> Option<i64> {
     let nanoseconds = nanoseconds_of_day(clock)?;
     let seconds = i64::from(days) * 86_400 - offset;
     seconds.checked_mul(1_000_000_000)?.checked_add(nanoseconds)
+}
+
+/// Nanoseconds of a time that is text, from the origin of its form.
+#[must_use]
+pub fn text_time(cell: &str, form: &TextTime) -> Option<i64> {
+    match form {
+        TextTime::Timestamp => timestamp(cell),
+        TextTime::Format(format) => format.moment(cell).map(|moment| moment.nanoseconds),
+        TextTime::Duration => duration(cell),
+    }
+}
+
+/// What times count from whose first one is in this cell.
+pub(crate) fn clock_origin(cell: &str, form: &TextTime) -> Option<ClockOrigin> {
+    let nanoseconds = text_time(cell, form)?;
+    let dated = dated_moment(cell);
+    let (period_s, is_local) = match form {
+        TextTime::Timestamp => match dated {
+            Some((_, has_offset)) => (None, !has_offset),
+            None => (form.period_s(), true),
+        },
+        TextTime::Format(format) => {
+            (form.period_s(), format.moment(cell).is_some_and(|moment| !moment.has_offset))
+        }
+        TextTime::Duration => (None, false),
+    };
+    Some(ClockOrigin { nanoseconds, period_s, is_local })
 }
 
 /// As [`timestamp`] of a cell that has a date, and whether it has an offset from UTC.
@@ -330,8 +370,8 @@ mod tests {
             ("1\u{a0}234", "a number with separators of thousands", "a number with separators of thousands"),
             ("abc", "not a number", "not a number"),
             ("1,2,3", "not a number", "not a number"),
-            ("\u{2212}0000", MINUS, MINUS),
-            ("0\u{a0}", NO_BREAK_SPACE, NO_BREAK_SPACE),
+            ("1\u{2212}0", MINUS, MINUS),
+            ("0\u{a0}0", NO_BREAK_SPACE, NO_BREAK_SPACE),
             ("0\u{200b}", "not a number: the cell contains U+200B ZERO WIDTH SPACE", ""),
             ("12°", "not a number: the cell contains U+00B0", ""),
         ] {
@@ -340,6 +380,22 @@ mod tests {
             }
             if !comma.is_empty() {
                 assert_eq!(reason(cell, DecimalMark::Comma), comma, "{cell}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_minus_of_typography_and_blanks_around_a_number_are_read() {
+        for (cell, value) in [
+            ("\u{2212}0.000015", -0.000_015),
+            ("1.5e\u{2212}3", 1.5e-3),
+            ("\u{a0}0.5\u{202f}", 0.5),
+            ("\u{2212}\u{a0}1", f64::NAN),
+        ] {
+            let found = number(cell, DecimalMark::Point);
+            match value.is_nan() {
+                true => assert!(found.is_err(), "{cell}"),
+                false => assert_eq!(found, Ok(value), "{cell}"),
             }
         }
     }

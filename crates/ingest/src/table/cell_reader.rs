@@ -5,29 +5,48 @@
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
 use super::channels::RawColumns;
-use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::clock::{CHANGE_OF_CLOCKS, ClockOrigin, PreviousTime, TimeColumn};
+use super::column_map::{ColumnMap, Role};
 use super::fields::fields;
+use super::mended::{Mend, Mended};
 use super::{cell, channels};
 use crate::bytes::blocks::{Block, is_blank, narrow, nul};
+use crate::bytes::fingerprint;
 use crate::rejection::Rejection;
-use armwatch_model::run::RawSamples;
+use armwatch_config::{TextTime, duration, forms_of, joined_forms};
+use armwatch_model::run::{ContentHash, RawSamples};
 
 /// What a file is that ends before its first row is whole.
 pub(crate) const CUT: &str = "last line is cut";
 pub(crate) const CUT_REMEDY: &str = "wait until the writer has finished, or export again";
 const CELL_REMEDY: &str = "export again or correct the cell";
+/// A step between two rows adds no more than this to a change of clocks, s.
+const HOUR_TOLERANCE: f64 = 5.0;
 const STAGE_REMEDY: &str = "add the value to the stage signal of the layout, or export again";
 
-/// The time of the last row of the block before.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct PreviousTime {
-    /// In the export's unit, for messages.
-    pub recorded: f64,
-    /// In s.
-    pub seconds: f64,
+/// The hash of the text of a row, for [`PreviousTime::row`].
+pub(crate) fn row_hash(line: &[u8]) -> ContentHash {
+    fingerprint::of_bytes(without_return(line))
+}
+
+fn without_return(line: &[u8]) -> &[u8] {
+    line.strip_suffix(b"\r").unwrap_or(line)
+}
+
+/// The rows of a block.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReadRows {
+    /// The rows, in SI.
+    pub samples: RawSamples,
+    /// Bad rows that were passed over.
+    pub passed_over: PassedOver,
+    /// What was mended.
+    pub mended: Mended,
+    /// The last row, where times are text.
+    pub clock: Option<PreviousTime>,
+    /// Hash of the text of the last row.
+    pub row: Option<ContentHash>,
 }
 
 /// Reads a block whose last line is known to be whole.
@@ -40,7 +59,7 @@ pub fn read(
     previous: Option<PreviousTime>,
     path: &Path,
 ) -> Result<RawSamples, Rejection> {
-    read_passing_over(block, map, previous, path, 0).map(|(samples, _)| samples)
+    read_passing_over(block, map, previous, path, 0).map(|read| read.samples)
 }
 
 /// Bad rows that were passed over.
@@ -61,8 +80,9 @@ impl PassedOver {
 }
 
 /// As [`read`], passing over `most` bad rows at most: rows with another number of fields than columns, and rows with
-/// a cell that is empty or not understood. A row whose time does not rise, in which two stages go on, or that
-/// repeats the header is no bad row: what is wrong there is the recording.
+/// a cell that is empty or not understood, and rows with the time of the row before. A row whose time falls, in which
+/// two stages go on, or that repeats the header is no bad row: what is wrong there is the recording. A row that repeats
+/// the one before in every cell is left out.
 ///
 /// Where rows are counted instead of timed, a row that is passed over takes its time.
 ///
@@ -74,15 +94,30 @@ pub fn read_passing_over(
     previous: Option<PreviousTime>,
     path: &Path,
     most: u64,
-) -> Result<(RawSamples, PassedOver), Rejection> {
+) -> Result<ReadRows, Rejection> {
     let mut columns: RawColumns = vec![Vec::new(); map.names.len()];
-    let mut row = Row { map, path, columns: &mut columns, previous, passes_over: most > 0, kept: Vec::new() };
-    let mut passed = PassedOver::default();
+    let mut row = Row {
+        map,
+        path,
+        columns: &mut columns,
+        previous,
+        passes_over: most > 0,
+        stands_still: false,
+        kept: Vec::new(),
+    };
+    let (mut passed, mut mended) = (PassedOver::default(), Mended::default());
+    let mut line_before: Option<&[u8]> = None;
     // rows before each row that is kept, those passed over included
     let mut places: Vec<usize> = Vec::new();
     for (place, (bytes, number)) in lines(&block.bytes).zip(block.first_line..).enumerate() {
         match row.read(bytes) {
-            Ok(()) => places.push(place),
+            Ok(()) => {
+                places.push(place);
+                line_before = Some(bytes);
+            }
+            Err(_) if row.stands_still && repeats(bytes, line_before, previous) => {
+                mended.note(Mend::Repeated, 1, number);
+            }
             Err(rejection) if rejection.is_bad_row && passed.rows < most => {
                 let first = Some(Box::new(rejection.at_line(number)));
                 passed.add(PassedOver { rows: 1, first });
@@ -90,16 +125,28 @@ pub fn read_passing_over(
             Err(rejection) => return Err(rejection.at_line(number)),
         }
     }
-    let mut samples = channels::samples(columns, map, previous.map(|p| p.seconds)).ok_or_else(|| {
+    let (mut samples, clock) = channels::samples_and_clock(columns, map, previous).ok_or_else(|| {
         Rejection::of_file(path, "numbers that cannot be read reliably", CELL_REMEDY)
             .at_line(block.first_line)
     })?;
+    for (row, turn) in clock.turns {
+        let place = places.get(row).copied().unwrap_or_default();
+        mended.note(Mend::Clock(turn), 1, block.first_line + place as u64);
+    }
     if let TimeColumn::Counted(rate) = map.time
         && passed.rows > 0
     {
         samples.time = channels::counted(places, rate, previous.map(|p| p.seconds));
     }
-    Ok((samples, passed))
+    Ok(ReadRows { samples, passed_over: passed, mended, clock: clock.last, row: line_before.map(row_hash) })
+}
+
+/// Whether a line repeats the last row, `before`, or that of the block before.
+fn repeats(line: &[u8], before: Option<&[u8]>, previous: Option<PreviousTime>) -> bool {
+    match before {
+        Some(before) => without_return(line) == without_return(before),
+        None => previous.and_then(|previous| previous.row) == Some(row_hash(line)),
+    }
 }
 
 /// The rejection of a row that is bad by itself; what others say is wrong with the recording.
@@ -182,6 +229,8 @@ struct Row<'a> {
     /// Whether a bad row is passed over: then it is looked at to its end, so that a wrong time in it counts as one
     /// of its bad cells.
     passes_over: bool,
+    /// Whether the row has the time of the row before.
+    stands_still: bool,
     /// The row's numbers by column, until all of it is understood.
     kept: Vec<(usize, f64)>,
 }
@@ -200,6 +249,7 @@ impl Row<'_> {
         let mut stage_on: Option<usize> = None;
         let mut of_recording: Option<Rejection> = None;
         let mut time = None;
+        self.stands_still = false;
         self.kept.clear();
         for (column, cell) in fields(text, map.delimiter).enumerate() {
             let role = map.roles.get(column).copied().unwrap_or(Role::Ignored);
@@ -319,16 +369,23 @@ impl Row<'_> {
         Ok(value)
     }
 
-    fn next_time(&self, value: f64, cell: &str) -> Result<PreviousTime, Rejection> {
-        let seconds = self.scaled_time(value);
-        let recorded = match self.map.time {
-            TimeColumn::Recorded(_) => cell::number(cell, self.map.decimal).unwrap_or(value),
-            _ => value,
+    fn next_time(&mut self, value: f64, cell: &str) -> Result<PreviousTime, Rejection> {
+        let next = match self.map.time {
+            TimeColumn::Stamped { origin, .. } => origin.next(value, self.previous.as_ref()).0,
+            TimeColumn::Recorded(_) => PreviousTime {
+                recorded: cell::number(cell, self.map.decimal).unwrap_or(value),
+                seconds: self.scaled_time(value),
+                ..PreviousTime::default()
+            },
+            _ => {
+                PreviousTime { recorded: value, seconds: self.scaled_time(value), ..PreviousTime::default() }
+            }
         };
-        if let Some(before) = self.previous.filter(|before| before.seconds >= seconds) {
-            return Err(self.time_does_not_rise(before, seconds, recorded).with_value(cell));
+        if let Some(before) = self.previous.filter(|before| before.seconds >= next.seconds) {
+            self.stands_still = before.seconds <= next.seconds;
+            return Err(self.time_does_not_rise(before, &next, cell).with_value(cell));
         }
-        Ok(PreviousTime { recorded, seconds })
+        Ok(next)
     }
 
     /// A time in s, converted exactly as [`channels::samples`] converts it.
@@ -345,8 +402,10 @@ impl Row<'_> {
         counts * factor
     }
 
-    fn time_does_not_rise(&self, before: PreviousTime, seconds: f64, recorded: f64) -> Rejection {
-        let backwards = before.seconds > seconds;
+    fn time_does_not_rise(&self, before: PreviousTime, next: &PreviousTime, cell: &str) -> Rejection {
+        let recorded = next.recorded;
+        let backwards = before.seconds > next.seconds;
+        let is_hour = (before.seconds - next.seconds - CHANGE_OF_CLOCKS).abs() < HOUR_TOLERANCE;
         let last = match self.map.time {
             TimeColumn::Stamped { .. } => "the time".to_owned(),
             // of the row before a block only the count that goes on is known
@@ -359,14 +418,25 @@ impl Row<'_> {
             format!("not later than {last} in the row before: time stands still")
         });
         let anew = || began_anew(before.recorded, recorded).filter(|_| backwards);
+        // rows that fall are out of order; one row with the time of another is one bad row
+        rejection.is_bad_row = !backwards;
         rejection.remedy = match (&self.map.time, anew()) {
+            _ if !backwards && cell.contains(['e', 'E']) => format!(
+                "the last digits of the time are lost, since a spreadsheet wrote it as {cell}: format the column as a number \
+                 with all digits, and export again"
+            )
+            .into(),
+            _ if !backwards => "two rows have one time and other cells: export again, with a finer time".into(),
+            (TimeColumn::Recorded(_), None) if is_hour => {
+                "the clock was set back by one hour here: export UTC, or the time since the start".into()
+            }
             (TimeColumn::Wrapping { period, .. }, _) => {
                 format!("check wraps_at = {period} under [time]: the counter must begin anew there").into()
             }
             (_, Some(period)) => {
                 format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
             }
-            (_, None) => "export the recording again in one piece, with a finer time if needed".into(),
+            (_, None) => "export the recording again in one piece".into(),
         };
         rejection
     }
@@ -387,21 +457,63 @@ fn began_anew(before: f64, after: f64) -> Option<u64> {
 }
 
 /// The number in a cell; of a time, from that of the first row on, a date and time in s.
-fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
+pub(crate) fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell::NoNumber> {
     match (role, map.time) {
-        (Role::Time, TimeColumn::Stamped { origin, .. }) => stamped(cell, origin).ok_or(cell::NoNumber {
-            reason: "not a date and time".into(),
-            remedy: Some("export times as 2026-03-01T08:00:00.004, or give [time] another unit"),
-        }),
-        (Role::Time, TimeColumn::Recorded(_)) => match map.time_origin {
-            Some(origin) => cell::number_since(cell, map.decimal, origin),
-            None => cell::number(cell, map.decimal),
-        },
+        (Role::Time, TimeColumn::Stamped { origin, .. }) => {
+            stamped(cell, map, origin).ok_or_else(|| no_time(cell, &map.text_time))
+        }
+        (Role::Time, TimeColumn::Recorded(_)) => {
+            let number = match map.time_origin {
+                Some(origin) => cell::number_since(cell, map.decimal, origin),
+                None => cell::number(cell, map.decimal),
+            };
+            number.map_err(|no| match form_remedy(cell) {
+                Some(remedy) => cell::NoNumber {
+                    reason: "a time as text, and the layout takes numbers".into(),
+                    remedy: Some(remedy.into()),
+                },
+                None => no,
+            })
+        }
         _ => cell::number(cell, map.decimal),
     }
 }
 
-/// Seconds from `origin`, ns from 1970, to a date and time.
-pub(crate) fn stamped(cell: &str, origin: i64) -> Option<f64> {
-    Some(cell::timestamp(cell)?.checked_sub(origin)? as f64 * 1e-9)
+/// Seconds from `origin` to a time that is text.
+pub(crate) fn stamped(cell: &str, map: &ColumnMap, origin: ClockOrigin) -> Option<f64> {
+    Some(cell::text_time(cell, &map.text_time)?.checked_sub(origin.nanoseconds)? as f64 * 1e-9)
+}
+
+fn no_time(cell: &str, form: &TextTime) -> cell::NoNumber {
+    let (reason, usual) = match form {
+        TextTime::Timestamp => (
+            "not a date and time".into(),
+            "export times as 2026-03-01T08:00:00.004, or give [time] another unit or a format",
+        ),
+        TextTime::Format(format) => {
+            (format!("not in the form {}", format.text()).into(), "correct format under [time] of the layout")
+        }
+        TextTime::Duration => {
+            ("not an elapsed time such as T#1h2m3s4ms".into(), "give [time] another unit or a format")
+        }
+    };
+    cell::NoNumber { reason, remedy: Some(form_remedy(cell).map_or(usual.into(), Into::into)) }
+}
+
+/// The setting with which a time that is text is read; `None` for a cell of unknown form.
+fn form_remedy(cell: &str) -> Option<String> {
+    if duration(cell).is_some() {
+        return Some("set unit = \"duration\" under [time] of the layout".into());
+    }
+    let forms = forms_of(cell);
+    match forms.as_slice() {
+        [] => None,
+        [only] => {
+            Some(format!("set format = {:?} under [time] of the layout, in place of unit", only.text()))
+        }
+        _ => Some(format!(
+            "set format = {} under [time] of the layout, in place of unit: the one with the export's order of day and month",
+            joined_forms(&forms)
+        )),
+    }
 }

@@ -4,7 +4,8 @@
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
 use super::cell::{self, Decimal};
-use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::clock::{PreviousTime, TimeColumn, Turn};
+use super::column_map::{ColumnMap, Role};
 use armwatch_config::DecimalMark;
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::temperature::{TemperatureTrack, Temperatures};
@@ -42,13 +43,37 @@ pub fn word_number(cell: &str, map: &ColumnMap) -> Option<f64> {
 /// The channels in SI, or `None` if any number is refused or time does not rise strictly.
 ///
 /// Times in `columns` count from the first row of the export, but for counts of a counter, which are as recorded.
-/// `previous_time` is the time of the row before, s. Factors of 1 cost nothing.
+/// `previous` is the row before. Factors of 1 cost nothing.
 #[must_use]
-pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f64>) -> Option<RawSamples> {
+pub fn samples(columns: RawColumns, map: &ColumnMap, previous: Option<PreviousTime>) -> Option<RawSamples> {
+    samples_and_clock(columns, map, previous).map(|(samples, _)| samples)
+}
+
+/// How a clock ran over consecutive rows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ClockRun {
+    /// Its turns, each with the row behind it.
+    pub turns: Vec<(usize, Turn)>,
+    /// The last row, where times are text.
+    pub last: Option<PreviousTime>,
+}
+
+/// As [`samples`], with how the clock ran.
+#[must_use]
+pub fn samples_and_clock(
+    mut columns: RawColumns,
+    map: &ColumnMap,
+    previous: Option<PreviousTime>,
+) -> Option<(RawSamples, ClockRun)> {
     let factors = &map.to_si;
+    let previous_time = previous.map(|previous| previous.seconds);
+    let mut clock = ClockRun::default();
     let time = match map.time {
-        TimeColumn::Recorded(column) | TimeColumn::Stamped { column, .. } => {
-            scaled(taken(&mut columns, column), factors.time, MAX_TIME)?
+        TimeColumn::Recorded(column) => scaled(taken(&mut columns, column), factors.time, MAX_TIME)?,
+        TimeColumn::Stamped { column, origin } => {
+            let mut readings = taken(&mut columns, column);
+            (clock.turns, clock.last) = origin.go_on(&mut readings, previous);
+            scaled(readings, 1.0, MAX_TIME)?
         }
         TimeColumn::Wrapping { column, period } => {
             let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
@@ -93,7 +118,9 @@ pub fn samples(mut columns: RawColumns, map: &ColumnMap, previous_time: Option<f
         None => None,
     };
     let temperatures = temperatures(&mut columns, map);
-    Some(RawSamples { time, position, velocity, torque, stage, cycle, friction_signal, temperatures })
+    let samples =
+        RawSamples { time, position, velocity, torque, stage, cycle, friction_signal, temperatures };
+    Some((samples, clock))
 }
 
 /// The number in a cell of a temperature column, in its unit; not a number where the cell holds none, which is

@@ -4,10 +4,12 @@
 use std::path::Path;
 
 use super::cell::{self, Decimal};
+use super::clock::{ClockOrigin, TimeColumn};
 use super::fields::fields;
 use crate::rejection::Rejection;
 use armwatch_config::{
-    Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TimeSource,
+    Channel, Column, DecimalMark, JointColumns, Layout, MotorSide, StageSource, TemperatureUnit, TextTime,
+    TimeSource,
 };
 use armwatch_model::robot::{JointIndex, Robot, name::composed};
 
@@ -68,6 +70,8 @@ pub struct ColumnMap {
     pub roles: Vec<Role>,
     /// Where time stands.
     pub time: TimeColumn,
+    /// How a column of text gives times.
+    pub text_time: TextTime,
     /// Number that times in a column of numbers count from, that of the first row; `None` before it is seen.
     pub time_origin: Option<Decimal>,
     /// Fields that each row must have: all up to the last column that has a name or is needed.
@@ -96,42 +100,6 @@ pub struct ColumnMap {
     pub motor_side: MotorSide,
     /// Largest speed level; 0 if the description names none, then any is taken.
     pub levels: usize,
-}
-
-/// Where the time of a row comes from.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum TimeColumn {
-    /// The column of this index.
-    Recorded(usize),
-    /// The column of this index, which begins anew.
-    Wrapping {
-        /// Column index.
-        column: usize,
-        /// One more than its largest value, in its unit.
-        period: f64,
-    },
-    /// Dates and times in the column of this index.
-    Stamped {
-        /// Column index.
-        column: usize,
-        /// Moment that times count from, ns from 1970.
-        origin: i64,
-    },
-    /// The number of the row at this sample rate, Hz.
-    Counted(f64),
-}
-
-impl TimeColumn {
-    /// Column index, where there is one.
-    #[must_use]
-    pub fn column(self) -> Option<usize> {
-        match self {
-            Self::Recorded(column) | Self::Wrapping { column, .. } | Self::Stamped { column, .. } => {
-                Some(column)
-            }
-            Self::Counted(_) => None,
-        }
-    }
 }
 
 /// Column indices of the friction signal.
@@ -202,7 +170,9 @@ pub fn map_columns(
         TimeSource::Counter { column, wraps_at } => {
             TimeColumn::Wrapping { column: search.needed(&column.column)?, period: *wraps_at }
         }
-        TimeSource::Timestamp(column) => TimeColumn::Stamped { column: search.needed(column)?, origin: 0 },
+        TimeSource::Text { column, .. } => {
+            TimeColumn::Stamped { column: search.needed(column)?, origin: ClockOrigin::default() }
+        }
         TimeSource::SampleRate(rate) => TimeColumn::Counted(*rate),
     };
     let position = search.needed_by_joint(&layout.position)?;
@@ -273,6 +243,10 @@ pub fn map_columns(
         names,
         roles,
         time,
+        text_time: match &layout.time {
+            TimeSource::Text { form, .. } => form.clone(),
+            _ => TextTime::Timestamp,
+        },
         time_origin: None,
         position,
         velocity,

@@ -5,7 +5,8 @@
 //! to the last bit.
 
 use super::channels::{self, RawColumns};
-use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::clock::TimeColumn;
+use super::column_map::{ColumnMap, Role};
 use super::fields::single;
 use super::plain_number::number_at;
 use armwatch_config::DecimalMark;

@@ -15,10 +15,12 @@ use polars_core::prelude::{Column, DataFrame, DataType, Field, Schema, SchemaRef
 use polars_io::SerReader;
 use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 
-use super::cell_reader::{PassedOver, PreviousTime};
+use super::cell_reader::{PassedOver, ReadRows};
 use super::channels::RawColumns;
-use super::column_map::{ColumnMap, Role, TimeColumn};
+use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
+use super::column_map::{ColumnMap, Role};
 use super::fields::{fields, single, with_tabs};
+use super::mended::{Mend, Mended};
 use super::plain_reader::PlainReader;
 use super::{cell, cell_reader, channels};
 use crate::bytes::blocks::{Block, count, line_count};
@@ -54,7 +56,7 @@ impl Parser {
             .filter_map(|line| fields(std::str::from_utf8(line).ok()?, delimiter).nth(column));
         match &mut self.map.time {
             TimeColumn::Stamped { origin, .. } => {
-                let found = cells.find_map(cell::timestamp);
+                let found = cells.find_map(|cell| cell::clock_origin(cell, &self.map.text_time));
                 *origin = found.unwrap_or(*origin);
                 found.is_some()
             }
@@ -75,16 +77,16 @@ impl Parser {
         self.plain = PlainReader::new(&self.map);
     }
 
-    /// Moment that dates and times count from, ns from 1970, where they do.
-    pub(crate) fn counted_from(&self) -> Option<i64> {
+    /// What dates and times count from, where they do.
+    pub(crate) fn counted_from(&self) -> Option<ClockOrigin> {
         match self.map.time {
             TimeColumn::Stamped { origin, .. } => Some(origin),
             _ => None,
         }
     }
 
-    /// Lets dates and times count from this moment, ns from 1970.
-    pub(crate) fn count_from_moment(&mut self, moment: i64) {
+    /// Lets dates and times count from this origin.
+    pub(crate) fn count_from_moment(&mut self, moment: ClockOrigin) {
         if let TimeColumn::Stamped { origin, .. } = &mut self.map.time {
             *origin = moment;
         }
@@ -100,7 +102,7 @@ impl Parser {
         previous: Option<PreviousTime>,
         path: &Path,
     ) -> Result<RawSamples, Rejection> {
-        self.read_passing_over(block, previous, path, 0).map(|(samples, _)| samples)
+        self.read_passing_over(block, previous, path, 0).map(|read| read.samples)
     }
 
     /// As [`Parser::read`], passing over `most` bad rows at most, see [`cell_reader::read_passing_over`].
@@ -113,12 +115,19 @@ impl Parser {
         previous: Option<PreviousTime>,
         path: &Path,
         most: u64,
-    ) -> Result<(RawSamples, PassedOver), Rejection> {
+    ) -> Result<ReadRows, Rejection> {
         let fast = self
             .columns(&block.bytes)
-            .and_then(|columns| channels::samples(columns, &self.map, previous.map(|p| p.seconds)));
+            .and_then(|columns| channels::samples_and_clock(columns, &self.map, previous));
         match fast {
-            Some(samples) => Ok((samples, PassedOver::default())),
+            Some((samples, clock)) => {
+                let mut mended = Mended::default();
+                for (row, turn) in clock.turns {
+                    mended.note(Mend::Clock(turn), 1, block.first_line + row as u64);
+                }
+                let row = cell_reader::lines(&block.bytes).next_back().map(cell_reader::row_hash);
+                Ok(ReadRows { samples, passed_over: PassedOver::default(), mended, clock: clock.last, row })
+            }
             None => cell_reader::read_passing_over(block, &self.map, previous, path, most),
         }
     }
@@ -191,14 +200,16 @@ impl Parser {
     }
 
     /// Seconds from `origin` to the dates and times of a column without a gap.
-    fn moments(&self, column: &Column, origin: i64) -> Option<Vec<f64>> {
+    fn moments(&self, column: &Column, origin: ClockOrigin) -> Option<Vec<f64>> {
         let blank = |c: char| matches!(c, ' ' | '\t' | '\r');
         let comma = self.map.decimal == DecimalMark::Comma;
         let moment = |cell: Option<&str>| {
             let cell = cell?.trim_matches(blank);
             match comma {
-                true => cell_reader::stamped(&cell.chars().map(as_written).collect::<String>(), origin),
-                false => cell_reader::stamped(cell, origin),
+                true => {
+                    cell_reader::stamped(&cell.chars().map(as_written).collect::<String>(), &self.map, origin)
+                }
+                false => cell_reader::stamped(cell, &self.map, origin),
             }
         };
         column.str().ok()?.iter().map(moment).collect()
@@ -333,7 +344,7 @@ mod tests {
     use crate::bytes::encoding::Found;
     use crate::fixture::{fixture, made_recording, native};
     use crate::table::column_map::map_columns;
-    use armwatch_config::{Column as ConfigColumn, Layout, TextEncoding, TimeSource};
+    use armwatch_config::{Column as ConfigColumn, Layout, TextEncoding, TextTime, TimeSource};
     use armwatch_testing::er3a;
 
     fn parser(header: &str) -> Parser {
@@ -387,7 +398,10 @@ mod tests {
         let mut comma = native();
         comma.delimiter = b';';
         comma.text.decimal = DecimalMark::Comma;
-        let stamped = Layout { time: TimeSource::Timestamp(ConfigColumn::Name("time".into())), ..native() };
+        let stamped = Layout {
+            time: TimeSource::Text { column: ConfigColumn::Name("time".into()), form: TextTime::Timestamp },
+            ..native()
+        };
         for (name, layout) in [("decimal_commas.csv", comma), ("timestamps.csv", stamped)] {
             let text = std::fs::read_to_string(fixture(name)).unwrap();
             let mut parser = parser_of(text.lines().next().unwrap(), &layout);

@@ -6,17 +6,19 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::cell::Decimal;
-use super::cell_reader::{LastLine, PassedOver, PreviousTime};
-use super::column_map::{ColumnMap, TimeColumn, known_columns, map_columns};
+use super::cell_reader::{LastLine, PassedOver, ReadRows};
+use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
+use super::column_map::{ColumnMap, known_columns, map_columns};
+use super::mended::{Mend, Mended};
 use super::polars_reader::Parser;
 use super::preamble::Header;
-use super::{cell_reader, channels, plausible, preamble};
+use super::{cell_reader, channels, plausible, preamble, sparse};
 use crate::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
 use crate::bytes::encoding::Found;
 use crate::rejection::Rejection;
 use armwatch_config::Layout;
 use armwatch_model::robot::Robot;
-use armwatch_model::run::RawSamples;
+use armwatch_model::run::{ContentHash, RawSamples};
 use armwatch_model::text;
 
 /// Lines below a line that is no header in which a header is looked for, to say how many to skip.
@@ -64,8 +66,8 @@ pub struct ReadPosition {
     pub previous: Option<PreviousTime>,
     /// Number that times count from, in the export's unit, where time is a column of numbers.
     pub origin: Option<Decimal>,
-    /// Moment that dates and times count from, ns from 1970, where they do.
-    pub moment: Option<i64>,
+    /// What dates and times count from, where they do.
+    pub moment: Option<ClockOrigin>,
 }
 
 /// What an export gives next.
@@ -112,6 +114,7 @@ pub struct ExportReader<R> {
     /// Most bad rows that are passed over.
     most_bad: u64,
     passed_over: PassedOver,
+    mended: Mended,
     /// A line with too few fields, of which it is not known yet whether it is the last.
     held: Option<Block>,
     left_out: Option<LeftOut>,
@@ -193,6 +196,7 @@ impl<R: Read> ExportReader<R> {
             has_moment: false,
             most_bad: layout.rows.skip_bad,
             passed_over: PassedOver::default(),
+            mended: Mended::default(),
             held: None,
             left_out: None,
             fault: None,
@@ -230,6 +234,12 @@ impl<R: Read> ExportReader<R> {
     #[must_use]
     pub fn passed_over(&self) -> &PassedOver {
         &self.passed_over
+    }
+
+    /// What was mended so far, as far as this reader met it.
+    #[must_use]
+    pub fn mended(&self) -> &Mended {
+        &self.mended
     }
 
     /// Passes over rows, a block of them at most, on the way to `position`, where a reader of the same export stood.
@@ -308,7 +318,7 @@ impl<R: Read> ExportReader<R> {
             TimeColumn::Counted(_) => line_count(&block.bytes),
             _ => 0,
         };
-        let (samples, passed) = match read {
+        let ReadRows { samples, passed_over, mended, clock, row } = match read {
             Ok(read) => {
                 self.blocks.give_back(block.bytes);
                 read
@@ -318,9 +328,10 @@ impl<R: Read> ExportReader<R> {
                 self.rows_before(block, rejection, left)?
             }
         };
-        self.note_time(&samples, lines);
+        self.note_time(&samples, lines, (row, clock));
         self.rows += samples.rows() as u64;
-        self.passed_over.add(passed);
+        self.passed_over.add(passed_over);
+        self.mended.add(&mended);
         Ok(samples)
     }
 
@@ -332,6 +343,9 @@ impl<R: Read> ExportReader<R> {
         if self.header_line.is_some_and(|header| header + 1 == line) && &*rejection.reason == "not a number" {
             rejection.remedy =
                 "if this line gives units or types, set skip_after_header = 1 in the layout".into();
+            return rejection;
+        }
+        if sparse::explain(&mut rejection, self.parser.map(), block) {
             return rejection;
         }
         rejection.remedy = self.with_skip_bad(&rejection).into();
@@ -365,15 +379,15 @@ impl<R: Read> ExportReader<R> {
         mut block: Block,
         rejection: Rejection,
         most: u64,
-    ) -> Result<(RawSamples, PassedOver), Rejection> {
+    ) -> Result<ReadRows, Rejection> {
         let end = rejection.line.and_then(|line| start_of_line(&block, line)).filter(|end| *end > 0);
         let Some(end) = end else { return Err(self.unquoted(rejection)) };
         block.bytes.truncate(end);
         let read = self.parser.read_passing_over(&block, self.previous, &self.path, most);
         match read {
-            Ok((samples, passed)) if !samples.is_empty() => {
+            Ok(read) if !read.samples.is_empty() => {
                 self.fault = Some(rejection);
-                Ok((samples, passed))
+                Ok(read)
             }
             _ => Err(self.unquoted(rejection)),
         }
@@ -436,9 +450,15 @@ impl<R: Read> ExportReader<R> {
         if let Some(held) = self.held.take() {
             self.leave_out(held.first_line, IS_CUT);
         }
+        if let Some((nuls, line)) = self.blocks.trailing_nuls() {
+            self.mended.note(Mend::TrailingNuls, nuls, line);
+        }
         if self.rows > 0 {
             if self.passed_over.rows > 0 {
                 self.remark_passed_over();
+            }
+            for remark in self.mended.sentences() {
+                tracing::warn!(path = %text::of_path(&self.path), "{remark}");
             }
             return Ok(Step::End);
         }
@@ -460,12 +480,18 @@ impl<R: Read> ExportReader<R> {
         tracing::warn!(%path, rows, first, "bad rows were passed over, as skip_bad of the layout permits");
     }
 
-    /// Notes the last time of a block of `lines` lines.
-    fn note_time(&mut self, samples: &RawSamples, lines: u64) {
+    /// Notes the last time of a block of `lines` lines, with the hash of its last line and what its clock shows there.
+    fn note_time(
+        &mut self,
+        samples: &RawSamples,
+        lines: u64,
+        (row, clock): (Option<ContentHash>, Option<PreviousTime>),
+    ) {
         let (before, map) = (self.previous, self.parser.map());
         if let Some(last) = samples.time.last() {
             let origin = map.time_origin.map_or(0.0, Decimal::to_f64);
-            self.previous = Some(PreviousTime { recorded: last / map.to_si.time + origin, seconds: *last });
+            let recorded = last / map.to_si.time + origin;
+            self.previous = Some(PreviousTime { recorded, seconds: *last, row, ..clock.unwrap_or_default() });
         }
         // counted rows go on behind the last line, also where it was passed over
         if let TimeColumn::Counted(rate) = map.time
@@ -473,8 +499,12 @@ impl<R: Read> ExportReader<R> {
             && self.fault.is_none()
         {
             let times = channels::counted([last], rate, before.map(|before| before.seconds));
-            self.previous =
-                times.first().map(|seconds| PreviousTime { recorded: *seconds, seconds: *seconds });
+            let at = |seconds: &f64| PreviousTime {
+                recorded: *seconds,
+                seconds: *seconds,
+                ..PreviousTime::default()
+            };
+            self.previous = times.first().map(at);
         }
     }
 }
@@ -519,6 +549,9 @@ mod tests;
 
 #[cfg(test)]
 mod odd_exports_tests;
+
+#[cfg(test)]
+mod mended_tests;
 
 #[cfg(test)]
 mod temperature_tests;

@@ -4,8 +4,6 @@ use std::io::Read;
 use std::path::Path;
 
 use jiff::Timestamp;
-use jiff::civil::{Date, DateTime};
-use jiff::fmt::strtime;
 use jiff::tz::TimeZone;
 
 use super::fields::fields;
@@ -104,7 +102,7 @@ fn missing(path: &Path, layout: &Layout, start: &StartSource, line: u64) -> Reje
 fn wanted(form: &StartForm) -> String {
     match form {
         StartForm::Timestamp => "date and time".into(),
-        StartForm::Format(format) => format!("date and time in the form {format}"),
+        StartForm::Format(format) => format!("date and time in the form {}", format.text()),
         StartForm::Since1970(_) => "time since 1970".into(),
     }
 }
@@ -124,21 +122,13 @@ fn remedy(form: &StartForm) -> &'static str {
 /// The moment that a cell says.
 fn moment(cell: &str, form: &StartForm, zone: &TimeZone) -> Option<Timestamp> {
     let found = match form {
-        StartForm::Timestamp => match cell::dated_moment(cell)? {
-            (nanoseconds, true) => Timestamp::from_nanosecond(i128::from(nanoseconds)).ok()?,
-            (nanoseconds, false) => {
-                let clock = Timestamp::from_nanosecond(i128::from(nanoseconds)).ok()?;
-                on_clock(TimeZone::UTC.to_datetime(clock), zone)?
-            }
-        },
+        StartForm::Timestamp => {
+            let (nanoseconds, has_offset) = cell::dated_moment(cell)?;
+            at_clock(nanoseconds, has_offset, zone)?
+        }
         StartForm::Format(format) => {
-            let parsed = strtime::parse(format, cell).ok()?;
-            match parsed.offset() {
-                Some(_) => parsed.to_timestamp().ok()?,
-                None => {
-                    on_clock(parsed.to_datetime().ok().or_else(|| midnight(parsed.to_date().ok()?))?, zone)?
-                }
-            }
+            let found = format.moment(cell)?;
+            at_clock(found.nanoseconds, found.has_offset, zone)?
         }
         StartForm::Since1970(to_s) => {
             let microseconds = cell::number(cell, armwatch_config::DecimalMark::Point)
@@ -157,20 +147,25 @@ fn moment(cell: &str, form: &StartForm, zone: &TimeZone) -> Option<Timestamp> {
     YEARS.contains(&TimeZone::UTC.to_datetime(found).year()).then_some(found)
 }
 
-fn midnight(date: Date) -> Option<DateTime> {
-    Some(date.at(0, 0, 0, 0))
-}
-
-/// A clock on a wall in `zone`; see [`armwatch_config::Recognition`] for hours that come twice or not at all.
-fn on_clock(clock: DateTime, zone: &TimeZone) -> Option<Timestamp> {
-    zone.to_ambiguous_timestamp(clock).compatible().ok()
+/// The moment that a clock shows, ns from 1970: without an offset from UTC, a clock on a wall in `zone`; see
+/// [`armwatch_config::Recognition`] for hours that come twice or not at all.
+fn at_clock(nanoseconds: i64, has_offset: bool, zone: &TimeZone) -> Option<Timestamp> {
+    let clock = Timestamp::from_nanosecond(i128::from(nanoseconds)).ok()?;
+    if has_offset {
+        return Some(clock);
+    }
+    zone.to_ambiguous_timestamp(TimeZone::UTC.to_datetime(clock)).compatible().ok()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fixture::native;
-    use armwatch_config::{RowRule, StartForm};
+    use armwatch_config::{MomentFormat, RowRule, StartForm};
+
+    fn format(text: &str) -> StartForm {
+        StartForm::Format(MomentFormat::new(text).expect("a format"))
+    }
 
     fn start(column: &str, form: StartForm) -> StartSource {
         StartSource { column: Column::Name(column.into()), form }
@@ -190,8 +185,10 @@ mod tests {
             ("2026-01-05T08:47:30Z", StartForm::Timestamp, "2026-01-05T08:47:30Z"),
             ("2026-01-05T08:47:30-02:00", StartForm::Timestamp, "2026-01-05T10:47:30Z"),
             ("05.01.2026 08:47:30", StartForm::Timestamp, "2026-01-05T07:47:30Z"),
-            ("26_01_05 08-47", StartForm::Format("%y_%m_%d %H-%M".into()), "2026-01-05T07:47:00Z"),
-            ("Jan 5 2026", StartForm::Format("%b %d %Y".into()), "2026-01-04T23:00:00Z"),
+            ("26_01_05 08-47", format("%y_%m_%d %H-%M"), "2026-01-05T07:47:00Z"),
+            ("Jan 5 2026", format("%b %d %Y"), "2026-01-04T23:00:00Z"),
+            ("5. M\u{e4}rz 2026 8:47", format("%d. %B %Y %H:%M"), "2026-03-05T07:47:00Z"),
+            ("1/5/2026 8:47:30 AM", format("%m/%d/%Y %I:%M:%S %p"), "2026-01-05T07:47:30Z"),
             ("1767602850.5", StartForm::Since1970(1.0), "2026-01-05T08:47:30.5Z"),
             ("1767602850500", StartForm::Since1970(1e-3), "2026-01-05T08:47:30.5Z"),
         ] {

@@ -1,6 +1,8 @@
 //! Windows of ordinary work against parameters that a test has given: no identification, since a program
 //! of production moves as it must and not as parameters need.
 
+use std::borrow::Cow;
+
 use super::evidence::window_evidence;
 use super::reference::Reference;
 use crate::NumericsError;
@@ -9,6 +11,7 @@ use crate::identify::filtered_columns::filtered_coulomb_columns;
 use crate::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
 use crate::identify::verify::torque_rmsd;
 use crate::signal::filter::filter_signals;
+use crate::signal::restore::restore;
 use armwatch_model::analysis::{
     CycleAnalysis, FrictionExcess, JointCheck, Motion, ProductionCheck, RmsdPair, RmsdScope,
 };
@@ -25,12 +28,16 @@ const NO_IDENTIFICATION: &str = "production is not identified on";
 /// test, since in ordinary work joints may well stand still or move at one speed.
 #[must_use]
 pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Reference>) -> CycleAnalysis {
-    let samples = &cycle.samples;
+    let mut samples = Cow::Borrowed(&cycle.samples);
+    let restored = restore(&method.robot, &mut samples);
+    let samples = &*samples;
     let mut analysis =
-        CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle.number, &cycle.samples) };
+        CycleAnalysis { kind: RunKind::Production, ..unanalysed(method, cycle.number, samples) };
     if without_positions(samples, &mut analysis) {
         return analysis;
     }
+    analysis.remarks.extend(restored.remarks);
+    analysis.remarks.extend(restored.unsteady.map(|finding| finding.sentence));
     let filtered = match filter_signals(samples, analysis.cutoff) {
         Ok(filtered) => filtered,
         Err(error) => {

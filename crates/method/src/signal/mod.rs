@@ -5,4 +5,7 @@ pub mod filter;
 pub(crate) mod temperature;
 pub mod time_grid;
 pub mod channel_delay;
+mod arrival;
+pub(crate) mod fold;
+pub mod restore;
 pub(crate) mod noise;

@@ -2,6 +2,7 @@
 
 use super::view::{View, finding};
 use crate::lanes::largest_step;
+use crate::signal::fold::LEAP;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, JointKind};
 
@@ -15,8 +16,6 @@ const RANGE_ROWS: usize = 4000;
 /// Part of the moving rows that may repeat the row before in every channel.
 const REPEATED: f64 = 0.01;
 
-/// A joint is nowhere near this many times its largest speed: a larger step from one row to the next is no motion.
-const LEAP: f64 = 4.0;
 /// Part of the range that a joint moved over below which a step is resolution and no leap.
 const RESOLUTION: f64 = 0.01;
 /// Part of the rows that may leap. Where more do, the position is in another unit, which other checks see.

@@ -1,0 +1,184 @@
+//! Where the time of a row comes from, and clocks that begin anew or are set: their readings become times that go on.
+
+use serde::{Deserialize, Serialize};
+
+use armwatch_model::run::ContentHash;
+
+/// By how much clocks are set in spring and autumn, s.
+pub(super) const CHANGE_OF_CLOCKS: f64 = 3600.0;
+
+/// Between the row before a change of clocks and the one behind it is a step like others: no longer than this many of
+/// them.
+const LONGEST_STEP: f64 = 2.5;
+
+/// Part of the usual step that is left of it a row later: it follows shorter steps slowly, and longer ones at once, since
+/// loggers write several rows at a time.
+const KEPT: f64 = 0.98;
+
+/// The time of the last row of the block before.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct PreviousTime {
+    /// In the export's unit, for messages.
+    pub recorded: f64,
+    /// In s.
+    pub seconds: f64,
+    /// Usual step of a clock that is text, s.
+    pub step: f64,
+    /// What such a clock is behind the time since it began anew or was set, s.
+    pub shift: f64,
+    /// Hash of the row's text, by which a row that repeats it is known.
+    pub row: Option<ContentHash>,
+}
+
+/// Where the time of a row comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum TimeColumn {
+    /// The column of this index.
+    Recorded(usize),
+    /// The column of this index, which begins anew.
+    Wrapping {
+        /// Column index.
+        column: usize,
+        /// One more than its largest value, in its unit.
+        period: f64,
+    },
+    /// Dates and times in the column of this index.
+    Stamped {
+        /// Column index.
+        column: usize,
+        /// What times count from.
+        origin: ClockOrigin,
+    },
+    /// The number of the row at this sample rate, Hz.
+    Counted(f64),
+}
+
+impl TimeColumn {
+    /// Column index, where there is one.
+    #[must_use]
+    pub fn column(self) -> Option<usize> {
+        match self {
+            Self::Recorded(column) | Self::Wrapping { column, .. } | Self::Stamped { column, .. } => {
+                Some(column)
+            }
+            Self::Counted(_) => None,
+        }
+    }
+}
+
+/// What times count from in a column of text, and how its clock runs.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct ClockOrigin {
+    /// The reading of the first row, ns.
+    pub nanoseconds: i64,
+    /// Seconds after which the clock starts again from zero; `None` for one with a date and for elapsed time.
+    pub period_s: Option<f64>,
+    /// The clock shows local time, which changes by an hour in spring and autumn.
+    pub is_local: bool,
+}
+
+/// A jump of a clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Turn {
+    /// It starts again from zero.
+    Anew,
+    /// It was set back by an hour.
+    Back,
+    /// It was set forward by an hour.
+    Forward,
+}
+
+impl ClockOrigin {
+    /// The time of a row whose reading is `reading` s after the origin, and the turn before it.
+    #[must_use]
+    pub fn next(&self, reading: f64, before: Option<&PreviousTime>) -> (PreviousTime, Option<Turn>) {
+        let Some(before) = before else {
+            return (PreviousTime { recorded: reading, seconds: reading, ..PreviousTime::default() }, None);
+        };
+        let (mut shift, mut turn) = (before.shift, None);
+        let step = reading + shift - before.seconds;
+        if step < 0.0
+            && let Some(period) = self.period_s
+        {
+            // a step back by less than half a period stays one
+            let periods = (-step / period).round();
+            if periods > 0.0 {
+                (shift, turn) = (shift + periods * period, Some(Turn::Anew));
+            }
+        }
+        for (change, kind) in [(CHANGE_OF_CLOCKS, Turn::Back), (-CHANGE_OF_CLOCKS, Turn::Forward)] {
+            let left = step + change;
+            if self.is_local && turn.is_none() && left > 0.0 && left <= LONGEST_STEP * before.step {
+                (shift, turn) = (shift + change, Some(kind));
+            }
+        }
+        let seconds = reading + shift;
+        let step = (seconds - before.seconds).max(KEPT * before.step);
+        (PreviousTime { recorded: reading, seconds, step, shift, row: None }, turn)
+    }
+
+    /// The times of rows with these readings, s after the origin, in their place; the turns, each with the row behind it; and
+    /// the time of the last row.
+    pub(crate) fn go_on(
+        &self,
+        readings: &mut [f64],
+        before: Option<PreviousTime>,
+    ) -> (Vec<(usize, Turn)>, Option<PreviousTime>) {
+        let (mut last, mut turns) = (before, Vec::new());
+        for (row, reading) in readings.iter_mut().enumerate() {
+            let (next, turn) = self.next(*reading, last.as_ref());
+            turns.extend(turn.map(|turn| (row, turn)));
+            *reading = next.seconds;
+            last = Some(next);
+        }
+        (turns, last)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn times(origin: ClockOrigin, mut readings: Vec<f64>) -> (Vec<f64>, Vec<(usize, Turn)>) {
+        let (turns, _) = origin.go_on(&mut readings, None);
+        (readings, turns)
+    }
+
+    const LOCAL: ClockOrigin = ClockOrigin { nanoseconds: 0, period_s: None, is_local: true };
+
+    #[test]
+    fn a_time_of_day_goes_on_after_midnight_and_minutes_after_the_hour() {
+        for period in [86_400.0, 3600.0] {
+            let daily = ClockOrigin { period_s: Some(period), ..LOCAL };
+            let (found, turns) = times(daily, vec![0.0, 1.0, 2.0 - period, 3.0 - period]);
+            assert_eq!((found, turns), (vec![0.0, 1.0, 2.0, 3.0], vec![(2, Turn::Anew)]), "{period}");
+        }
+        let (found, turns) = times(ClockOrigin { period_s: Some(86_400.0), ..LOCAL }, vec![0.0, 1.0, 0.5]);
+        assert_eq!((found, turns), (vec![0.0, 1.0, 0.5], vec![]), "a step back stays one");
+    }
+
+    #[test]
+    fn an_hour_to_the_step_is_a_change_of_clocks() {
+        let (found, turns) = times(LOCAL, vec![0.0, 1.0, 2.0 - 3600.0, 3.0 - 3600.0]);
+        assert_eq!((found, turns), (vec![0.0, 1.0, 2.0, 3.0], vec![(2, Turn::Back)]));
+        let (found, turns) = times(LOCAL, vec![0.0, 1.0, 2.0 + 3600.0, 3.0 + 3600.0]);
+        assert_eq!((found, turns), (vec![0.0, 1.0, 2.0, 3.0], vec![(2, Turn::Forward)]));
+        for gap in [-3605.0, 3500.0, 3605.0, -1800.0] {
+            let (found, turns) = times(LOCAL, vec![0.0, 1.0, 1.0 + gap]);
+            assert_eq!((found[2], turns), (1.0 + gap, vec![]), "{gap}");
+        }
+        let universal = ClockOrigin { is_local: false, ..LOCAL };
+        assert_eq!(times(universal, vec![0.0, 1.0, 3602.0]).1, vec![]);
+    }
+
+    #[test]
+    fn rows_that_come_together_do_not_hide_a_change_of_clocks() {
+        let mut readings: Vec<f64> =
+            (0..40).map(|row| f64::from(row / 4) + 0.001 * f64::from(row % 4)).collect();
+        let expected = readings.clone();
+        readings[20..].iter_mut().for_each(|reading| *reading -= 3600.0);
+        let (found, turns) = times(LOCAL, readings);
+        assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?}");
+        assert_eq!(turns, [(20, Turn::Back)]);
+    }
+}

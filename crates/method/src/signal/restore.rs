@@ -1,0 +1,31 @@
+//! Repairs of recorded rows before any computation: times of arrival and folded angles.
+
+use std::borrow::Cow;
+
+use super::arrival::{Arrival, take_arrival};
+use super::fold::unfold;
+use armwatch_model::analysis::finding::Finding;
+use armwatch_model::robot::Robot;
+use armwatch_model::run::Samples;
+
+/// Repairs of a recording.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Restored {
+    /// One sentence for each repair.
+    pub remarks: Vec<String>,
+    /// The reason why the times of samples are not known.
+    pub unsteady: Option<Finding>,
+}
+
+/// Gives rows that were stamped on arrival the times of an even grid, and unfolds the angles of turning joints. Rows that
+/// need neither are not copied.
+pub fn restore(robot: &Robot, samples: &mut Cow<'_, Samples>) -> Restored {
+    let mut restored = Restored::default();
+    match take_arrival(samples) {
+        Some(Arrival::Even(remark)) => restored.remarks.push(remark),
+        Some(Arrival::Unsteady(finding)) => restored.unsteady = Some(finding),
+        None => {}
+    }
+    restored.remarks.extend(unfold(robot, samples));
+    restored
+}
