@@ -4,12 +4,12 @@ use std::borrow::Cow;
 
 use super::NumericsError;
 use super::buffers::Buffers;
+use super::diagnose::model::assignment::{Channels, assign};
 use super::diagnose::model::causes::{motor_torques, reason, sentences};
 use super::diagnose::model::combination::PlausibleSettings;
 use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
 use super::diagnose::model::nominal::inertia_ratios;
-use super::diagnose::model::own_fit::own_fits;
-use super::diagnose::model::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
+use super::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
 use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
@@ -159,7 +159,7 @@ fn identify_and_verify(
 ) {
     let Recorded { samples, filtered, factored, .. } = *recorded;
     let accept = method.settings.accept;
-    let channels = with_own_fits(method, recorded, channels);
+    let channels = with_assignment(method, recorded, channels);
     take_up(method, accepted(channels, accept), analysis);
     // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
     keep_factors(method, factored, analysis);
@@ -359,21 +359,22 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
     analysis.refusal_causes = refusal::causes(&analysis.findings);
 }
 
-/// Findings about channels, with signs of torques by each joint's own full fit, and without swapped torques that it
-/// contradicts. Where a position or velocity is wrong, torques are not judged by it.
-fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding>) -> Vec<Finding> {
-    let settings = WeighSettings::default();
-    let Recorded { filtered, factored, .. } = *recorded;
-    let excitation = recorded.excitation();
-    let fits = own_fits(&method.robot, &method.columns, filtered, factored, &excitation);
-    let mut kept: Vec<Finding> =
-        findings.into_iter().filter(|finding| !own_torques(finding, &fits, &settings)).collect();
-    let kinds: FindingKinds =
-        kept.iter().filter(|f| f.severity == FindingSeverity::Refuse).map(|f| f.kind).collect();
-    if kinds.is_empty() {
-        kept.extend(turned_torques(&fits, &settings));
+/// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
+/// is wrong, torques are not judged by it.
+fn with_assignment(method: &Method, recorded: &Recorded<'_>, mut findings: Vec<Finding>) -> Vec<Finding> {
+    if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
+        let Recorded { filtered, filtered_coulomb_columns, factored, .. } = *recorded;
+        findings.extend(assign(&Channels {
+            robot: &method.robot,
+            columns: &method.columns,
+            kept_columns: &method.base.kept_columns,
+            filtered,
+            filtered_coulomb_columns,
+            factored,
+            excitation: &recorded.excitation(),
+        }));
     }
-    kept
+    findings
 }
 
 /// What the identified model says that no arm can be, as far as nothing else explains it.

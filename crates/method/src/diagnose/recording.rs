@@ -5,7 +5,6 @@
 
 mod glitches;
 mod position;
-mod torque;
 mod velocity;
 pub mod view;
 
@@ -21,8 +20,8 @@ const REPEATS_S: f64 = 0.5;
 
 /// Everything that the channels of one cycle show to be wrong, the gravest first.
 ///
-/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`]. Swapped
-/// columns and wrong signs can only be seen as far as joints move.
+/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`].
+/// Torques of wrong sign or order are found by [`super::model::assignment`].
 #[must_use]
 pub fn diagnose_samples(
     robot: &Robot,
@@ -56,19 +55,12 @@ pub fn diagnose_samples(
         findings.push(repeated);
     }
     findings.extend(short(&view, settings).filter(|_| view.has_excitation));
-    let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
         if view.has_excitation {
             findings.extend(motion(&view, joint, settings));
         }
         findings.extend(saturation(&view, joint, settings));
     }
-    let judged: Vec<JointIndex> = robot
-        .joint_indices()
-        .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
-        .filter(|&j| view.has_excitation || view.moving_share(j) >= settings.moving_share)
-        .collect();
-    findings.extend(torque::torques(&view, &judged));
     view.end();
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     findings

@@ -1,6 +1,5 @@
 //! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
 
-use super::own_fit::OwnFit;
 use crate::least_squares::factor::TriangularFactor;
 use crate::model::base_parameters::BaseParameters;
 use crate::physical::fit::{ConstraintCost, physical_fit};
@@ -26,12 +25,6 @@ pub struct WeighSettings {
     /// A torque error below this part of the joint's own friction may be friction of another shape than the
     /// description's law.
     pub friction_share: f64,
-    /// Power of friction over RMS torque times RMS speed below which friction drives the joint.
-    pub driven: f64,
-    /// Standard errors by which that power must be negative.
-    pub standard_errors: f64,
-    /// Part of a torque's squares that its own columns may leave for it to be the joint's own.
-    pub own_torque: f64,
 }
 
 impl Default for WeighSettings {
@@ -42,46 +35,8 @@ impl Default for WeighSettings {
             arm_share: 0.01,
             noise_deviations: 3.0,
             friction_share: 0.6,
-            driven: -0.02,
-            standard_errors: 3.0,
-            own_torque: 0.1,
         }
     }
-}
-
-/// Joints whose friction would drive them, by the fit of the joint's torque to all of its own columns.
-#[must_use]
-pub fn turned_torques(fits: &[OwnFit], settings: &WeighSettings) -> Vec<Finding> {
-    let turned = |fit: &&OwnFit| {
-        fit.power_scale > 0.0
-            && fit.friction_power < settings.driven * fit.power_scale
-            && fit.friction_power + settings.standard_errors * fit.friction_power_error < 0.0
-    };
-    let finding = |fit: &OwnFit| Finding {
-        kind: FindingKind::TorqueSign,
-        severity: FindingSeverity::Refuse,
-        joint: Some(fit.joint),
-        sentence: format!(
-            "joint {}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
-             speed, it must be positive); turn the sign of the torque in the export layout",
-            fit.joint,
-            fit.friction_power / fit.power_scale
-        ),
-        evidence: vec![
-            Evidence { name: "friction_power_w", value: fit.friction_power },
-            Evidence { name: "std_error_w", value: fit.friction_power_error },
-        ],
-    };
-    fits.iter().filter(turned).map(finding).collect()
-}
-
-/// Whether a finding that two torques are swapped fails: each is explained by its own joint's motion.
-#[must_use]
-pub fn own_torques(finding: &Finding, fits: &[OwnFit], settings: &WeighSettings) -> bool {
-    let own = |joint: JointIndex| {
-        fits.iter().any(|fit| fit.joint == joint && fit.unexplained < settings.own_torque)
-    };
-    finding.kind == FindingKind::TorqueSwapped && finding.joint.is_some_and(own)
 }
 
 /// What findings about a model are weighed by.
