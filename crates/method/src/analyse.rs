@@ -7,7 +7,7 @@ use super::buffers::Buffers;
 use super::diagnose::model::assignment::{Channels, assign};
 use super::diagnose::model::causes::{motor_torques, reason, sentences};
 use super::diagnose::model::combination::PlausibleSettings;
-use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
+use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, beside_tilt, diagnose_description};
 use super::diagnose::model::nominal::inertia_ratios;
 use super::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
 use super::diagnose::model::{diagnose_model, top_speeds};
@@ -420,6 +420,7 @@ fn doubt_model(
         verification: &verification,
     };
     let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    let of_model = beside_tilt(of_model, &findings);
     let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
     let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
     findings.extend(motors.filter(|_| refused));

@@ -5,12 +5,15 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::description::{JudgedRows, NumberScore};
+use super::assignment::MOUNTING;
+use super::description::{DescriptionTest, JudgedRows, NumberScore};
 use super::numbers::{DescribedNumber, set_standard};
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
 
 /// Instants that alternatives are compared on: which of them fits best needs no more.
 const INSTANTS: usize = 250;
+/// Part by which a tilt of the base may leave more than another change.
+const HARDLY_MORE: f64 = 1.15;
 /// Single numbers that are tried with the change that the torques ask for.
 const NUMBERS_TRIED: usize = 4;
 
@@ -21,31 +24,76 @@ pub struct Alternative {
     pub words: String,
     /// Its residual sum of squares, relative to that of the description.
     pub residual_ratio: f64,
+    /// Torque error of each joint that it would take away `[n]`, RMS, relative to the joint's whole error.
+    pub gained: Vec<f64>,
+    /// Angle by which it tilts the base, rad; zero for any other change.
+    pub tilt: f64,
 }
 
-/// The change of the description in one respect that leaves least of the torques unexplained.
+/// A description that is tried.
+struct Tried {
+    words: String,
+    robot: Robot,
+    gains: Vec<f64>,
+    residual: f64,
+    tilt: f64,
+}
+
+/// The change of the description in one respect that leaves least of the torques unexplained. A tilt of the base that
+/// leaves hardly more comes before any other: it is one fault of the floor and looks like several of the description.
 ///
-/// `scores` are the numbers of [`test_description`](super::description::test_description) with what
-/// they would have to be, the most telling first.
+/// `test` has the numbers with what they would have to be, the most telling first.
 #[must_use]
 pub fn best_alternative(
     robot: &Robot,
     judged_rows: &JudgedRows<'_>,
-    scores: &[NumberScore],
+    test: &DescriptionTest,
 ) -> Option<Alternative> {
     let judged_rows = judged_rows.thinned(INSTANTS);
     let gains = vec![1.0; robot.joint_count()];
     let described = judged_rows.residual(robot, &gains);
-    let judged = candidates(robot).into_iter().map(|(words, other)| {
-        let residual_ratio = judged_rows.residual(&other, &gains) / described;
-        Alternative { words, residual_ratio }
-    });
-    let numbers =
-        scores.iter().take(NUMBERS_TRIED).filter_map(|score| settled(robot, &judged_rows, described, score));
-    judged
+    let judged = |(words, robot): (String, Robot), tilt: f64| {
+        let residual = judged_rows.residual(&robot, &gains);
+        Tried { words, robot, gains: gains.clone(), residual, tilt }
+    };
+    let tilted = tilted(robot, test).map(|(other, tilt)| judged(other, tilt));
+    let numbers = test
+        .scores
+        .iter()
+        .take(NUMBERS_TRIED)
+        .filter_map(|score| settled(robot, &judged_rows, described, score));
+    let best = candidates(robot)
+        .into_iter()
+        .map(|other| judged(other, 0.0))
         .chain(numbers)
-        .filter(|alternative| alternative.residual_ratio.is_finite())
-        .min_by(|a, b| a.residual_ratio.total_cmp(&b.residual_ratio))
+        .filter(|tried| tried.residual.is_finite())
+        .min_by(|a, b| a.residual.total_cmp(&b.residual));
+    let best = match (tilted, best) {
+        (Some(tilted), Some(best)) if tilted.residual > HARDLY_MORE * best.residual => best,
+        (Some(tilted), _) => tilted,
+        (None, best) => best?,
+    };
+    let [before, after] = [(robot, &gains), (&best.robot, &best.gains)]
+        .map(|(robot, gains)| judged_rows.residual_by_joint(robot, gains));
+    let gained = before.iter().zip(&after).map(|(before, after)| (before - after).max(0.0).sqrt()).collect();
+    Some(Alternative { words: best.words, residual_ratio: best.residual / described, gained, tilt: best.tilt })
+}
+
+/// The base tilted as the torques ask for.
+fn tilted(robot: &Robot, test: &DescriptionTest) -> Option<((String, Robot), f64)> {
+    let g = robot.gravity.norm();
+    let towards = (robot.gravity + test.gravity_change).try_normalize(f64::MIN_POSITIVE)?;
+    let tilt = robot.gravity.angle(&towards);
+    let gravity = g * towards;
+    let words = format!("{} (the base tilted by {:.1} deg)", gravity_text(&gravity), tilt.to_degrees());
+    (tilt > 0.0 && tilt < MOUNTING).then(|| ((words, Robot { gravity, ..robot.clone() }), tilt))
+}
+
+/// The key of a description with a vector of gravity.
+pub(super) fn gravity_text(gravity: &Vector3<f64>) -> String {
+    // adding 0 makes a zero of a negative one, which would read as -0.00
+    let g = gravity.map(|x| (100.0 * x).round() / 100.0).add_scalar(0.0);
+    format!("gravity_m_s2 = [{:.2}, {:.2}, {:.2}]", g.x, g.y, g.z)
 }
 
 /// Changes of a description that are mistakes of sign, convention, zero or mounting.
@@ -106,13 +154,8 @@ fn mountings(robot: &Robot) -> Vec<(String, Robot)> {
     axes.into_iter()
         .flat_map(|axis| [g * axis, -g * axis])
         .filter(|gravity| (gravity - robot.gravity).norm() > 0.1 * g)
-        // adding 0 makes a zero of a negative one, which would read as -0.00
-        .map(|gravity| gravity.add_scalar(0.0))
         .map(|gravity| {
-            let words = format!(
-                "gravity_m_s2 = [{:.2}, {:.2}, {:.2}] (how the arm is mounted)",
-                gravity.x, gravity.y, gravity.z
-            );
+            let words = format!("{} (how the arm is mounted)", gravity_text(&gravity));
             (words, Robot { gravity, ..robot.clone() })
         })
         .collect()
@@ -142,17 +185,18 @@ fn settled(
     judged_rows: &JudgedRows<'_>,
     described: f64,
     score: &NumberScore,
-) -> Option<Alternative> {
+) -> Option<Tried> {
     if score.number == DescribedNumber::TorqueDelay {
         return None;
     }
-    let at = |change: f64| {
+    let gains = |change: f64| {
         let mut gains = vec![1.0; robot.joint_count()];
         if let DescribedNumber::TorqueGain(joint) = score.number {
             gains[joint.index()] += change;
         }
-        judged_rows.residual(&score.number.changed(robot, change), &gains)
+        gains
     };
+    let at = |change: f64| judged_rows.residual(&score.number.changed(robot, change), &gains(change));
     let (once, twice) = (at(score.change), at(2.0 * score.change));
     let bend = described - 2.0 * once + twice;
     let lowest =
@@ -162,9 +206,12 @@ fn settled(
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
     let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
-    (!turned).then(|| Alternative {
+    (!turned).then(|| Tried {
         words: words(robot, score.number, change),
-        residual_ratio: residual / described,
+        robot: score.number.changed(robot, change),
+        gains: gains(change),
+        residual,
+        tilt: 0.0,
     })
 }
 

@@ -7,6 +7,7 @@ use std::f64::consts::FRAC_PI_4;
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
+use super::alternatives::gravity_text;
 use super::causes::named;
 use super::joint_fit::JointFit;
 use crate::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
@@ -39,6 +40,8 @@ const POSTURES: usize = 6;
 const ROWS_PER_COLUMN: usize = 2;
 /// Angle, rad, from which on another direction of gravity is another mounting and no floor that is off level.
 pub(super) const MOUNTING: f64 = 0.17;
+/// Step, rad, to which directions of gravity are settled.
+const LEAST_STEP: f64 = 0.01;
 /// Part by which the misfit may be larger with gravity along an axis or half-way between two than with the best one.
 const ROUNDED: f64 = 1.3;
 
@@ -339,30 +342,35 @@ impl Channels<'_> {
             self.misfit(&mounted, rows, sigma, &bounds)
         };
         let coarse = self.rows(COARSE_INSTANTS);
-        let grid = directions();
-        let judged = grid.iter().map(|towards| (*towards, misfit(&coarse, towards)));
-        let (mut best, mut least) = judged.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let rounded = best;
-        let mut step = 0.5 * FRAC_PI_4;
-        while step > 0.01 {
-            let side = best.cross(&grid_partner(&best)).normalize();
-            let axes = [side, best.cross(&side)];
-            let near = axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
-            let nearest = near.map(|towards| (towards, misfit(&coarse, &towards))).min_by(|a, b| a.1.total_cmp(&b.1));
-            match nearest {
-                Some((towards, found)) if found < least => (best, least) = (towards, found),
-                _ => step *= 0.5,
+        let judged = directions().into_iter().map(|towards| (towards, misfit(&coarse, &towards)));
+        let (rounded, least) = judged.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let settled = |mut best: Vector3<f64>, mut least: f64, first_step: f64| {
+            let mut step = first_step;
+            while step > LEAST_STEP {
+                let side = best.cross(&across(&best)).normalize();
+                let axes = [side, best.cross(&side)];
+                let near = axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
+                let nearest =
+                    near.map(|towards| (towards, misfit(&coarse, &towards))).min_by(|a, b| a.1.total_cmp(&b.1));
+                match nearest {
+                    Some((towards, found)) if found < least => (best, least) = (towards, found),
+                    _ => step *= 0.5,
+                }
             }
-        }
-        let found = misfit(rows, &best);
-        let at_grid = misfit(rows, &rounded);
+            best
+        };
+        let best = settled(rounded, least, 0.5 * FRAC_PI_4);
+        let [found, at_grid] = [best, rounded].map(|towards| misfit(rows, &towards));
         let (towards, found) = if at_grid <= ROUNDED * found { (rounded, at_grid) } else { (best, found) };
-        (described.angle(&towards) > MOUNTING).then(|| (Change::Mounted(g * towards), found))
+        // first moments that turn with gravity may make a floor off level look like a wall
+        let level = settled(*described, misfit(&coarse, &described), MOUNTING / 4.0);
+        let is_floor = described.angle(&level) <= MOUNTING && misfit(rows, &level) <= ROUNDED * found;
+        (!is_floor && described.angle(&towards) > MOUNTING).then(|| (Change::Mounted(g * towards), found))
     }
 }
 
 /// A direction that is not along `of`.
-fn grid_partner(of: &Vector3<f64>) -> Vector3<f64> {
+fn across(of: &Vector3<f64>) -> Vector3<f64> {
     if of.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() }
 }
 
@@ -417,12 +425,10 @@ fn findings(change: &Change, ratio: f64) -> Vec<Finding> {
             vec![finding(FindingKind::TorqueSwapped, Some(*a), sentence)]
         }
         Change::Mounted(gravity) => {
-            // adding 0 makes a zero of a negative one, which would read as -0.00
-            let g = gravity.map(|x| (100.0 * x).round() / 100.0).add_scalar(0.0);
             let sentence = format!(
-                "the torques contradict the description: with gravity_m_s2 = [{:.2}, {:.2}, {:.2}] (how the arm is mounted) \
-                 the torque error would be {left:.0} % of what it is: check that first",
-                g.x, g.y, g.z
+                "the torques contradict the description: with {} (how the arm is mounted) the torque error would be \
+                 {left:.0} % of what it is: check that first",
+                gravity_text(gravity)
             );
             vec![finding(FindingKind::Description, None, sentence)]
         }

@@ -5,8 +5,6 @@
 //! negative friction and inertia. Every joint's mean power of friction and mean inertia are therefore held at zero or more,
 //! by the dual of the least distance problem (Lawson and Hanson 1974, chapter 23).
 
-use faer::MatRef;
-
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::least_squares::orthonormal::dot;
 
@@ -30,7 +28,7 @@ impl JointFit {
     /// From a factor of `b` columns and the torques of `n` joints behind them, each in the rows of its joint alone.
     /// `bounds` are sums of parameters, `[b]` each, that no arm has below zero.
     pub(super) fn new(factor: &TriangularFactor, b: usize, n: usize, bounds: &[Vec<f64>]) -> Self {
-        let kept = independent(factor.upper(), b);
+        let kept = factor.independent_columns(b, DEPENDENT);
         let k = kept.len();
         let columns: Vec<usize> = kept.iter().copied().chain(b..b + n).collect();
         let mut builder = FactorBuilder::new(columns.len() - 1);
@@ -89,10 +87,4 @@ impl JointFit {
         }
         force.iter().zip(&self.gram).map(|(f, row)| f * dot(row, &force)).sum()
     }
-}
-
-/// Columns below `b` that are not dependent on those before them.
-fn independent(upper: MatRef<'_, f64>, b: usize) -> Vec<usize> {
-    let length = |k: usize| (0..=k).map(|i| upper[(i, k)].powi(2)).sum::<f64>().sqrt();
-    (0..b).filter(|&k| upper[(k, k)].abs() > DEPENDENT * length(k)).collect()
 }

@@ -121,13 +121,6 @@ impl<'a> View<'a> {
         &self.robot.joints[joint.index()]
     }
 
-    /// Share of the excitation's rows in which a joint is at its low speed or faster.
-    pub(super) fn moving_share(&self, joint: JointIndex) -> f64 {
-        let (qd, low) = (&self.filtered.qd[joint.index()], self.joint(joint).low_speed);
-        let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
-        moving as f64 / self.excitation.len() as f64
-    }
-
     /// Pieces of a channel that may be used.
     pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
         self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
