@@ -4,11 +4,12 @@ use std::borrow::Cow;
 
 use super::NumericsError;
 use super::buffers::Buffers;
-use super::diagnose::model::assignment::{Channels, assign};
-use super::diagnose::model::causes::{motor_torques, reason, sentences};
+use super::diagnose::model::assignment::{Channels, assign, is_weightless};
+use super::diagnose::model::causes::{motor_torques, reason, sentences, without_consequences};
 use super::diagnose::model::combination::PlausibleSettings;
 use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, beside_tilt, diagnose_description};
 use super::diagnose::model::nominal::inertia_ratios;
+use super::diagnose::model::unmeasured::{accelerations, unmeasured};
 use super::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
 use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
@@ -320,7 +321,20 @@ struct Recorded<'a> {
     factored: &'a Factored,
 }
 
-impl Recorded<'_> {
+impl<'a> Recorded<'a> {
+    /// As torques are assigned by.
+    fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
+        Channels {
+            robot: &method.robot,
+            columns: &method.columns,
+            kept_columns: &method.base.kept_columns,
+            filtered: self.filtered,
+            filtered_coulomb_columns: self.filtered_coulomb_columns,
+            factored: self.factored,
+            excitation,
+        }
+    }
+
     /// Usable rows of the excitation.
     fn excitation(&self) -> Vec<usize> {
         let usable = self.filtered.usable.iter().flat_map(Clone::clone);
@@ -345,6 +359,9 @@ fn is_refused(analysis: &CycleAnalysis) -> bool {
 
 /// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
 fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
+    let known = std::mem::take(&mut analysis.findings);
+    let all = without_consequences([known.clone(), findings].concat());
+    let findings: Vec<Finding> = all.iter().filter(|finding| !known.contains(finding)).cloned().collect();
     let (refused, told): (Vec<Finding>, Vec<Finding>) =
         findings.iter().cloned().partition(|finding| finding.severity == FindingSeverity::Refuse);
     let (doubted, odd): (Vec<Finding>, Vec<Finding>) =
@@ -355,7 +372,7 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
     if !refused.is_empty() {
         analysis.identification = Err(reason(&method.robot, &refused));
     }
-    analysis.findings.extend(findings);
+    analysis.findings = all;
     analysis.refusal_causes = refusal::causes(&analysis.findings);
 }
 
@@ -363,16 +380,11 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
 /// is wrong, torques are not judged by it.
 fn with_assignment(method: &Method, recorded: &Recorded<'_>, mut findings: Vec<Finding>) -> Vec<Finding> {
     if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
-        let Recorded { filtered, filtered_coulomb_columns, factored, .. } = *recorded;
-        findings.extend(assign(&Channels {
-            robot: &method.robot,
-            columns: &method.columns,
-            kept_columns: &method.base.kept_columns,
-            filtered,
-            filtered_coulomb_columns,
-            factored,
-            excitation: &recorded.excitation(),
-        }));
+        let excitation = recorded.excitation();
+        match accelerations(&method.robot, recorded.filtered, &excitation) {
+            Some(found) => findings.push(found),
+            None => findings.extend(assign(&recorded.channels(method, &excitation))),
+        }
     }
     findings
 }
@@ -408,6 +420,10 @@ fn doubt_model(
         identified: &doubted,
         verification: &verification,
     };
+    if let Some(found) = unmeasured(&weighed, || is_weightless(&recorded.channels(method, &rows))) {
+        // a torque that nobody measured gives a model of nothing
+        return vec![found];
+    }
     let of_model = weigh(of_model, &weighed, &WeighSettings::default());
     let judged = JudgedCycle {
         robot: &method.robot,
@@ -442,7 +458,10 @@ fn identify_excitation(
 ) -> Result<Identification, String> {
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     if factors.iter().all(|factor| factor.rows() == 0) {
-        return Err(without_excitation(&[]));
+        return Err(match samples.stage.contains(&Stage::Excitation) {
+            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it".into(),
+            false => without_excitation(&[]),
+        });
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
     let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);

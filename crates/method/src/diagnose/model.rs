@@ -11,6 +11,7 @@ mod friction_shapes;
 pub(crate) mod nominal;
 mod numbers;
 mod joint_fit;
+pub(crate) mod unmeasured;
 pub(crate) mod weigh;
 #[cfg(test)]
 mod tests;

@@ -10,6 +10,7 @@ use nalgebra::{Rotation3, Unit, Vector3};
 use super::alternatives::gravity_text;
 use super::causes::named;
 use super::joint_fit::JointFit;
+use super::unmeasured::without_gravity;
 use crate::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
 use crate::identify::joint_factors::{FactorColumns, Factored, used_for_identification};
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
@@ -30,6 +31,8 @@ const EXPLAINED: f64 = 2.0;
 const FOREIGN: f64 = 0.2;
 /// By how much more a change of one more joint must explain.
 const ONE_MORE: f64 = 0.9;
+/// Part of the misfit that another arm may leave to explain the torques as well.
+const AS_WELL: f64 = 1.05;
 /// Instants that orders and mountings are compared on.
 const INSTANTS: usize = 300;
 /// Instants that directions of gravity are looked for on.
@@ -70,6 +73,7 @@ enum Change {
     Turned(Vec<usize>),
     Swapped(usize, usize),
     Mounted(Vector3<f64>),
+    Weightless,
 }
 
 /// The change that explains the torques of all joints, if there is one: findings about signs, order or mounting.
@@ -97,11 +101,22 @@ pub(crate) fn assign(channels: &Channels<'_>) -> Vec<Finding> {
     let changes = turned(&fit, as_recorded.len())
         .into_iter()
         .chain(channels.swapped(&factors, &errors, &sigma))
-        .chain(channels.mounted(&rows, &sigma));
+        .chain(channels.mounted(&rows, &sigma))
+        .chain(channels.weightless(&rows, &sigma));
     match changes.min_by(|a, b| a.1.total_cmp(&b.1)) {
         Some((change, misfit)) if misfit <= CAUSE * described => findings(&change, misfit / described),
         _ => Vec::new(),
     }
+}
+
+/// Whether an arm without gravity explains the torques as well as the description.
+pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
+    let rows = channels.rows(INSTANTS);
+    let sigma = channels.errors(&channels.factors(&rows)).least();
+    let columns: Vec<usize> = (0..channels.robot.parameter_count()).collect();
+    let bounds = channels.bounds(&columns);
+    let described = channels.misfit(channels.robot, &rows, &sigma, &bounds);
+    channels.weightless(&rows, &sigma).is_some_and(|(_, misfit)| misfit <= AS_WELL * described)
 }
 
 /// The set of turned torques that explains most; a further joint counts if it explains a good part more.
@@ -331,6 +346,14 @@ impl Channels<'_> {
         JointFit::new(&builder.take(), b, n, bounds).misfit(|_| 1.0)
     }
 
+    /// The arm without gravity, as torques show it of which the controller has subtracted gravity.
+    fn weightless(&self, rows: &[usize], sigma: &[f64]) -> Option<(Change, f64)> {
+        let bounds = self.bounds(&(0..self.robot.parameter_count()).collect::<Vec<_>>());
+        let floating = Robot { gravity: Vector3::zeros(), ..self.robot.clone() };
+        let has_gravity = self.robot.gravity.norm() > 0.0;
+        has_gravity.then(|| (Change::Weightless, self.misfit(&floating, rows, sigma, &bounds)))
+    }
+
     /// The direction of gravity that explains most, where it is another mounting.
     fn mounted(&self, rows: &[usize], sigma: &[f64]) -> Option<(Change, f64)> {
         let robot = self.robot;
@@ -423,6 +446,10 @@ fn findings(change: &Change, ratio: f64) -> Vec<Finding> {
                 named(&[JointIndex::new(*a), JointIndex::new(*b)])
             );
             vec![finding(FindingKind::TorqueSwapped, Some(*a), sentence)]
+        }
+        Change::Weightless => {
+            let words = format!("without it, the torque error of the arm would be {left:.0} % of what it is");
+            vec![without_gravity(&words, ("residual_ratio", ratio))]
         }
         Change::Mounted(gravity) => {
             let sentence = format!(

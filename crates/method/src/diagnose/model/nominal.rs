@@ -150,14 +150,19 @@ pub(super) fn far_from_nominal(
         1 => ALONE_FACTOR * settings.nominal_factors[1],
         _ => settings.nominal_factors[1],
     };
-    let finding = |(joint, felt)| {
+    // a URDF has no place for rotors, which may be most of a wrist's inertia: more than its links is no evidence
+    let rotor_is_known = |joint: JointIndex| {
+        let nominal = robot.joints[joint.index()].nominal;
+        !robot.has_motor_inertia() || nominal.is_some_and(|nominal| nominal.motor_inertia > 0.0)
+    };
+    let finding = |(joint, felt): (JointIndex, [f64; 2])| {
         let severity = match off(felt) > least {
             true => FindingSeverity::Refuse,
             false => FindingSeverity::Warn,
         };
         far_finding((joint, inertia_unit(robot, joint)), felt, severity)
     };
-    far.into_iter().map(finding).collect()
+    far.into_iter().filter(|(joint, [found, drawn])| found < drawn || rotor_is_known(*joint)).map(finding).collect()
 }
 
 /// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.

@@ -1,12 +1,13 @@
 //! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
 
+use super::unmeasured::friction_torque;
 use crate::least_squares::factor::TriangularFactor;
 use crate::model::base_parameters::BaseParameters;
 use crate::physical::fit::{ConstraintCost, physical_fit};
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
-use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
+use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
 /// From where on evidence counts.
@@ -164,20 +165,9 @@ fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings
 
 /// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
 fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
-    let Weighed { robot, filtered, excitation, identified, .. } = weighed;
+    let Weighed { robot, filtered, excitation, .. } = weighed;
     let low = robot.joints[joint.index()].low_speed;
-    let terms = robot.friction.terms();
-    let of_term = |term: FrictionTerm| {
-        let own = |id: armwatch_model::robot::ParameterId| {
-            id.joint == joint && id.kind == ParameterKind::Friction(term)
-        };
-        identified.parameters.iter().find(|p| own(p.id)).map_or(0.0, |p| p.value)
-    };
-    let theta: Vec<f64> =
-        terms.iter().map(|&term| if term == FrictionTerm::Offset { 0.0 } else { of_term(term) }).collect();
-    let torque = |qd: f64| -> f64 {
-        robot.friction.columns(qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
-    };
+    let torque = |qd: f64| friction_torque(weighed, joint, qd);
     let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
     let (rows, squares) = speeds
         .filter(|qd| qd.abs() >= low)
