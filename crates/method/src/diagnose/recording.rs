@@ -54,8 +54,9 @@ pub fn diagnose_samples(
     findings.extend(found.filter(|finding| !glitches.contains(&finding.joint)));
     findings.extend(position::small_motion(&view, settings));
     if let Some(repeated) = repeated {
-        // steps of several rows at once look fast
-        findings.retain(|finding| finding.kind != FindingKind::TooFast);
+        // steps of several rows at once look fast, and like another velocity
+        let follows = [FindingKind::TooFast, FindingKind::VelocityUnrelated];
+        findings.retain(|finding| !follows.contains(&finding.kind));
         findings.push(repeated);
     }
     findings.extend(coarse::torque_steps(&view));
@@ -218,8 +219,8 @@ fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Op
     })
 }
 
-/// How many times as many rows as the next step the highest step of a coarse torque may have: a sine gives 2.4.
-const COARSE_DWELL: usize = 5;
+/// How many times as many rows as the next three steps the highest step of a coarse torque may have.
+const COARSE_DWELL: usize = 3;
 
 /// Torque that stays at its largest value.
 ///
@@ -237,9 +238,9 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
             let [near, far] = [sign * (from * peak), sign * (to * peak)];
             [near.min(far), near.max(far)]
         };
-        // the step below the highest one is as wide; a smooth peak stays longer in the highest
+        // a smooth peak stays about as long in the highest step as in the next three
         let (near, dwell) = match view.torque_steps[joint.index()] {
-            Some(step) => ((1.0 - 1.5 * step / peak).clamp(0.0, 0.97), COARSE_DWELL),
+            Some(step) => ((1.0 - 3.5 * step / peak).clamp(0.0, 0.97), COARSE_DWELL),
             None => (0.97, 1),
         };
         let (at_peak, below) = (range(1.0 - 1e-6, 1.0), range(near, 1.0 - 1e-6));

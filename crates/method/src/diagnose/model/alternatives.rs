@@ -12,7 +12,9 @@ use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, JointKi
 
 /// Instants that alternatives are compared on: which of them fits best needs no more.
 const INSTANTS: usize = 250;
-/// Part by which a tilt of the base may leave more than another change.
+/// Part of the squares that a tilt of the base may leave to be looked beside.
+const TILTED: f64 = 0.97;
+/// Factor by which a change must leave less than a likelier one.
 const HARDLY_MORE: f64 = 1.15;
 /// Single numbers that are tried with the change that the torques ask for.
 const NUMBERS_TRIED: usize = 4;
@@ -26,6 +28,10 @@ pub struct Alternative {
     pub residual_ratio: f64,
     /// Torque error of each joint that it would take away `[n]`, RMS, relative to the joint's whole error.
     pub gained: Vec<f64>,
+    /// Torque error of each joint that it leaves `[n]`, in the same unit.
+    pub left: Vec<f64>,
+    /// Whether it is another value of one number, and no mistake of sign, convention or mounting.
+    pub is_number: bool,
     /// Angle by which it tilts the base, rad; zero for any other change.
     pub tilt: f64,
 }
@@ -36,47 +42,61 @@ struct Tried {
     robot: Robot,
     gains: Vec<f64>,
     residual: f64,
-    tilt: f64,
+    is_number: bool,
 }
 
-/// The change of the description in one respect that leaves least of the torques unexplained. A tilt of the base that
-/// leaves hardly more comes before any other: it is one fault of the floor and looks like several of the description.
+/// Descriptions that explain the torques better: the base tilted, and the one change beside it.
+#[derive(Debug, Clone, Default)]
+pub struct Alternatives {
+    /// The base tilted by a small angle, where that explains a part.
+    pub tilt: Option<Alternative>,
+    /// The change of the description in one respect that leaves least of what is left.
+    pub change: Option<Alternative>,
+}
+
+/// The tilt of the base, and the change of the description in one respect that leaves least of the torques unexplained
+/// beside it. A floor is hardly level, and its tilt looks like wrong angles, lengths and scales.
 ///
 /// `test` has the numbers with what they would have to be, the most telling first.
 #[must_use]
-pub fn best_alternative(
-    robot: &Robot,
-    judged_rows: &JudgedRows<'_>,
-    test: &DescriptionTest,
-) -> Option<Alternative> {
-    let judged_rows = judged_rows.thinned(INSTANTS);
+pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &DescriptionTest) -> Alternatives {
+    let judged_rows = &judged_rows.thinned(INSTANTS);
     let gains = vec![1.0; robot.joint_count()];
-    let described = judged_rows.residual(robot, &gains);
-    let judged = |(words, robot): (String, Robot), tilt: f64| {
+    let judged = |(words, robot): (String, Robot)| {
         let residual = judged_rows.residual(&robot, &gains);
-        Tried { words, robot, gains: gains.clone(), residual, tilt }
+        Tried { words, robot, gains: gains.clone(), residual, is_number: false }
     };
-    let tilted = tilted(robot, test).map(|(other, tilt)| judged(other, tilt));
-    let numbers = test
-        .scores
-        .iter()
-        .take(NUMBERS_TRIED)
-        .filter_map(|score| settled(robot, &judged_rows, described, score));
-    let best = candidates(robot)
-        .into_iter()
-        .map(|other| judged(other, 0.0))
-        .chain(numbers)
-        .filter(|tried| tried.residual.is_finite())
-        .min_by(|a, b| a.residual.total_cmp(&b.residual));
-    let best = match (tilted, best) {
-        (Some(tilted), Some(best)) if tilted.residual > HARDLY_MORE * best.residual => best,
-        (Some(tilted), _) => tilted,
-        (None, best) => best?,
+    let described = judged((String::new(), robot.clone()));
+    let tilted = tilted(robot, test)
+        .map(|(other, tilt)| (judged(other), tilt))
+        .filter(|(tried, _)| tried.residual < TILTED * described.residual);
+    let base = tilted.as_ref().map_or(&described, |(tried, _)| tried);
+    let numbers = test.scores.iter().take(NUMBERS_TRIED);
+    let numbers = numbers.filter_map(|score| settled(&base.robot, judged_rows, base.residual, score));
+    let least = |one: &Tried, other: &Tried| one.residual.total_cmp(&other.residual);
+    let mounted = mountings(&base.robot).into_iter().map(judged).min_by(least);
+    let other = candidates(&base.robot).into_iter().map(judged).chain(numbers).min_by(least);
+    // of two that explain as much, gravity is the likelier
+    let least = match (mounted, other) {
+        (Some(mounted), Some(other)) if other.residual * HARDLY_MORE < mounted.residual => Some(other),
+        (None, other) => other,
+        (mounted, _) => mounted,
     };
-    let [before, after] = [(robot, &gains), (&best.robot, &best.gains)]
-        .map(|(robot, gains)| judged_rows.residual_by_joint(robot, gains));
-    let gained = before.iter().zip(&after).map(|(before, after)| (before - after).max(0.0).sqrt()).collect();
-    Some(Alternative { words: best.words, residual_ratio: best.residual / described, gained, tilt: best.tilt })
+    let change = least.map(|tried| compared(judged_rows, base, &tried, 0.0));
+    let tilt = tilted.as_ref().map(|(tried, tilt)| compared(judged_rows, &described, tried, *tilt));
+    Alternatives { tilt, change }
+}
+
+fn compared(judged_rows: &JudgedRows<'_>, before: &Tried, after: &Tried, tilt: f64) -> Alternative {
+    let [squares, left] = [before, after].map(|of| judged_rows.residual_by_joint(&of.robot, &of.gains));
+    Alternative {
+        words: after.words.clone(),
+        residual_ratio: after.residual / before.residual,
+        gained: squares.iter().zip(&left).map(|(before, after)| (before - after).max(0.0).sqrt()).collect(),
+        left: left.iter().map(|square| square.sqrt()).collect(),
+        is_number: after.is_number,
+        tilt,
+    }
 }
 
 /// The base tilted as the torques ask for.
@@ -96,10 +116,9 @@ pub(super) fn gravity_text(gravity: &Vector3<f64>) -> String {
     format!("gravity_m_s2 = [{:.2}, {:.2}, {:.2}]", g.x, g.y, g.z)
 }
 
-/// Changes of a description that are mistakes of sign, convention, zero or mounting.
+/// Changes of a description that are mistakes of sign, convention or zero.
 fn candidates(robot: &Robot) -> Vec<(String, Robot)> {
     let mut found: Vec<(String, Robot)> = other_convention(robot).into_iter().collect();
-    found.extend(mountings(robot));
     for (joint, described) in robot.joint_indices().zip(&robot.joints) {
         let j = joint.index();
         if let Some(row) = described.geometry.dh_row().filter(|row| row.alpha.sin().abs() > 1e-3) {
@@ -211,7 +230,7 @@ fn settled(
         robot: score.number.changed(robot, change),
         gains: gains(change),
         residual,
-        tilt: 0.0,
+        is_number: true,
     })
 }
 

@@ -19,6 +19,8 @@ use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{FrictionTerm, JointIndex, MAX_JOINTS, ParameterId, ParameterKind, Robot};
 
+/// Mean weighted square that a scale of one torque may leave: own fits leave about 1, ripple and tilt some more.
+const WELL: f64 = 10.0;
 /// Part of the misfit that a change may leave to be the cause.
 const CAUSE: f64 = 0.5;
 /// The least standard deviation of a torque's error, relative to its RMS: no model is better.
@@ -31,8 +33,12 @@ const EXPLAINED: f64 = 2.0;
 const FOREIGN: f64 = 0.2;
 /// By how much more a change of one more joint must explain.
 const ONE_MORE: f64 = 0.9;
-/// Part of the misfit that another arm may leave to explain the torques as well.
-const AS_WELL: f64 = 1.05;
+/// Scales of a torque that are tried, evenly in their logarithm.
+const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
+/// Factor from which on a scale is another unit or gear: gains of catalogues are good to some ten per cent.
+const OTHER_UNIT: f64 = 1.5;
+/// Factor of the misfit up to which another arm explains the torques as well: ripple with the posture looks like gravity.
+const AS_WELL: f64 = 2.0;
 /// Instants that orders and mountings are compared on.
 const INSTANTS: usize = 300;
 /// Instants that directions of gravity are looked for on.
@@ -74,6 +80,7 @@ enum Change {
     Swapped(usize, usize),
     Mounted(Vector3<f64>),
     Weightless,
+    Scaled(usize, f64),
 }
 
 /// The change that explains the torques of all joints, if there is one: findings about signs, order or mounting.
@@ -83,7 +90,8 @@ pub(crate) fn assign(channels: &Channels<'_>) -> Vec<Finding> {
         return Vec::new();
     }
     let as_recorded: Vec<usize> = channels.robot.joint_indices().map(JointIndex::index).collect();
-    let described = channels.stored_fit(&fits).misfit(|_| 1.0);
+    let bounds = channels.bounds(channels.kept_columns);
+    let described = channels.stored_fit(&fits, &bounds).misfit(|_| 1.0);
     let least: f64 = fits.iter().flatten().map(|of| of.misfit).sum();
     let foreign = fits.iter().flatten().any(|of| of.relative > FOREIGN);
     if described <= EXPLAINED * least && !foreign {
@@ -96,13 +104,18 @@ pub(crate) fn assign(channels: &Channels<'_>) -> Vec<Finding> {
     if sigma.iter().any(|sigma| !sigma.is_finite()) {
         return Vec::new();
     }
-    let fit = channels.ordered_fit(&factors, &sigma, &as_recorded);
-    let described = fit.misfit(|_| 1.0);
+    let fit = channels.ordered_fit(&factors, &sigma, &as_recorded, &vec![1.0; as_recorded.len()], &bounds);
+    let gravity = GravityFits::new(channels, &rows, &sigma);
+    // a floor off level is no fault of a channel, and none may explain what it leaves
+    let described = fit.misfit(|_| 1.0).min(gravity.level.1);
+    let count = (rows.len() * as_recorded.len()) as f64;
     let changes = turned(&fit, as_recorded.len())
         .into_iter()
-        .chain(channels.swapped(&factors, &errors, &sigma))
-        .chain(channels.mounted(&rows, &sigma))
-        .chain(channels.weightless(&rows, &sigma));
+        .chain(channels.swapped(&factors, (&errors, &sigma), &bounds))
+        // where several torques are in another unit, no single scale explains them
+        .chain(channels.scaled(&factors, &sigma, &bounds).filter(|(_, misfit)| *misfit <= WELL * count))
+        .chain(gravity.mounted())
+        .chain(gravity.weightless);
     match changes.min_by(|a, b| a.1.total_cmp(&b.1)) {
         Some((change, misfit)) if misfit <= CAUSE * described => findings(&change, misfit / described),
         _ => Vec::new(),
@@ -113,10 +126,9 @@ pub(crate) fn assign(channels: &Channels<'_>) -> Vec<Finding> {
 pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();
-    let columns: Vec<usize> = (0..channels.robot.parameter_count()).collect();
-    let bounds = channels.bounds(&columns);
+    let bounds = channels.bounds(&channels.whole());
     let described = channels.misfit(channels.robot, &rows, &sigma, &bounds);
-    channels.weightless(&rows, &sigma).is_some_and(|(_, misfit)| misfit <= AS_WELL * described)
+    channels.misfit(&channels.under(Vector3::zeros()), &rows, &sigma, &bounds) <= AS_WELL * described
 }
 
 /// The set of turned torques that explains most; a further joint counts if it explains a good part more.
@@ -147,6 +159,17 @@ fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
     let sigma = error.max(LEAST_ERROR * rms);
     let relative = if judged { error / rms } else { 0.0 };
     (rms > 0.0 && sigma.is_finite()).then(|| OwnFit { sigma, relative, misfit: rows.min(left.max(0.0) / sigma.powi(2)) })
+}
+
+/// Rows of one joint in a fit of all.
+struct Part<'a> {
+    factor: &'a TriangularFactor,
+    /// Column of its torque.
+    torque: usize,
+    /// Standard deviation of the torque's error, Nm (N), as recorded.
+    sigma: f64,
+    /// How many times as large as it is the torque was recorded.
+    scale: f64,
 }
 
 /// Standard deviation of the error of each torque in the rows of each joint, `[joints][torques]`, Nm (N).
@@ -185,40 +208,52 @@ impl Channels<'_> {
     }
 
     /// The fit of all joints to their own torques, from stored factors.
-    fn stored_fit(&self, fits: &[Option<OwnFit>]) -> JointFit {
+    fn stored_fit(&self, fits: &[Option<OwnFit>], bounds: &[Vec<f64>]) -> JointFit {
         let own = |joint: JointIndex| {
             let factor = self.factor(joint)?;
-            Some((factor, factor.columns(), fits[joint.index()]?.sigma))
+            Some(Part { factor, torque: factor.columns(), sigma: fits[joint.index()]?.sigma, scale: 1.0 })
         };
-        self.stacked(&self.robot.joint_indices().map(own).collect::<Vec<_>>())
+        self.stacked(&self.robot.joint_indices().map(own).collect::<Vec<_>>(), bounds)
     }
 
-    /// The fit of all joints, to each the torque that `order` gives it.
-    fn ordered_fit(&self, factors: &[TriangularFactor], sigma: &[f64], order: &[usize]) -> JointFit {
+    /// The fit of all joints, to each the torque that `order` gives it, recorded `scales` times as large as it is.
+    fn ordered_fit(
+        &self,
+        factors: &[TriangularFactor],
+        sigma: &[f64],
+        order: &[usize],
+        scales: &[f64],
+        bounds: &[Vec<f64>],
+    ) -> JointFit {
         let n = order.len();
-        let of = |(factor, &torque): (_, &usize)| -> Option<(&TriangularFactor, usize, f64)> {
-            let factor: &TriangularFactor = factor;
-            Some((factor, factor.columns() + 1 - n + torque, sigma[torque]))
-        };
-        self.stacked(&factors.iter().zip(order).map(of).collect::<Vec<_>>())
+        let parts: Vec<Option<Part<'_>>> = factors
+            .iter()
+            .zip(order)
+            .zip(scales)
+            .map(|((factor, &torque), &scale)| {
+                let column = factor.columns() + 1 - n + torque;
+                Some(Part { factor, torque: column, sigma: sigma[torque], scale })
+            })
+            .collect();
+        self.stacked(&parts, bounds)
     }
 
     /// Factors of single joints together, each with the column of its torque and the standard deviation of the error.
-    fn stacked(&self, parts: &[Option<(&TriangularFactor, usize, f64)>]) -> JointFit {
+    fn stacked(&self, parts: &[Option<Part<'_>>], bounds: &[Vec<f64>]) -> JointFit {
         let (b, n) = (self.kept_columns.len(), parts.len());
         let mut builder = FactorBuilder::new(b + n - 1);
         let mut row = vec![0.0; b + n];
         for (joint, part) in self.robot.joint_indices().zip(parts) {
-            let Some((factor, torque, sigma)) = part else { continue };
+            let Some(Part { factor, torque, sigma, scale }) = part else { continue };
             let (upper, places) = (factor.upper(), self.columns.places(joint));
             for i in 0..upper.nrows() {
                 row.fill(0.0);
-                places.iter().enumerate().for_each(|(k, &place)| row[place] = upper[(i, k)] / sigma);
+                places.iter().enumerate().for_each(|(k, &place)| row[place] = upper[(i, k)] * scale / sigma);
                 row[b + joint.index()] = upper[(i, *torque)] / sigma;
                 builder.push(row.iter().copied());
             }
         }
-        JointFit::new(&builder.take(), b, n, &self.bounds(self.kept_columns))
+        JointFit::new(&builder.take(), b, n, bounds)
     }
 
     /// Rows of the excitation, so many at most.
@@ -316,13 +351,19 @@ impl Channels<'_> {
     }
 
     /// The two torques that explain most when they are swapped, among those that the other joint's columns explain better.
-    fn swapped(&self, factors: &[TriangularFactor], errors: &Errors, sigma: &[f64]) -> Option<(Change, f64)> {
+    fn swapped(
+        &self,
+        factors: &[TriangularFactor],
+        (errors, sigma): (&Errors, &[f64]),
+        bounds: &[Vec<f64>],
+    ) -> Option<(Change, f64)> {
         let n = factors.len();
         let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
         let judged = pairs.filter(|&(a, b)| errors.are_swapped(a, b)).map(|(a, b)| {
             let mut order: Vec<usize> = (0..n).collect();
             order.swap(a, b);
-            (Change::Swapped(a, b), self.ordered_fit(factors, sigma, &order).misfit(|_| 1.0))
+            let fit = self.ordered_fit(factors, sigma, &order, &vec![1.0; n], bounds);
+            (Change::Swapped(a, b), fit.misfit(|_| 1.0))
         });
         judged.min_by(|a, b| a.1.total_cmp(&b.1))
     }
@@ -346,33 +387,72 @@ impl Channels<'_> {
         JointFit::new(&builder.take(), b, n, bounds).misfit(|_| 1.0)
     }
 
-    /// The arm without gravity, as torques show it of which the controller has subtracted gravity.
-    fn weightless(&self, rows: &[usize], sigma: &[f64]) -> Option<(Change, f64)> {
-        let bounds = self.bounds(&(0..self.robot.parameter_count()).collect::<Vec<_>>());
-        let floating = Robot { gravity: Vector3::zeros(), ..self.robot.clone() };
-        let has_gravity = self.robot.gravity.norm() > 0.0;
-        has_gravity.then(|| (Change::Weightless, self.misfit(&floating, rows, sigma, &bounds)))
+    /// All columns of the regressor.
+    fn whole(&self) -> Vec<usize> {
+        (0..self.robot.parameter_count()).collect()
     }
 
-    /// The direction of gravity that explains most, where it is another mounting.
-    fn mounted(&self, rows: &[usize], sigma: &[f64]) -> Option<(Change, f64)> {
-        let robot = self.robot;
-        let g = robot.gravity.norm();
-        let described = Unit::try_new(robot.gravity, 1e-9)?;
-        let bounds = self.bounds(&(0..robot.parameter_count()).collect::<Vec<_>>());
-        let misfit = |rows: &[usize], towards: &Vector3<f64>| {
-            let mounted = Robot { gravity: g * towards, ..robot.clone() };
-            self.misfit(&mounted, rows, sigma, &bounds)
+    /// The arm under another gravity, m/s².
+    fn under(&self, gravity: Vector3<f64>) -> Robot {
+        Robot { gravity, ..self.robot.clone() }
+    }
+
+    /// The scale of one torque that explains most, where it is another unit and no gain that is a little off.
+    fn scaled(&self, factors: &[TriangularFactor], sigma: &[f64], bounds: &[Vec<f64>]) -> Option<(Change, f64)> {
+        let n = factors.len();
+        let order: Vec<usize> = (0..n).collect();
+        let misfit = |joint: usize, scale: f64| {
+            let mut weights = vec![1.0; n];
+            weights[joint] = scale;
+            self.ordered_fit(factors, sigma, &order, &weights, bounds).misfit(|_| 1.0)
         };
-        let coarse = self.rows(COARSE_INSTANTS);
-        let judged = directions().into_iter().map(|towards| (towards, misfit(&coarse, &towards)));
-        let (rounded, least) = judged.min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let settled = |mut best: Vector3<f64>, mut least: f64, first_step: f64| {
-            let mut step = first_step;
+        let tried = order.iter().flat_map(|&joint| SCALES.map(|scale| (joint, scale)));
+        let judged = tried.map(|(joint, scale)| (joint, scale, misfit(joint, scale)));
+        let (joint, mut scale, mut least) = judged.min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let mut step = SCALES[1] / SCALES[0];
+        while step > 1.01 {
+            step = step.sqrt();
+            for tried in [scale * step, scale / step] {
+                let found = misfit(joint, tried);
+                if found < least {
+                    (scale, least) = (tried, found);
+                }
+            }
+        }
+        (scale.max(1.0 / scale) > OTHER_UNIT).then_some((Change::Scaled(joint, scale), least))
+    }
+}
+
+/// What directions of gravity leave of the torques.
+struct GravityFits {
+    described: Vector3<f64>,
+    /// The best direction near the described one: a floor off level.
+    level: (Vector3<f64>, f64),
+    /// The best direction of all.
+    best: (Vector3<f64>, f64),
+    /// No gravity, as torques show it of which the controller has subtracted gravity.
+    weightless: Option<(Change, f64)>,
+}
+
+impl GravityFits {
+    fn new(channels: &Channels<'_>, rows: &[usize], sigma: &[f64]) -> Self {
+        let described = channels.robot.gravity;
+        let g = described.norm();
+        let bounds = channels.bounds(&channels.whole());
+        let misfit =
+            |rows: &[usize], gravity: &Vector3<f64>| channels.misfit(&channels.under(*gravity), rows, sigma, &bounds);
+        if g <= 0.0 {
+            let found = (described, misfit(rows, &described));
+            return Self { described, level: found, best: found, weightless: None };
+        }
+        let coarse = channels.rows(COARSE_INSTANTS);
+        let settled = |mut best: Vector3<f64>, first_step: f64, farthest: f64| {
+            let (mut least, mut step) = (misfit(&coarse, &best), first_step);
             while step > LEAST_STEP {
                 let side = best.cross(&across(&best)).normalize();
                 let axes = [side, best.cross(&side)];
                 let near = axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
+                let near = near.filter(|towards| described.angle(towards) <= farthest);
                 let nearest =
                     near.map(|towards| (towards, misfit(&coarse, &towards))).min_by(|a, b| a.1.total_cmp(&b.1));
                 match nearest {
@@ -382,13 +462,22 @@ impl Channels<'_> {
             }
             best
         };
-        let best = settled(rounded, least, 0.5 * FRAC_PI_4);
-        let [found, at_grid] = [best, rounded].map(|towards| misfit(rows, &towards));
-        let (towards, found) = if at_grid <= ROUNDED * found { (rounded, at_grid) } else { (best, found) };
+        let of = |gravity: Vector3<f64>| (gravity, misfit(rows, &gravity));
+        let level = of(settled(described, MOUNTING / 4.0, MOUNTING));
+        let grid = directions().into_iter().map(|towards| g * towards).map(|gravity| (gravity, misfit(&coarse, &gravity)));
+        let rounded = grid.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(described, |(gravity, _)| gravity);
+        let (rounded, settled) = (of(rounded), of(settled(rounded, 0.5 * FRAC_PI_4, f64::INFINITY)));
+        let best = if rounded.1 <= ROUNDED * settled.1 { rounded } else { settled };
+        let weightless = Some((Change::Weightless, misfit(rows, &Vector3::zeros())));
+        Self { described, level, best, weightless }
+    }
+
+    /// The best direction, where it is another mounting.
+    fn mounted(&self) -> Option<(Change, f64)> {
         // first moments that turn with gravity may make a floor off level look like a wall
-        let level = settled(*described, misfit(&coarse, &described), MOUNTING / 4.0);
-        let is_floor = described.angle(&level) <= MOUNTING && misfit(rows, &level) <= ROUNDED * found;
-        (!is_floor && described.angle(&towards) > MOUNTING).then(|| (Change::Mounted(g * towards), found))
+        let is_floor = self.described.angle(&self.level.0) <= MOUNTING && self.level.1 <= ROUNDED * self.best.1;
+        let is_other = self.described.norm() > 0.0 && self.described.angle(&self.best.0) > MOUNTING;
+        (is_other && !is_floor).then(|| (Change::Mounted(self.best.0), self.best.1))
     }
 }
 
@@ -446,6 +535,15 @@ fn findings(change: &Change, ratio: f64) -> Vec<Finding> {
                 named(&[JointIndex::new(*a), JointIndex::new(*b)])
             );
             vec![finding(FindingKind::TorqueSwapped, Some(*a), sentence)]
+        }
+        Change::Scaled(joint, scale) => {
+            let sentence = format!(
+                "the torques contradict the description: with the scale of the torque of joint {} = {scale:.3} in place of \
+                 1.000 the torque error would be {left:.0} % of what it is: check the unit, gain and gear ratio of that torque \
+                 first",
+                JointIndex::new(*joint)
+            );
+            vec![finding(FindingKind::Description, Some(*joint), sentence)]
         }
         Change::Weightless => {
             let words = format!("without it, the torque error of the arm would be {left:.0} % of what it is");

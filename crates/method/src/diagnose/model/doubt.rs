@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::alternatives::{Alternative, best_alternative};
+use super::alternatives::{Alternative, Alternatives, alternatives};
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
@@ -60,11 +60,11 @@ impl Default for DoubtSettings {
             description_shares: [0.12, 0.35],
             healthy: [0.13, 0.2],
             cost: 0.03,
-            least_share: 0.01,
+            least_share: 0.002,
             floor_tilt: 0.1,
             alternative: 0.8,
             least_cutoff: 4.0,
-            least_excitation: 10.0,
+            least_excitation: 9.5,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
             delay_quorum: 3,
@@ -169,26 +169,39 @@ fn contradicted<'s>(
     let judged_rows = JudgedRows { shapes: shapes(), ..judged_rows };
     // too few rows for friction of any shape say nothing of the description
     let test = tested(&judged_rows)?;
+    if test.share < settings.looked_share && known.is_empty() {
+        return of_law.then(|| perhaps_contradicted(&test));
+    }
     let excitation = judged.excitation.len() as f64 / judged.filtered.sample_rate;
-    if judged.filtered.cutoff < settings.least_cutoff
-        || excitation < settings.least_excitation
-        || test.share < settings.looked_share && known.is_empty()
-    {
-        return of_law.then(|| perhaps_contradicted(&test));
+    let tells = judged.filtered.cutoff >= settings.least_cutoff && excitation >= settings.least_excitation;
+    let Alternatives { tilt, change } = alternatives(judged.robot, &judged_rows, &test);
+    let change = change.filter(|change| tells && change.residual_ratio <= settings.alternative);
+    if let Some(change) = change {
+        let matters = !change.is_number || costs(judged, &change, settings);
+        return Some(doubted(&test, Some(change), matters));
     }
-    let better = best_alternative(judged.robot, &judged_rows, &test)
-        .filter(|alternative| alternative.residual_ratio <= settings.alternative);
+    let tilt = tilt.filter(|tilt| is_told(judged, tilt, settings));
+    if let Some(tilt) = tilt {
+        let matters = tells && tilt.tilt > settings.floor_tilt;
+        return Some(doubted(&test, Some(tilt), matters));
+    }
     let poorest = poorest(judged, settings);
-    let poor = poorest > settings.healthy[0];
-    if better.is_none() && (test.share < settings.description_shares[0] || !poor) {
+    if !tells || test.share < settings.description_shares[0] || poorest <= settings.healthy[0] {
         return of_law.then(|| perhaps_contradicted(&test));
     }
-    let matters = match &better {
-        Some(better) if better.tilt > 0.0 => better.tilt > settings.floor_tilt,
-        Some(better) => costs(judged, better, settings),
-        None => test.share >= settings.description_shares[1] && poorest > settings.healthy[1],
+    let matters = test.share >= settings.description_shares[1] && poorest > settings.healthy[1];
+    Some(doubted(&test, None, matters))
+}
+
+/// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
+fn is_told(judged: &JudgedCycle<'_>, tilt: &Alternative, settings: &DoubtSettings) -> bool {
+    let of_joint = |of: &TorqueRmsd| {
+        let [gained, left] = [&tilt.gained, &tilt.left].map(|all| all.get(of.joint.index()).copied().unwrap_or(0.0));
+        of.scope == RmsdScope::Stage(Stage::Excitation)
+            && of.moving_rows.relative > settings.healthy[0]
+            && gained * gained > left * left
     };
-    Some(doubted(&test, better, matters))
+    tilt.residual_ratio <= settings.alternative || judged.verification.iter().any(of_joint)
 }
 
 /// Excitation of the joints whose torque counts beside the arm's largest or their own rated one.

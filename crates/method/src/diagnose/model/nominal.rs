@@ -119,9 +119,8 @@ fn inertias(robot: &Robot, identified: &Identification) -> Vec<(JointIndex, [f64
         |joint: JointIndex| robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint);
     let of_joint = |joint: JointIndex| {
         let j = joint.index();
-        let drawn = median((0..POSTURES).map(|p| felt(robot, &inertial, j, p) + nominal[j].1));
-        let found =
-            median((0..POSTURES).map(|p| felt(robot, &model.inertial, j, p) + model.motor_inertia[j]));
+        let drawn = median_inertia(robot, &inertial, j) + nominal[j].1;
+        let found = median_inertia(robot, &model.inertial, j) + model.motor_inertia[j];
         (joint, [found, drawn])
     };
     let judged = robot.joint_indices().filter(|joint| !coupled(*joint)).map(of_joint);
@@ -209,6 +208,11 @@ fn far_finding(
             Evidence { name: "nominal_inertia_kg_m2", value: drawn },
         ],
     }
+}
+
+/// The inertia that a joint feels of the links, median over postures.
+pub(super) fn median_inertia(robot: &Robot, inertial: &[StandardParameters], joint: usize) -> f64 {
+    median((0..POSTURES).map(|posture| felt(robot, inertial, joint, posture)))
 }
 
 /// The inertia that a joint feels of the links in one of the probe postures.

@@ -1,6 +1,7 @@
 //! Torque that no sensor and no drive measured: accelerations, the torque of a controller's own model, and measured torque
 //! of which the controller has subtracted gravity or friction. Models fit all of them well, and none shows wear.
 
+use super::nominal::median_inertia;
 use super::weigh::Weighed;
 use crate::model::dynamics::{DynamicModel, inverse_dynamics};
 use crate::signal::filter::FilteredSignals;
@@ -8,7 +9,9 @@ use crate::signal::noise::white_noise;
 use crate::statistics::descriptive::{mean, standard_deviation};
 use armwatch_model::analysis::RmsdScope;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
-use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterKind, Robot, TorqueSensors};
+use armwatch_model::robot::{
+    FrictionTerm, JointIndex, JointKind, ParameterKind, Robot, TorqueSensors, Transform,
+};
 use armwatch_model::run::Stage;
 
 /// Part of a torque's squares that its joint's acceleration may leave for it to be the acceleration.
@@ -21,8 +24,11 @@ const SENSOR_NOISE: f64 = 2e-4;
 const NO_FRICTION: f64 = 0.02;
 /// Power of friction over RMS torque times RMS speed below which the same holds beside noise and ripple.
 const NO_POWER: f64 = 0.03;
-/// RMS of gravity relative to that of the torque below which a joint that gravity acts on shows none.
-const NO_GRAVITY: f64 = 0.1;
+/// RMS of gravity, relative to that of a point mass at the arm's reach with the joint's inertia, below which a joint shows
+/// none. A mass nearer by has more gravity for the same inertia; a rotor may be half of the inertia.
+const NO_GRAVITY: f64 = 0.15;
+/// Shortest reach, m.
+const LEAST_REACH: f64 = 0.1;
 /// Part of the gravity that must act across a joint's axis for its torque to show it.
 const ACROSS: f64 = 0.3;
 /// Instants that means are taken over.
@@ -69,7 +75,7 @@ struct Shown {
     power: f64,
     /// Noise relative to the RMS torque.
     noise: f64,
-    /// RMS of gravity relative to that of the torque, where gravity can act.
+    /// RMS of gravity relative to what the joint's inertia makes one expect, where gravity can act.
     gravity: Option<f64>,
 }
 
@@ -96,7 +102,7 @@ pub(crate) fn unmeasured(weighed: &Weighed<'_>, weightless: impl Fn() -> bool) -
     let gravity: Vec<f64> = shown.iter().filter_map(|of| of.gravity).collect();
     let most_gravity = gravity.iter().copied().fold(0.0, f64::max);
     if !gravity.is_empty() && most_gravity < NO_GRAVITY && weightless() {
-        let words = format!("at most {:.0} % of a joint's torque", 100.0 * most_gravity);
+        let words = format!("at most {:.0} % of what the joints' inertias make one expect", 100.0 * most_gravity);
         return Some(without_gravity(&words, ("gravity_share", most_gravity)));
     }
     let powers: Vec<f64> = shown.iter().map(|of| of.power).collect();
@@ -127,7 +133,7 @@ fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
     let model = DynamicModel::from_parameters(robot, identified.parameters.iter().map(|p| (p.id, p.value)));
     let stride = excitation.len().div_ceil(INSTANTS).max(1);
     let rows: Vec<usize> = excitation.iter().copied().step_by(stride).collect();
-    let resting = resting_torques(robot, filtered, &model, &rows);
+    let resting = gravity_shares(robot, filtered, &model, &rows);
     let of_joint = |joint: JointIndex| {
         let moving = verification
             .iter()
@@ -152,7 +158,7 @@ fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
             friction: square(&friction).sqrt() / torque,
             power: power / (torque * square(&speeds).sqrt()),
             noise: noise / torque,
-            gravity: resting[j].map(|gravity| gravity / torque),
+            gravity: resting[j],
         })
     };
     robot.joint_indices().filter_map(of_joint).collect()
@@ -170,9 +176,9 @@ pub(super) fn friction_torque(weighed: &Weighed<'_>, joint: JointIndex, qd: f64)
     law.terms().iter().zip(law.columns(qd)).map(of_term).sum()
 }
 
-/// RMS of the torque of gravity of each joint over postures of the recording, Nm (N); `None` where gravity acts along the
-/// axis of a turning joint.
-fn resting_torques(
+/// RMS of the torque of gravity of each joint over postures of the recording, relative to that of a point mass at the arm's
+/// reach; `None` where gravity acts along the axis of a turning joint.
+fn gravity_shares(
     robot: &Robot,
     filtered: &FilteredSignals,
     model: &DynamicModel,
@@ -188,20 +194,29 @@ fn resting_torques(
         let q: Vec<f64> = (0..n).map(|j| filtered.q[j][row]).collect();
         inverse_dynamics(robot, &model.inertial, &q, &still, &still, &mut torque);
         squares.iter_mut().zip(&torque).for_each(|(sum, torque)| *sum += torque * torque);
-        let mut frame = armwatch_model::robot::Transform::IDENTITY;
+        let mut frame = Transform::IDENTITY;
         for (j, joint) in robot.joints.iter().enumerate() {
             frame = frame.then(&crate::model::kinematics::joint_transform(joint, q[j]));
             let axis = frame.to_outer(&nalgebra::Vector3::z());
             let acting = match joint.kind {
-                armwatch_model::robot::JointKind::Revolute => robot.gravity.cross(&axis).norm(),
-                armwatch_model::robot::JointKind::Prismatic => robot.gravity.dot(&axis).abs(),
+                JointKind::Revolute => robot.gravity.cross(&axis).norm(),
+                JointKind::Prismatic => robot.gravity.dot(&axis).abs(),
             };
             across[j] += acting / g.max(f64::MIN_POSITIVE);
         }
     }
     let count = rows.len().max(1) as f64;
-    let of_joint = |(square, across): (f64, f64)| (across / count > ACROSS).then(|| (square / count).sqrt());
-    squares.into_iter().zip(across).map(of_joint).collect()
+    let of_joint = |j: usize| {
+        let inertia = median_inertia(robot, &model.inertial, j) + model.motor_inertia[j];
+        let lengths = robot.joints.iter().skip(j + 1).map(|next| next.geometry.placement().translation.norm());
+        let lever = match robot.joints[j].kind {
+            JointKind::Revolute => lengths.sum::<f64>().max(LEAST_REACH),
+            JointKind::Prismatic => 1.0,
+        };
+        let expected = inertia * g / lever;
+        (across[j] / count > ACROSS && expected > 0.0).then(|| (squares[j] / count).sqrt() / expected)
+    };
+    (0..n).map(of_joint).collect()
 }
 
 fn finding(sentence: String, evidence: &[(&'static str, f64)]) -> Finding {

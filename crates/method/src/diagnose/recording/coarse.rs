@@ -18,6 +18,8 @@ const TOLD: f64 = 0.02;
 pub(super) fn step(torque: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = Vec::new();
     for value in torque {
+        // a zero of either sign is one value
+        let value = value + 0.0;
         if let Err(place) = values.binary_search_by(|of| of.total_cmp(&value)) {
             values.insert(place, value);
         }
@@ -73,6 +75,7 @@ mod tests {
             let found = step(sine(expected)).expect("steps");
             assert!((found - expected).abs() < 1e-9, "{found}");
         }
+        assert_eq!(step([-1.0, -0.0, 0.0, 1.0].into_iter()), Some(1.0));
         assert_eq!(step(sine(1e-3)), None);
         assert_eq!(step([1.0, 1.0].into_iter()), None);
         assert_eq!(step([0.0, 1.0, 2.4, 7.9].into_iter()), None);
