@@ -4,12 +4,13 @@ use std::borrow::Cow;
 
 use super::NumericsError;
 use super::buffers::Buffers;
-use super::diagnose::model::causes::{motor_torques, reason, sentences};
+use super::diagnose::model::assignment::{Channels, assign, is_weightless};
+use super::diagnose::model::causes::{motor_torques, reason, sentences, without_consequences};
 use super::diagnose::model::combination::PlausibleSettings;
-use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description};
+use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, beside_tilt, diagnose_description};
 use super::diagnose::model::nominal::inertia_ratios;
-use super::diagnose::model::own_fit::own_fits;
-use super::diagnose::model::weigh::{WeighSettings, Weighed, own_torques, turned_torques, weigh};
+use super::diagnose::model::unmeasured::{accelerations, unmeasured};
+use super::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
 use super::diagnose::model::{diagnose_model, top_speeds};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
@@ -171,7 +172,7 @@ fn identify_and_verify(
 ) {
     let Recorded { samples, filtered, factored, .. } = *recorded;
     let accept = method.settings.accept;
-    let channels = with_own_fits(method, recorded, channels);
+    let channels = with_assignment(method, recorded, channels);
     take_up(method, accepted(channels, accept), analysis);
     // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
     keep_factors(method, factored, analysis);
@@ -338,7 +339,20 @@ struct Recorded<'a> {
     factored: &'a Factored,
 }
 
-impl Recorded<'_> {
+impl<'a> Recorded<'a> {
+    /// As torques are assigned by.
+    fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
+        Channels {
+            robot: &method.robot,
+            columns: &method.columns,
+            kept_columns: &method.base.kept_columns,
+            filtered: self.filtered,
+            filtered_coulomb_columns: self.filtered_coulomb_columns,
+            factored: self.factored,
+            excitation,
+        }
+    }
+
     /// Usable rows of the excitation.
     fn excitation(&self) -> Vec<usize> {
         let usable = self.filtered.usable.iter().flat_map(Clone::clone);
@@ -363,8 +377,11 @@ fn is_refused(analysis: &CycleAnalysis) -> bool {
 
 /// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
 fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
+    let known = std::mem::take(&mut analysis.findings);
+    let all = without_consequences([known.clone(), findings].concat());
     let of = |severity: FindingSeverity| -> Vec<Finding> {
-        findings.iter().filter(|finding| finding.severity == severity).cloned().collect()
+        let of = |finding: &&Finding| finding.severity == severity && !known.contains(finding);
+        all.iter().filter(of).cloned().collect()
     };
     for (severity, mark) in [
         (FindingSeverity::Doubt, "doubtful: "),
@@ -378,25 +395,21 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
     if !refused.is_empty() {
         analysis.identification = Err(reason(&method.robot, &refused));
     }
-    analysis.findings.extend(findings);
+    analysis.findings = all;
     analysis.refusal_causes = refusal::causes(&analysis.findings);
 }
 
-/// Findings about channels, with signs of torques by each joint's own full fit, and without swapped torques that it
-/// contradicts. Where a position or velocity is wrong, torques are not judged by it.
-fn with_own_fits(method: &Method, recorded: &Recorded<'_>, findings: Vec<Finding>) -> Vec<Finding> {
-    let settings = WeighSettings::default();
-    let Recorded { filtered, factored, .. } = *recorded;
-    let excitation = recorded.excitation();
-    let fits = own_fits(&method.robot, &method.columns, filtered, factored, &excitation);
-    let mut kept: Vec<Finding> =
-        findings.into_iter().filter(|finding| !own_torques(finding, &fits, &settings)).collect();
-    let kinds: FindingKinds =
-        kept.iter().filter(|f| f.severity == FindingSeverity::Refuse).map(|f| f.kind).collect();
-    if kinds.is_empty() {
-        kept.extend(turned_torques(&fits, &settings));
+/// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
+/// is wrong, torques are not judged by it.
+fn with_assignment(method: &Method, recorded: &Recorded<'_>, mut findings: Vec<Finding>) -> Vec<Finding> {
+    if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
+        let excitation = recorded.excitation();
+        match accelerations(&method.robot, recorded.filtered, &excitation) {
+            Some(found) => findings.push(found),
+            None => findings.extend(assign(&recorded.channels(method, &excitation))),
+        }
     }
-    kept
+    findings
 }
 
 /// What the identified model says that no arm can be, as far as nothing else explains it.
@@ -430,6 +443,10 @@ fn doubt_model(
         identified: &doubted,
         verification: &verification,
     };
+    if let Some(found) = unmeasured(&weighed, || is_weightless(&recorded.channels(method, &rows))) {
+        // a torque that nobody measured gives a model of nothing
+        return vec![found];
+    }
     let of_model = weigh(of_model, &weighed, &WeighSettings::default());
     let judged = JudgedCycle {
         robot: &method.robot,
@@ -442,6 +459,7 @@ fn doubt_model(
         verification: &verification,
     };
     let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    let of_model = beside_tilt(of_model, &findings);
     let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
     let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
     findings.extend(motors.filter(|_| refused));
@@ -463,7 +481,10 @@ fn identify_excitation(
 ) -> Result<Identification, String> {
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     if factors.iter().all(|factor| factor.rows() == 0) {
-        return Err(without_excitation(&[]));
+        return Err(match samples.stage.contains(&Stage::Excitation) {
+            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it".into(),
+            false => without_excitation(&[]),
+        });
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
     let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);

@@ -28,16 +28,20 @@ const PEAK_JOINT_TORQUE: &str = "peak_joint_torque_nm";
 const PEAK_JOINT_FORCE: &str = "peak_joint_force_n";
 
 /// Reads a joint of a Denavit-Hartenberg table, of either convention: its row stands in the geometry as
-/// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it, `friction` the arm's
-/// model.
-pub(crate) fn read(table: &Table<'_>, ratio: Option<f64>, friction: FrictionModel) -> Option<Joint> {
+/// one of a modified table. `ratio` is the gear ratio that a transmission matrix has for it, `default_ratio` the one of
+/// a joint that gives none, `friction` the arm's model.
+pub(crate) fn read(
+    table: &Table<'_>,
+    ratio: Option<f64>,
+    (default_ratio, friction): (Option<f64>, FrictionModel),
+) -> Option<Joint> {
     let name = read_name(table);
     let kind = read_kind(table);
     // Without a type the units are not known, but what does not depend on them is still checked.
     let assumed = kind.unwrap_or(JointKind::Revolute);
     let row = read_dh_row(table);
     let limits = read_limits(table, assumed);
-    let gear_ratio = read_gear_ratio(table, ratio, None);
+    let gear_ratio = read_gear_ratio(table, ratio, default_ratio);
     let drive = read_drive(table, assumed, friction);
     let velocity = limits.map(|limits| limits.velocity);
     let nominal = table.table("nominal").map(|nominal| nominal::read(&nominal, assumed, velocity));

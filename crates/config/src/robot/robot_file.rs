@@ -67,7 +67,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     let chain = match convention {
         Some(Convention::Urdf) => urdf_arm::read_chain(root, folder, read_text, &given, of_arm),
         // What does not depend on the convention is still checked.
-        _ => read_dh_chain(root, convention, &given, of_arm),
+        _ => read_dh_chain(root, convention, (&given, torque_sensors), of_arm),
     };
     let joints = chain.as_ref().map(|chain| &chain.joints[..]);
     let transmission = transmission::read(root, given, joints);
@@ -142,16 +142,18 @@ fn read_torque_sensors(root: &Table<'_>) -> Option<TorqueSensors> {
 fn read_dh_chain(
     root: &Table<'_>,
     convention: Option<Convention>,
-    given: &GivenTransmission<'_>,
+    (given, torque_sensors): (&GivenTransmission<'_>, Option<TorqueSensors>),
     friction: FrictionModel,
 ) -> Option<Chain> {
+    // a sensor behind the gears does not feel them
+    let default_ratio = torque_sensors.filter(|of| *of == TorqueSensors::Link).map(|_| 1.0);
     let value = root
         .required_or_else("joint", || Some("write one [[joint]] a joint, from the base outwards".into()))?;
     let items = value.sections()?;
     let joints: Vec<Option<Joint>> = items
         .iter()
         .enumerate()
-        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i), friction)))
+        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i), (default_ratio, friction))))
         .collect();
     if joints.is_empty() || joints.len() > MAX_JOINTS {
         value.refuse(format!("{} joints, must be 1 to {MAX_JOINTS}", joints.len()), None);
@@ -333,6 +335,16 @@ mod tests {
             .replace("position_max_deg = 130", &format!("position_max_rad = {}", 130.0_f64.to_radians()));
         assert_ne!(radians, SCARA);
         assert_eq!(parse_robot("scara.toml", &radians), parse_robot("scara.toml", SCARA));
+    }
+
+    #[test]
+    fn sensors_behind_the_gears_need_no_gear_ratio() {
+        let text = include_str!("../../../../config/robots/er3a.toml");
+        let without: String = text.lines().filter(|line| !line.starts_with("gear_ratio")).map(|line| format!("{line}\n")).collect();
+        assert!(parse_robot("er3a.toml", &without).is_err());
+        let robot = parse_robot("er3a.toml", &format!("torque_sensors = \"link\"\n{without}"));
+        let robot = robot.unwrap_or_else(|errors| panic!("{errors}"));
+        assert!(robot.joints.iter().all(|joint| (joint.gear_ratio - 1.0).abs() < f64::EPSILON));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
 
 mod alternatives;
+pub(crate) mod assignment;
 pub(crate) mod causes;
 pub(crate) mod combination;
 mod delay;
@@ -9,7 +10,8 @@ pub mod doubt;
 mod friction_shapes;
 pub(crate) mod nominal;
 mod numbers;
-pub(crate) mod own_fit;
+mod joint_fit;
+pub(crate) mod unmeasured;
 pub(crate) mod weigh;
 #[cfg(test)]
 mod tests;

@@ -3,9 +3,9 @@
 //! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
 //! identified model are in [`super::model`].
 
+mod coarse;
 mod glitches;
 mod position;
-mod torque;
 mod velocity;
 pub mod view;
 
@@ -16,13 +16,15 @@ use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Samples;
 
+/// Part of the rows from which on one value of a coarse torque is a channel that stands still.
+const COARSE_RUN: f64 = 0.5;
 /// Repeats of one value are looked at from this duration on, s.
 const REPEATS_S: f64 = 0.5;
 
 /// Everything that the channels of one cycle show to be wrong, the gravest first.
 ///
-/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`]. Swapped
-/// columns and wrong signs can only be seen as far as joints move.
+/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`].
+/// Torques of wrong sign or order are found by [`super::model::assignment`].
 #[must_use]
 pub fn diagnose_samples(
     robot: &Robot,
@@ -39,7 +41,8 @@ pub fn diagnose_samples(
         findings.iter().any(|f| f.joint == Some(joint) && (kinds.is_empty() || kinds.contains(&f.kind)))
     };
     findings.extend(glitches::spikes(&view));
-    findings.extend(glitches::leaps(&view, &findings));
+    let repeated = glitches::repeats(&view);
+    findings.extend(glitches::leaps(&view, &findings, repeated.as_ref()));
     let broken: Vec<bool> = robot.joint_indices().map(|j| explained(&findings, j, &[])).collect();
     if samples.velocity.is_some() {
         findings.extend(velocity::velocity_against_position(&view, settings, &broken));
@@ -50,25 +53,20 @@ pub fn diagnose_samples(
     let found = position::positions(&view, settings).into_iter();
     findings.extend(found.filter(|finding| !glitches.contains(&finding.joint)));
     findings.extend(position::small_motion(&view, settings));
-    if let Some(repeated) = glitches::repeats(&view) {
-        // steps of two rows at once look fast
-        findings.retain(|finding| finding.kind != FindingKind::TooFast);
+    if let Some(repeated) = repeated {
+        // steps of several rows at once look fast, and like another velocity
+        let follows = [FindingKind::TooFast, FindingKind::VelocityUnrelated];
+        findings.retain(|finding| !follows.contains(&finding.kind));
         findings.push(repeated);
     }
+    findings.extend(coarse::torque_steps(&view));
     findings.extend(short(&view, settings).filter(|_| view.has_excitation));
-    let kinematic = [FindingKind::Stuck, FindingKind::VelocitySwapped, FindingKind::VelocityUnrelated];
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
         if view.has_excitation {
             findings.extend(motion(&view, joint, settings));
         }
         findings.extend(saturation(&view, joint, settings));
     }
-    let judged: Vec<JointIndex> = robot
-        .joint_indices()
-        .filter(|&j| !explained(&findings, j, &kinematic) && !explained(&findings, j, &[FindingKind::Still]))
-        .filter(|&j| view.has_excitation || view.moving_share(j) >= settings.moving_share)
-        .collect();
-    findings.extend(torque::torques(&view, &judged));
     view.end();
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     findings
@@ -95,7 +93,12 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
         for (name, channel, witness) in channels {
             let Some(channel) = channel else { continue };
             let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
+            let is_coarse = name == "torque" && view.torque_steps[j].is_some();
             let run = longest_run(view, channel, least, |start, end| {
+                // a step that is wide beside the torque holds one value for long, but not for most of a recording
+                if is_coarse && ((end - start) as f64) < COARSE_RUN * view.row_count as f64 {
+                    return false;
+                }
                 // The low-pass carries motion from outside over the edges.
                 let inside = &witness[start + edge..(end - edge).max(start + edge)];
                 let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
@@ -216,6 +219,9 @@ fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Op
     })
 }
 
+/// How many times as many rows as the next three steps the highest step of a coarse torque may have.
+const COARSE_DWELL: usize = 3;
+
 /// Torque that stays at its largest value.
 ///
 /// Rows *at* the peak must come in runs and be far more than rows just below it; a smooth peak has
@@ -232,12 +238,17 @@ fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -
             let [near, far] = [sign * (from * peak), sign * (to * peak)];
             [near.min(far), near.max(far)]
         };
-        let (at_peak, below) = (range(1.0 - 1e-6, 1.0), range(0.97, 1.0 - 1e-6));
+        // a smooth peak stays about as long in the highest step as in the next three
+        let (near, dwell) = match view.torque_steps[joint.index()] {
+            Some(step) => ((1.0 - 3.5 * step / peak).clamp(0.0, 0.97), COARSE_DWELL),
+            None => (0.97, 1),
+        };
+        let (at_peak, below) = (range(1.0 - 1e-6, 1.0), range(near, 1.0 - 1e-6));
         let [at, just_below] = view
             .pieces(torque)
             .map(|piece| counts_within(piece, [at_peak, below]))
             .fold([0, 0], |[at, near], [a, b]| [at + a, near + b]);
-        if at <= just_below {
+        if at <= dwell * just_below {
             continue;
         }
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));

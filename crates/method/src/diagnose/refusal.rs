@@ -35,7 +35,9 @@ fn channel(finding: &Finding) -> Channel {
         | FindingKind::TorqueSwapped
         | FindingKind::TorqueSign
         | FindingKind::TorqueDelay
-        | FindingKind::MotorTorque => Channel::Torque,
+        | FindingKind::MotorTorque
+        | FindingKind::ComputedTorque
+        | FindingKind::CoarseTorque => Channel::Torque,
         FindingKind::PositionUnit | FindingKind::OutsideLimits | FindingKind::SmallMotion => {
             Channel::Position
         }

@@ -121,6 +121,27 @@ impl TriangularFactor {
         }
     }
 
+    /// Columns of `w` of which more than the part `dependent` is new beside those before them.
+    #[must_use]
+    pub fn independent_columns(&self, columns: usize, dependent: f64) -> Vec<usize> {
+        let length = |k: usize| (0..=k).map(|i| self.r[(i, k)].powi(2)).sum::<f64>().sqrt();
+        (0..columns).filter(|&k| self.r[(k, k)].abs() > dependent * length(k)).collect()
+    }
+
+    /// A solution `[b]` of least squares, zero for columns of which no more than the part `dependent` is new.
+    #[must_use]
+    pub fn basic_solution(&self, dependent: f64) -> Vec<f64> {
+        let kept = self.independent_columns(self.columns(), dependent);
+        let own = self.restricted(&kept);
+        let k = kept.len();
+        let mut theta = vec![0.0; self.columns()];
+        for at in (0..k).rev() {
+            let known: f64 = (at + 1..k).map(|i| own.r[(at, i)] * theta[kept[i]]).sum();
+            theta[kept[at]] = (own.r[(at, k)] - known) / own.r[(at, at)];
+        }
+        theta
+    }
+
     /// Sum of squares of `tau` over all rows.
     #[must_use]
     pub fn torque_sum_of_squares(&self) -> f64 {

@@ -71,12 +71,16 @@ pub enum FindingKind {
     Description,
     /// Torques of the motors are read as those of the joints.
     MotorTorque,
+    /// Torque that is computed, or of which gravity or friction was subtracted.
+    ComputedTorque,
+    /// Torque is recorded in steps that are large beside it.
+    CoarseTorque,
 }
 
 impl FindingKind {
     /// All of them, the likeliest cause of others first: what is wrong with a channel comes before what a model makes
     /// of it.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 27] = [
         Self::Stuck,
         Self::Spike,
         Self::Still,
@@ -90,6 +94,7 @@ impl FindingKind {
         Self::VelocityUnrelated,
         Self::OutsideLimits,
         Self::Saturated,
+        Self::ComputedTorque,
         Self::TorqueSwapped,
         Self::TorqueSign,
         Self::MotorTorque,
@@ -101,6 +106,7 @@ impl FindingKind {
         Self::Unexplained,
         Self::TooFast,
         Self::Repeated,
+        Self::CoarseTorque,
         Self::ShortExcitation,
     ];
 
@@ -133,6 +139,8 @@ impl FindingKind {
             Self::TorqueDelay => "late_torque",
             Self::Description => "description",
             Self::MotorTorque => "motor_torque",
+            Self::ComputedTorque => "computed_torque",
+            Self::CoarseTorque => "coarse_torque",
         }
     }
 

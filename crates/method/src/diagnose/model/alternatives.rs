@@ -5,12 +5,17 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::description::{JudgedRows, NumberScore};
+use super::assignment::MOUNTING;
+use super::description::{DescriptionTest, JudgedRows, NumberScore};
 use super::numbers::{DescribedNumber, set_standard};
 use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
 
 /// Instants that alternatives are compared on: which of them fits best needs no more.
 const INSTANTS: usize = 250;
+/// Part of the squares that a tilt of the base may leave to be looked beside.
+const TILTED: f64 = 0.97;
+/// Factor by which a change must leave less than a likelier one.
+const HARDLY_MORE: f64 = 1.15;
 /// Single numbers that are tried with the change that the torques ask for.
 const NUMBERS_TRIED: usize = 4;
 
@@ -21,37 +26,99 @@ pub struct Alternative {
     pub words: String,
     /// Its residual sum of squares, relative to that of the description.
     pub residual_ratio: f64,
+    /// Torque error of each joint that it would take away `[n]`, RMS, relative to the joint's whole error.
+    pub gained: Vec<f64>,
+    /// Torque error of each joint that it leaves `[n]`, in the same unit.
+    pub left: Vec<f64>,
+    /// Whether it is another value of one number, and no mistake of sign, convention or mounting.
+    pub is_number: bool,
+    /// Angle by which it tilts the base, rad; zero for any other change.
+    pub tilt: f64,
 }
 
-/// The change of the description in one respect that leaves least of the torques unexplained.
+/// A description that is tried.
+struct Tried {
+    words: String,
+    robot: Robot,
+    gains: Vec<f64>,
+    residual: f64,
+    is_number: bool,
+}
+
+/// Descriptions that explain the torques better: the base tilted, and the one change beside it.
+#[derive(Debug, Clone, Default)]
+pub struct Alternatives {
+    /// The base tilted by a small angle, where that explains a part.
+    pub tilt: Option<Alternative>,
+    /// The change of the description in one respect that leaves least of what is left.
+    pub change: Option<Alternative>,
+}
+
+/// The tilt of the base, and the change of the description in one respect that leaves least of the torques unexplained
+/// beside it. A floor is hardly level, and its tilt looks like wrong angles, lengths and scales.
 ///
-/// `scores` are the numbers of [`test_description`](super::description::test_description) with what
-/// they would have to be, the most telling first.
+/// `test` has the numbers with what they would have to be, the most telling first.
 #[must_use]
-pub fn best_alternative(
-    robot: &Robot,
-    judged_rows: &JudgedRows<'_>,
-    scores: &[NumberScore],
-) -> Option<Alternative> {
-    let judged_rows = judged_rows.thinned(INSTANTS);
+pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &DescriptionTest) -> Alternatives {
+    let judged_rows = &judged_rows.thinned(INSTANTS);
     let gains = vec![1.0; robot.joint_count()];
-    let described = judged_rows.residual(robot, &gains);
-    let judged = candidates(robot).into_iter().map(|(words, other)| {
-        let residual_ratio = judged_rows.residual(&other, &gains) / described;
-        Alternative { words, residual_ratio }
-    });
-    let numbers =
-        scores.iter().take(NUMBERS_TRIED).filter_map(|score| settled(robot, &judged_rows, described, score));
-    judged
-        .chain(numbers)
-        .filter(|alternative| alternative.residual_ratio.is_finite())
-        .min_by(|a, b| a.residual_ratio.total_cmp(&b.residual_ratio))
+    let judged = |(words, robot): (String, Robot)| {
+        let residual = judged_rows.residual(&robot, &gains);
+        Tried { words, robot, gains: gains.clone(), residual, is_number: false }
+    };
+    let described = judged((String::new(), robot.clone()));
+    let tilted = tilted(robot, test)
+        .map(|(other, tilt)| (judged(other), tilt))
+        .filter(|(tried, _)| tried.residual < TILTED * described.residual);
+    let base = tilted.as_ref().map_or(&described, |(tried, _)| tried);
+    let numbers = test.scores.iter().take(NUMBERS_TRIED);
+    let numbers = numbers.filter_map(|score| settled(&base.robot, judged_rows, base.residual, score));
+    let least = |one: &Tried, other: &Tried| one.residual.total_cmp(&other.residual);
+    let mounted = mountings(&base.robot).into_iter().map(judged).min_by(least);
+    let other = candidates(&base.robot).into_iter().map(judged).chain(numbers).min_by(least);
+    // of two that explain as much, gravity is the likelier
+    let least = match (mounted, other) {
+        (Some(mounted), Some(other)) if other.residual * HARDLY_MORE < mounted.residual => Some(other),
+        (None, other) => other,
+        (mounted, _) => mounted,
+    };
+    let change = least.map(|tried| compared(judged_rows, base, &tried, 0.0));
+    let tilt = tilted.as_ref().map(|(tried, tilt)| compared(judged_rows, &described, tried, *tilt));
+    Alternatives { tilt, change }
 }
 
-/// Changes of a description that are mistakes of sign, convention, zero or mounting.
+fn compared(judged_rows: &JudgedRows<'_>, before: &Tried, after: &Tried, tilt: f64) -> Alternative {
+    let [squares, left] = [before, after].map(|of| judged_rows.residual_by_joint(&of.robot, &of.gains));
+    Alternative {
+        words: after.words.clone(),
+        residual_ratio: after.residual / before.residual,
+        gained: squares.iter().zip(&left).map(|(before, after)| (before - after).max(0.0).sqrt()).collect(),
+        left: left.iter().map(|square| square.sqrt()).collect(),
+        is_number: after.is_number,
+        tilt,
+    }
+}
+
+/// The base tilted as the torques ask for.
+fn tilted(robot: &Robot, test: &DescriptionTest) -> Option<((String, Robot), f64)> {
+    let g = robot.gravity.norm();
+    let towards = (robot.gravity + test.gravity_change).try_normalize(f64::MIN_POSITIVE)?;
+    let tilt = robot.gravity.angle(&towards);
+    let gravity = g * towards;
+    let words = format!("{} (the base tilted by {:.1} deg)", gravity_text(&gravity), tilt.to_degrees());
+    (tilt > 0.0 && tilt < MOUNTING).then(|| ((words, Robot { gravity, ..robot.clone() }), tilt))
+}
+
+/// The key of a description with a vector of gravity.
+pub(super) fn gravity_text(gravity: &Vector3<f64>) -> String {
+    // adding 0 makes a zero of a negative one, which would read as -0.00
+    let g = gravity.map(|x| (100.0 * x).round() / 100.0).add_scalar(0.0);
+    format!("gravity_m_s2 = [{:.2}, {:.2}, {:.2}]", g.x, g.y, g.z)
+}
+
+/// Changes of a description that are mistakes of sign, convention or zero.
 fn candidates(robot: &Robot) -> Vec<(String, Robot)> {
     let mut found: Vec<(String, Robot)> = other_convention(robot).into_iter().collect();
-    found.extend(mountings(robot));
     for (joint, described) in robot.joint_indices().zip(&robot.joints) {
         let j = joint.index();
         if let Some(row) = described.geometry.dh_row().filter(|row| row.alpha.sin().abs() > 1e-3) {
@@ -106,13 +173,8 @@ fn mountings(robot: &Robot) -> Vec<(String, Robot)> {
     axes.into_iter()
         .flat_map(|axis| [g * axis, -g * axis])
         .filter(|gravity| (gravity - robot.gravity).norm() > 0.1 * g)
-        // adding 0 makes a zero of a negative one, which would read as -0.00
-        .map(|gravity| gravity.add_scalar(0.0))
         .map(|gravity| {
-            let words = format!(
-                "gravity_m_s2 = [{:.2}, {:.2}, {:.2}] (how the arm is mounted)",
-                gravity.x, gravity.y, gravity.z
-            );
+            let words = format!("{} (how the arm is mounted)", gravity_text(&gravity));
             (words, Robot { gravity, ..robot.clone() })
         })
         .collect()
@@ -142,17 +204,18 @@ fn settled(
     judged_rows: &JudgedRows<'_>,
     described: f64,
     score: &NumberScore,
-) -> Option<Alternative> {
+) -> Option<Tried> {
     if score.number == DescribedNumber::TorqueDelay {
         return None;
     }
-    let at = |change: f64| {
+    let gains = |change: f64| {
         let mut gains = vec![1.0; robot.joint_count()];
         if let DescribedNumber::TorqueGain(joint) = score.number {
             gains[joint.index()] += change;
         }
-        judged_rows.residual(&score.number.changed(robot, change), &gains)
+        gains
     };
+    let at = |change: f64| judged_rows.residual(&score.number.changed(robot, change), &gains(change));
     let (once, twice) = (at(score.change), at(2.0 * score.change));
     let bend = described - 2.0 * once + twice;
     let lowest =
@@ -162,9 +225,12 @@ fn settled(
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
     let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
-    (!turned).then(|| Alternative {
+    (!turned).then(|| Tried {
         words: words(robot, score.number, change),
-        residual_ratio: residual / described,
+        robot: score.number.changed(robot, change),
+        gains: gains(change),
+        residual,
+        is_number: true,
     })
 }
 

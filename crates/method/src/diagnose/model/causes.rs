@@ -40,7 +40,8 @@ pub fn named(joints: &[JointIndex]) -> String {
 pub fn reason(robot: &Robot, findings: &[Finding]) -> String {
     let mut sentences = sentences(robot, findings);
     sentences.truncate(SENTENCES);
-    let kinds: FindingKinds = findings.iter().map(|finding| finding.kind).collect();
+    let causes = without_consequences(findings.to_vec());
+    let kinds: FindingKinds = causes.iter().map(|finding| finding.kind).collect();
     let names: Vec<String> = FindingKind::ALL
         .iter()
         .filter(|kind| kinds.contains(**kind))
@@ -52,20 +53,28 @@ pub fn reason(robot: &Robot, findings: &[Finding]) -> String {
 /// One sentence for each kind of finding, the likeliest cause first.
 #[must_use]
 pub fn sentences(robot: &Robot, findings: &[Finding]) -> Vec<String> {
-    let explained = findings.iter().any(|finding| finding.kind == FindingKind::MotorTorque);
-    let caused = findings.iter().any(|finding| !CONSEQUENCES.contains(&finding.kind));
-    let mut told = Vec::new();
-    let mut consequence = false;
-    for kind in FindingKind::ALL {
-        let of_kind: Vec<&Finding> = findings.iter().filter(|finding| finding.kind == kind).collect();
-        let follows = CONSEQUENCES.contains(&kind) || (explained && kind != FindingKind::MotorTorque);
-        if of_kind.is_empty() || (follows && explained) || (follows && caused && consequence) {
-            continue;
-        }
-        consequence |= follows;
-        told.extend(together(robot, &of_kind));
-    }
-    told
+    let causes = without_consequences(findings.to_vec());
+    let of_kind =
+        |kind: FindingKind| -> Vec<&Finding> { causes.iter().filter(|finding| finding.kind == kind).collect() };
+    FindingKind::ALL.into_iter().flat_map(|kind| together(robot, &of_kind(kind))).collect()
+}
+
+/// The findings without those that follow from a refused or an accepted one, the likeliest cause first. A wrong channel,
+/// unit, sign or description makes a model that no arm has: that is no second fault.
+#[must_use]
+pub fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
+    let refused = |kinds: &dyn Fn(FindingKind) -> bool| {
+        findings.iter().any(|finding| finding.severity >= FindingSeverity::Doubt && kinds(finding.kind))
+    };
+    let caused = refused(&|kind| !CONSEQUENCES.contains(&kind));
+    let explained = refused(&|kind| kind == FindingKind::MotorTorque);
+    findings.retain(|finding| match finding.kind {
+        FindingKind::MotorTorque => true,
+        kind if CONSEQUENCES.contains(&kind) => !caused,
+        _ => !explained,
+    });
+    findings.sort_by_key(|finding| (std::cmp::Reverse(finding.severity), finding.kind.rank()));
+    findings
 }
 
 /// Findings of one kind: those about joints as one sentence, with the numbers of the first.
@@ -156,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn one_fault_at_every_joint_is_one_sentence_before_what_follows_from_it() {
+    fn one_fault_at_every_joint_is_one_sentence_without_what_follows_from_it() {
         let mut found: Vec<Finding> = (0..6)
             .map(|j| {
                 finding(FindingKind::Unexplained, Some(j), &format!("joint {}: 80 % unexplained", j + 1))
@@ -168,8 +177,7 @@ mod tests {
         let reason = reason(&er3a(), &found);
         assert_eq!(
             reason,
-            "all 6 joints, as joint 1: friction would drive it; all 6 joints, as joint 1: 80 % unexplained; to take it \
-             anyway: [analysis] accept = [\"torque_sign\", \"unexplained_torque\"]"
+            "all 6 joints, as joint 1: friction would drive it; to take it anyway: [analysis] accept = [\"torque_sign\"]"
         );
     }
 

@@ -14,6 +14,8 @@ use armwatch_model::robot::{JointIndex, Robot};
 /// Largest delay looked for, s. Beyond it torque and motion have nothing to do with each other, which
 /// other checks see.
 const LONGEST_S: f64 = 0.16;
+/// The same where no delay within it is the best, with steps that much wider.
+const FURTHER: f64 = 2.0;
 /// Distance between the delays tried, s; a parabola finds what is between them.
 const STEP_S: f64 = 0.01;
 
@@ -57,8 +59,23 @@ pub fn torque_delays(
     excitation: &[usize],
     shapes: &[Vec<Vec<f64>>],
 ) -> Option<JointDelay> {
-    let shifts = Shift::all(filtered.sample_rate);
-    let reach = (LONGEST_S * filtered.sample_rate).ceil() as usize + POINTS;
+    let within = |wider: f64| {
+        delays_within(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, (shapes, wider))
+    };
+    within(1.0).or_else(|| within(FURTHER))
+}
+
+/// The same with delays `wider` than usual.
+fn delays_within(
+    robot: &Robot,
+    columns: &FactorColumns,
+    kept_columns: &[usize],
+    (filtered, filtered_coulomb_columns): (&FilteredSignals, &[FilteredColumn]),
+    excitation: &[usize],
+    (shapes, wider): (&[Vec<Vec<f64>>], f64),
+) -> Option<JointDelay> {
+    let shifts = Shift::all(filtered.sample_rate, wider * STEP_S);
+    let reach = (wider * LONGEST_S * filtered.sample_rate).ceil() as usize + POINTS;
     let apart = (filtered.sample_rate / (2.0 * filtered.cutoff)).ceil().max(1.0) as usize;
     let inside = |row: usize| {
         filtered.usable.iter().any(|s| s.contains(&(row.saturating_sub(reach))) && s.contains(&(row + reach)))
@@ -75,9 +92,9 @@ pub fn torque_delays(
         (judged.iter().map(of_joint).sum::<f64>() / weight).exp()
     };
     let all: Vec<f64> = (0..shifts.len()).map(together).collect();
-    let [delay, residual_ratio] = best(&all)?;
+    let [delay, residual_ratio] = best(&all, wider * STEP_S)?;
     let of_joint = |(joint, profile): &(JointIndex, Profile)| {
-        let [delay, residual_ratio] = best(&profile.squares)?;
+        let [delay, residual_ratio] = best(&profile.squares, wider * STEP_S)?;
         Some(TorqueDelay { joint: *joint, delay, residual_ratio })
     };
     let joints = judged.iter().filter_map(of_joint).collect();
@@ -92,11 +109,11 @@ struct Shift {
 }
 
 impl Shift {
-    /// From [`LONGEST_S`] earlier to as much later.
-    fn all(sample_rate: f64) -> Vec<Self> {
+    /// From [`LONGEST_S`] earlier to as much later in steps of `step` [`STEP_S`], and as many wider ones, s.
+    fn all(sample_rate: f64, step: f64) -> Vec<Self> {
         let steps = (LONGEST_S / STEP_S).round() as i32;
         let shift = |k: i32| {
-            let rows = f64::from(k) * STEP_S * sample_rate;
+            let rows = f64::from(k) * step * sample_rate;
             // whole rows are what they are, to the last bit
             let rows = if (rows - rows.round()).abs() < 1e-6 { rows.round() } else { rows };
             let before = rows.floor();
@@ -168,7 +185,7 @@ fn profiles(
 
 /// Delay, s, and residual relative to that without a delay at the lowest point of the parabola through the least
 /// residual and its neighbours; `None` where the least is at either end.
-fn best(profile: &[f64]) -> Option<[f64; 2]> {
+fn best(profile: &[f64], step: f64) -> Option<[f64; 2]> {
     let middle = profile.len() / 2;
     let least = (0..profile.len()).min_by(|&a, &b| profile[a].total_cmp(&profile[b]))?;
     if least == 0 || least + 1 == profile.len() {
@@ -178,7 +195,7 @@ fn best(profile: &[f64]) -> Option<[f64; 2]> {
     let bend = before - 2.0 * at + after;
     let part = if bend > 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
     let lowest = at - 0.25 * (before - after) * part;
-    let delay = (least as f64 - middle as f64 + part) * STEP_S;
+    let delay = (least as f64 - middle as f64 + part) * step;
     let ratio = (lowest / profile[middle]).clamp(0.0, 1.0);
     ratio.is_finite().then_some([delay, ratio])
 }

@@ -6,11 +6,13 @@
 //! take up themselves is held against the residual (Lagrange multiplier test; Rao 1948, Large sample
 //! tests of statistical hypotheses concerning several parameters).
 
+use nalgebra::Vector3;
+
 use super::friction_shapes::SHAPES;
 use super::numbers::DescribedNumber;
 use crate::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns, write_filtered_columns};
 use crate::lanes::{LANES, Lanes};
-use crate::least_squares::factor::FactorBuilder;
+use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::least_squares::orthonormal::{OrthonormalBasis, dot};
 use crate::model::dynamics::DynamicModel;
 use crate::model::dynamics_lanes::{JointLanes, torques_of};
@@ -43,6 +45,8 @@ pub struct DescriptionTest {
     pub scores: Vec<NumberScore>,
     /// Numbers whose effect the base parameters take up: torques say nothing of them.
     pub absorbed: Vec<DescribedNumber>,
+    /// Change of gravity, m/s², were its direction the only wrong number.
+    pub gravity_change: Vector3<f64>,
 }
 
 /// What one number of the description would have to be, were it the only wrong one.
@@ -109,23 +113,50 @@ impl<'a> JudgedRows<'a> {
     /// Weighted residual sum of squares of a description with parameters of its own, by its
     /// whole regressor, its torques times `gains` `[n]`.
     pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
-        let filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
-        let of_robot = robot.parameter_count();
-        let columns = of_robot + self.shape_columns();
-        let mut folder = FactorBuilder::new(columns);
-        let mut y = Regressor::new(robot);
-        self.each(robot, &filtered_coulomb_columns, &mut y, |row, j, y, state| {
-            let weight = 1.0 / self.noise[j];
-            let entries = (0..of_robot).map(|k| weight * gains[j] * y.column(k)[j]);
-            folder.push(entries.chain(self.shaped(j, row, weight)).chain([weight * state.tau[j]]));
-        });
-        let factor = folder.take();
+        let factor = self.whole_factor(robot, gains);
+        let columns = factor.columns();
         let upper = factor.upper();
         let column = |k: usize| -> Vec<f64> { upper.col(k).iter().copied().collect() };
         let mut basis = OrthonormalBasis::default();
         (0..columns).for_each(|k| basis.add(&column(k), DEPENDENT));
         let rest = basis.rest(&column(columns)).vector;
         dot(&rest, &rest)
+    }
+
+    /// Mean weighted squares of the same residual in the rows of each joint `[n]`.
+    pub(super) fn residual_by_joint(&self, robot: &Robot, gains: &[f64]) -> Vec<f64> {
+        let factor = self.whole_factor(robot, gains);
+        let theta = factor.basic_solution(DEPENDENT);
+        let n = robot.joint_count();
+        let (mut squares, mut rows) = (vec![0.0; n], vec![0_usize; n]);
+        self.each_entry(robot, gains, |joint, entries| {
+            let torque = entries[theta.len()];
+            let estimated: f64 = entries.iter().zip(&theta).map(|(entry, theta)| entry * theta).sum();
+            squares[joint] += (torque - estimated).powi(2);
+            rows[joint] += 1;
+        });
+        squares.iter().zip(rows).map(|(squares, rows)| squares / rows.max(1) as f64).collect()
+    }
+
+    fn whole_factor(&self, robot: &Robot, gains: &[f64]) -> TriangularFactor {
+        let mut folder = FactorBuilder::new(robot.parameter_count() + self.shape_columns());
+        self.each_entry(robot, gains, |_, entries| folder.push(entries.iter().copied()));
+        folder.take()
+    }
+
+    /// Calls `take(joint, entries)` with the weighted row of the whole regressor, the shapes of friction and the torque.
+    fn each_entry(&self, robot: &Robot, gains: &[f64], mut take: impl FnMut(usize, &[f64])) {
+        let filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
+        let mut y = Regressor::new(robot);
+        let mut entries = Vec::new();
+        self.each(robot, &filtered_coulomb_columns, &mut y, |row, j, y, state| {
+            let weight = 1.0 / self.noise[j];
+            entries.clear();
+            entries.extend((0..y.columns()).map(|k| weight * gains[j] * y.column(k)[j]));
+            entries.extend(self.shaped(j, row, weight));
+            entries.push(weight * state.tau[j]);
+            take(j, &entries);
+        });
     }
 
     /// Calls `take(row, joint, regressor, state)` for each joint that moves in each row.
@@ -215,7 +246,7 @@ fn values_of(robot: &Robot, kept_columns: &[usize], identified: &Identification)
 
 fn judged(
     numbers: &[DescribedNumber],
-    factor: &crate::least_squares::factor::TriangularFactor,
+    factor: &TriangularFactor,
     b: usize,
     rows: usize,
 ) -> DescriptionTest {
@@ -249,6 +280,7 @@ fn judged(
         });
     }
     scores.sort_by(|a, b| b.share.total_cmp(&a.share));
+    let gravity_change = gravity_change(numbers, |at| left(b + at), &residual);
     let rest = basis.rest(&residual).vector;
     let unexplained = dot(&rest, &rest);
     let freedom = [basis.rank().max(1), rows - b - m];
@@ -260,7 +292,22 @@ fn judged(
         freedom,
         scores,
         absorbed,
+        gravity_change,
     }
+}
+
+/// The components of gravity that together explain most of a residual, from the `slope` of each number.
+fn gravity_change(
+    numbers: &[DescribedNumber],
+    slope: impl Fn(usize) -> Vec<f64>,
+    residual: &[f64],
+) -> Vector3<f64> {
+    let of_axis = |axis| numbers.iter().position(|of| *of == DescribedNumber::Gravity(axis)).map(&slope);
+    let slopes: [Vec<f64>; 3] = std::array::from_fn(|axis| of_axis(axis).unwrap_or_default());
+    let products = nalgebra::Matrix3::from_fn(|a, b| dot(&slopes[a], &slopes[b]));
+    let right = Vector3::from_fn(|a, _| dot(&slopes[a], residual));
+    let inverse = products.pseudo_inverse(ABSORBED * ABSORBED * products.trace());
+    inverse.map_or_else(|_| Vector3::zeros(), |inverse| inverse * right)
 }
 
 /// Derivatives of the torques by the description's numbers.

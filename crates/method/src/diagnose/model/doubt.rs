@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::alternatives::{Alternative, best_alternative};
+use super::alternatives::{Alternative, Alternatives, alternatives};
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
@@ -10,9 +10,12 @@ use crate::identify::filtered_columns::FilteredColumn;
 use crate::identify::joint_factors::FactorColumns;
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
-use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
-use armwatch_model::robot::Robot;
+use armwatch_model::analysis::{Identification, Rmsd, RmsdScope, TorqueRmsd};
+use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Stage;
+
+/// Evidence of a tilt of the base, rad.
+const TILT: &str = "tilt_rad";
 
 /// From where on a description, or the time of the torques, is doubted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,8 +26,15 @@ pub struct DoubtSettings {
     /// The same part from which on it is said, and refused, though none is found, where the model leaves more of a
     /// torque than `healthy` unexplained.
     pub description_shares: [f64; 2],
-    /// Moving relative RMSD that models of healthy arms stay below (thesis, chapter 5).
-    pub healthy: f64,
+    /// Moving relative RMSD that models of healthy arms stay below (thesis, chapter 5), and above which a contradiction
+    /// without a remedy is refused.
+    pub healthy: [f64; 2],
+    /// Torque error, relative to the joint's RMS torque, that a wrong description must cost some joint to be refused.
+    pub cost: f64,
+    /// Part of the joint's rated torque, or of the largest RMS torque of the arm, below which no error counts.
+    pub least_share: f64,
+    /// Tilt of the base, rad, up to which it is a floor off level, and a remark: gravity is off by a tenth across.
+    pub floor_tilt: f64,
     /// Weighted residual sum of squares that another description may leave, relative to the given
     /// one's, to be named as the likely one.
     pub alternative: f64,
@@ -48,10 +58,13 @@ impl Default for DoubtSettings {
         Self {
             looked_share: 0.06,
             description_shares: [0.12, 0.35],
-            healthy: 0.13,
+            healthy: [0.13, 0.2],
+            cost: 0.03,
+            least_share: 0.002,
+            floor_tilt: 0.1,
             alternative: 0.8,
             least_cutoff: 4.0,
-            least_excitation: 10.0,
+            least_excitation: 9.5,
             delays: [0.006, 0.012],
             delay_residual: 0.8,
             delay_quorum: 3,
@@ -78,6 +91,22 @@ pub struct JudgedCycle<'a> {
     pub identified: &'a Identification,
     /// Their self-verification.
     pub verification: &'a [TorqueRmsd],
+}
+
+/// Findings of a model whose base is known to be tilted: what a tilt leaves unexplained is no second cause.
+#[must_use]
+pub fn beside_tilt(findings: Vec<Finding>, description: &[Finding]) -> Vec<Finding> {
+    let tilted = |of: &Finding| {
+        of.severity == FindingSeverity::Warn && of.evidence.iter().any(|evidence| evidence.name == TILT)
+    };
+    if !description.iter().any(tilted) {
+        return findings;
+    }
+    let weakened = |finding: Finding| match finding.kind {
+        FindingKind::Unexplained => Finding { severity: FindingSeverity::Warn, ..finding },
+        _ => finding,
+    };
+    findings.into_iter().map(weakened).collect()
 }
 
 /// Findings about the description: torques out of time, numbers that the torques contradict.
@@ -140,22 +169,69 @@ fn contradicted<'s>(
     let judged_rows = JudgedRows { shapes: shapes(), ..judged_rows };
     // too few rows for friction of any shape say nothing of the description
     let test = tested(&judged_rows)?;
+    if test.share < settings.looked_share && known.is_empty() {
+        return of_law.then(|| perhaps_contradicted(&test));
+    }
     let excitation = judged.excitation.len() as f64 / judged.filtered.sample_rate;
-    if judged.filtered.cutoff < settings.least_cutoff
-        || excitation < settings.least_excitation
-        || test.share < settings.looked_share && known.is_empty()
-    {
+    let tells = judged.filtered.cutoff >= settings.least_cutoff && excitation >= settings.least_excitation;
+    let Alternatives { tilt, change } = alternatives(judged.robot, &judged_rows, &test);
+    let change = change.filter(|change| tells && change.residual_ratio <= settings.alternative);
+    if let Some(change) = change {
+        let matters = !change.is_number || costs(judged, &change, settings);
+        return Some(doubted(&test, Some(change), matters));
+    }
+    let tilt = tilt.filter(|tilt| is_told(judged, tilt, settings));
+    if let Some(tilt) = tilt {
+        let matters = tells && tilt.tilt > settings.floor_tilt;
+        return Some(doubted(&test, Some(tilt), matters));
+    }
+    let poorest = poorest(judged, settings);
+    if !tells || test.share < settings.description_shares[0] || poorest <= settings.healthy[0] {
         return of_law.then(|| perhaps_contradicted(&test));
     }
-    let better = best_alternative(judged.robot, &judged_rows, &test.scores)
-        .filter(|alternative| alternative.residual_ratio <= settings.alternative);
-    let poor = judged.verification.iter().any(|of| {
-        of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.relative > settings.healthy
-    });
-    if better.is_none() && (test.share < settings.description_shares[0] || !poor) {
-        return of_law.then(|| perhaps_contradicted(&test));
-    }
-    Some(doubted(&test, better, settings))
+    let matters = test.share >= settings.description_shares[1] && poorest > settings.healthy[1];
+    Some(doubted(&test, None, matters))
+}
+
+/// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
+fn is_told(judged: &JudgedCycle<'_>, tilt: &Alternative, settings: &DoubtSettings) -> bool {
+    let of_joint = |of: &TorqueRmsd| {
+        let [gained, left] = [&tilt.gained, &tilt.left].map(|all| all.get(of.joint.index()).copied().unwrap_or(0.0));
+        of.scope == RmsdScope::Stage(Stage::Excitation)
+            && of.moving_rows.relative > settings.healthy[0]
+            && gained * gained > left * left
+    };
+    tilt.residual_ratio <= settings.alternative || judged.verification.iter().any(of_joint)
+}
+
+/// Excitation of the joints whose torque counts beside the arm's largest or their own rated one.
+fn weighty<'a>(
+    judged: &'a JudgedCycle<'_>,
+    settings: &'a DoubtSettings,
+) -> impl Iterator<Item = (JointIndex, Rmsd, f64)> + 'a {
+    let moving = || {
+        let of_excitation = judged.verification.iter().filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation));
+        of_excitation.filter(|of| of.moving_rows.relative > 0.0).map(|of| (of.joint, of.moving_rows))
+    };
+    let largest = moving().map(|(_, rmsd)| rmsd.value / rmsd.relative).fold(0.0, f64::max);
+    moving().map(move |(joint, rmsd)| {
+        let rated = judged.robot.joints[joint.index()].rated_torque.unwrap_or(0.0);
+        (joint, rmsd, settings.least_share * rated.max(largest))
+    })
+}
+
+/// The largest relative torque error of a joint, among errors that count.
+fn poorest(judged: &JudgedCycle<'_>, settings: &DoubtSettings) -> f64 {
+    let counts = weighty(judged, settings).filter(|(_, rmsd, least)| rmsd.value > *least);
+    counts.map(|(_, rmsd, _)| rmsd.relative).fold(0.0, f64::max)
+}
+
+/// Whether a wrong description costs some joint torque that matters.
+fn costs(judged: &JudgedCycle<'_>, better: &Alternative, settings: &DoubtSettings) -> bool {
+    weighty(judged, settings).any(|(joint, rmsd, least)| {
+        let gained = better.gained.get(joint.index()).copied().unwrap_or(0.0);
+        gained * rmsd.relative > settings.cost && gained * rmsd.value > least
+    })
 }
 
 /// A remark where friction of another shape than the description's law explains the torques as well as another
@@ -261,11 +337,9 @@ fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<F
     })
 }
 
-fn doubted(test: &DescriptionTest, better: Option<Alternative>, settings: &DoubtSettings) -> Finding {
-    let severity = match better.is_some() || test.share >= settings.description_shares[1] {
-        true => FindingSeverity::Refuse,
-        false => FindingSeverity::Warn,
-    };
+/// The finding: a refusal where the error `matters`, and else a remark.
+fn doubted(test: &DescriptionTest, better: Option<Alternative>, matters: bool) -> Finding {
+    let severity = if matters { FindingSeverity::Refuse } else { FindingSeverity::Warn };
     let remedy = match &better {
         Some(better) => format!(
             "with {} the torque error would be {:.0} % of what it is: check that first",
@@ -282,7 +356,12 @@ fn doubted(test: &DescriptionTest, better: Option<Alternative>, settings: &Doubt
         Evidence { name: "f", value: test.f },
         Evidence { name: "freedom", value: test.freedom[1] as f64 },
     ];
-    evidence.extend(better.map(|better| Evidence { name: "residual_ratio", value: better.residual_ratio }));
+    if let Some(better) = better {
+        evidence.push(Evidence { name: "residual_ratio", value: better.residual_ratio });
+        if better.tilt > 0.0 {
+            evidence.push(Evidence { name: TILT, value: better.tilt });
+        }
+    }
     Finding {
         kind: FindingKind::Description,
         severity,

@@ -119,9 +119,8 @@ fn inertias(robot: &Robot, identified: &Identification) -> Vec<(JointIndex, [f64
         |joint: JointIndex| robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint);
     let of_joint = |joint: JointIndex| {
         let j = joint.index();
-        let drawn = median((0..POSTURES).map(|p| felt(robot, &inertial, j, p) + nominal[j].1));
-        let found =
-            median((0..POSTURES).map(|p| felt(robot, &model.inertial, j, p) + model.motor_inertia[j]));
+        let drawn = median_inertia(robot, &inertial, j) + nominal[j].1;
+        let found = median_inertia(robot, &model.inertial, j) + model.motor_inertia[j];
         (joint, [found, drawn])
     };
     let judged = robot.joint_indices().filter(|joint| !coupled(*joint)).map(of_joint);
@@ -150,14 +149,19 @@ pub(super) fn far_from_nominal(
         1 => ALONE_FACTOR * settings.nominal_factors[1],
         _ => settings.nominal_factors[1],
     };
-    let finding = |(joint, felt)| {
+    // a URDF has no place for rotors, which may be most of a wrist's inertia: more than its links is no evidence
+    let rotor_is_known = |joint: JointIndex| {
+        let nominal = robot.joints[joint.index()].nominal;
+        !robot.has_motor_inertia() || nominal.is_some_and(|nominal| nominal.motor_inertia > 0.0)
+    };
+    let finding = |(joint, felt): (JointIndex, [f64; 2])| {
         let severity = match off(felt) > least {
             true => FindingSeverity::Refuse,
             false => FindingSeverity::Warn,
         };
         far_finding((joint, inertia_unit(robot, joint)), felt, severity)
     };
-    far.into_iter().map(finding).collect()
+    far.into_iter().filter(|(joint, [found, drawn])| found < drawn || rotor_is_known(*joint)).map(finding).collect()
 }
 
 /// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.
@@ -204,6 +208,11 @@ fn far_finding(
             Evidence { name: "nominal_inertia_kg_m2", value: drawn },
         ],
     }
+}
+
+/// The inertia that a joint feels of the links, median over postures.
+pub(super) fn median_inertia(robot: &Robot, inertial: &[StandardParameters], joint: usize) -> f64 {
+    median((0..POSTURES).map(|posture| felt(robot, inertial, joint, posture)))
 }
 
 /// The inertia that a joint feels of the links in one of the probe postures.

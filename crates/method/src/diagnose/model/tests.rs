@@ -1,6 +1,6 @@
 //! The description held against torques whose truth is known.
 
-use super::alternatives::best_alternative;
+use super::alternatives::alternatives;
 use super::delay::torque_delays;
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
@@ -108,12 +108,12 @@ fn a_mounting_that_is_wrong_is_named() {
     let samples = recording(&er3a(), 3);
     let described = Robot { gravity: -er3a().gravity, ..er3a() };
     let explained = Explained::new(&described, &samples);
-    let best = best_alternative(&described, &explained.judged_rows(), &explained.test().scores).expect("one");
+    let best = alternatives(&described, &explained.judged_rows(), &explained.test()).change.expect("one");
     assert!(best.words.starts_with("gravity_m_s2 = [0.00, 0.00, -9.81]"), "{best:?}");
     assert!(best.residual_ratio < 0.05, "{best:?}");
     // and nothing explains a right description's torques much better
     let explained = Explained::new(&er3a(), &samples);
-    let best = best_alternative(&er3a(), &explained.judged_rows(), &explained.test().scores).expect("one");
+    let best = alternatives(&er3a(), &explained.judged_rows(), &explained.test()).change.expect("one");
     assert!(best.residual_ratio > 0.9, "{best:?}");
 }
 

@@ -1,13 +1,13 @@
 //! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
 
-use super::own_fit::OwnFit;
+use super::unmeasured::friction_torque;
 use crate::least_squares::factor::TriangularFactor;
 use crate::model::base_parameters::BaseParameters;
 use crate::physical::fit::{ConstraintCost, physical_fit};
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
-use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
+use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
 /// From where on evidence counts.
@@ -26,12 +26,6 @@ pub struct WeighSettings {
     /// A torque error below this part of the joint's own friction may be friction of another shape than the
     /// description's law.
     pub friction_share: f64,
-    /// Power of friction over RMS torque times RMS speed below which friction drives the joint.
-    pub driven: f64,
-    /// Standard errors by which that power must be negative.
-    pub standard_errors: f64,
-    /// Part of a torque's squares that its own columns may leave for it to be the joint's own.
-    pub own_torque: f64,
 }
 
 impl Default for WeighSettings {
@@ -42,46 +36,8 @@ impl Default for WeighSettings {
             arm_share: 0.01,
             noise_deviations: 3.0,
             friction_share: 0.6,
-            driven: -0.02,
-            standard_errors: 3.0,
-            own_torque: 0.1,
         }
     }
-}
-
-/// Joints whose friction would drive them, by the fit of the joint's torque to all of its own columns.
-#[must_use]
-pub fn turned_torques(fits: &[OwnFit], settings: &WeighSettings) -> Vec<Finding> {
-    let turned = |fit: &&OwnFit| {
-        fit.power_scale > 0.0
-            && fit.friction_power < settings.driven * fit.power_scale
-            && fit.friction_power + settings.standard_errors * fit.friction_power_error < 0.0
-    };
-    let finding = |fit: &OwnFit| Finding {
-        kind: FindingKind::TorqueSign,
-        severity: FindingSeverity::Refuse,
-        joint: Some(fit.joint),
-        sentence: format!(
-            "joint {}: friction would drive the joint instead of braking it (its power is {:.2} of torque times \
-             speed, it must be positive); turn the sign of the torque in the export layout",
-            fit.joint,
-            fit.friction_power / fit.power_scale
-        ),
-        evidence: vec![
-            Evidence { name: "friction_power_w", value: fit.friction_power },
-            Evidence { name: "std_error_w", value: fit.friction_power_error },
-        ],
-    };
-    fits.iter().filter(turned).map(finding).collect()
-}
-
-/// Whether a finding that two torques are swapped fails: each is explained by its own joint's motion.
-#[must_use]
-pub fn own_torques(finding: &Finding, fits: &[OwnFit], settings: &WeighSettings) -> bool {
-    let own = |joint: JointIndex| {
-        fits.iter().any(|fit| fit.joint == joint && fit.unexplained < settings.own_torque)
-    };
-    finding.kind == FindingKind::TorqueSwapped && finding.joint.is_some_and(own)
 }
 
 /// What findings about a model are weighed by.
@@ -209,20 +165,9 @@ fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings
 
 /// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
 fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
-    let Weighed { robot, filtered, excitation, identified, .. } = weighed;
+    let Weighed { robot, filtered, excitation, .. } = weighed;
     let low = robot.joints[joint.index()].low_speed;
-    let terms = robot.friction.terms();
-    let of_term = |term: FrictionTerm| {
-        let own = |id: armwatch_model::robot::ParameterId| {
-            id.joint == joint && id.kind == ParameterKind::Friction(term)
-        };
-        identified.parameters.iter().find(|p| own(p.id)).map_or(0.0, |p| p.value)
-    };
-    let theta: Vec<f64> =
-        terms.iter().map(|&term| if term == FrictionTerm::Offset { 0.0 } else { of_term(term) }).collect();
-    let torque = |qd: f64| -> f64 {
-        robot.friction.columns(qd).iter().zip(&theta).map(|(column, theta)| column * theta).sum()
-    };
+    let torque = |qd: f64| friction_torque(weighed, joint, qd);
     let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
     let (rows, squares) = speeds
         .filter(|qd| qd.abs() >= low)

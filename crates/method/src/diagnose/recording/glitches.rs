@@ -13,6 +13,8 @@ const BEYOND: f64 = 4.0;
 const TAIL: f64 = 0.005;
 /// Rows that the usual range is taken from; more would not move it.
 const RANGE_ROWS: usize = 4000;
+/// Times that each row is there from which on the number is told.
+const WHOLE_TIMES: f64 = 2.5;
 /// Part of the moving rows that may repeat the row before in every channel.
 const REPEATED: f64 = 0.01;
 
@@ -98,19 +100,29 @@ fn spike(
 
 /// Positions that the joint cannot have reached since the row before: folded into one turn, lost digits, rows
 /// that were cut out. Joints of `known` findings are left out.
-pub(super) fn leaps(view: &View<'_>, known: &[Finding]) -> Vec<Finding> {
+/// Where rows are `repeated`, the first row of the next value holds the way of all of them.
+pub(super) fn leaps(view: &View<'_>, known: &[Finding], repeated: Option<&Finding>) -> Vec<Finding> {
     let judged = |joint: &JointIndex| known.iter().all(|finding| finding.joint != Some(*joint));
-    view.robot.joint_indices().filter(judged).filter_map(|joint| leap(view, joint)).collect()
+    let times = repeated.map_or(1.0, |repeated| times_there(repeated).ceil());
+    view.robot.joint_indices().filter(judged).filter_map(|joint| leap(view, joint, times)).collect()
 }
 
-fn leap(view: &View<'_>, joint: JointIndex) -> Option<Finding> {
+/// How often each row is there, on average.
+fn times_there(repeated: &Finding) -> f64 {
+    let share = repeated.evidence.first().map_or(0.0, |evidence| evidence.value);
+    1.0 / (1.0 - share.min(0.99))
+}
+
+fn leap(view: &View<'_>, joint: JointIndex, times: f64) -> Option<Finding> {
     let channel = &view.samples.position[joint.index()];
     let [low, high] = view.position_extents[joint.index()];
     let time = &view.samples.time;
-    let reached = |row: usize| LEAP * view.joint(joint).limits.velocity * (time[row] - time[row - 1]);
+    // time stamps jitter and come in bunches while the joint moves on
+    let reach = times * LEAP * view.joint(joint).limits.velocity;
+    let reached = |row: usize| reach * (time[row] - time[row - 1]).max(view.mean_step);
     let resolution = RESOLUTION * (high - low);
     // no step is longer than the shortest time between two rows allows: then no row is looked at alone
-    let least = LEAP * view.joint(joint).limits.velocity * view.shortest_step;
+    let least = reach * view.shortest_step.max(view.mean_step);
     if view.pieces(channel).map(largest_step).all(|step| step <= least.max(resolution)) {
         return None;
     }
@@ -170,15 +182,21 @@ pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
     }
     let moving = rows().filter(|row| moves(*row)).count();
     let share = repeated as f64 / moving as f64;
+    let times = 1.0 / (1.0 - share.min(0.99));
+    let words = match times {
+        times if times >= WHOLE_TIMES && (times - times.round()).abs() < 0.1 * times => {
+            format!("each row is there {:.0} times", times)
+        }
+        _ => format!("{:.0} % of the rows repeat the row before in every channel", 100.0 * share),
+    };
     (share > REPEATED).then(|| {
         finding(
             FindingKind::Repeated,
             FindingSeverity::Warn,
             None,
             format!(
-                "{:.0} % of the rows repeat the row before in every channel while the arm moves; the logger is faster \
-                 than the controller, or wrote rows twice: check its sample rate",
-                100.0 * share
+                "{words} while the arm moves; the logger is faster than the controller, or wrote rows twice: check its \
+                 sample rate"
             ),
             &[("repeated_share", share), ("rows", repeated as f64)],
         )

@@ -1,5 +1,6 @@
 //! Channels with what several checks need, and from where on a check speaks.
 
+use super::coarse;
 use crate::lanes::{dot, extent};
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
@@ -69,6 +70,10 @@ pub(super) struct View<'a> {
     pub(super) position_extents: Vec<[f64; 2]>,
     pub(super) torque_extents: Vec<[f64; 2]>,
     pub(super) q_extents: Vec<[f64; 2]>,
+    /// Step of each recorded torque, Nm (N), where it is coarse, `[n]`.
+    pub(super) torque_steps: Vec<Option<f64>>,
+    /// Mean time from one of the rows to the next, s.
+    pub(super) mean_step: f64,
     /// Shortest time from one of the rows to the next, s; infinite where there is no next one.
     pub(super) shortest_step: f64,
 }
@@ -93,8 +98,13 @@ impl<'a> View<'a> {
             position_extents: Vec::new(),
             torque_extents: Vec::new(),
             q_extents: Vec::new(),
+            torque_steps: Vec::new(),
+            mean_step: mean_step(samples, filtered),
             shortest_step: shortest_step(samples, filtered),
         };
+        let every = coarse::counted(view.row_count);
+        let step = |torque: &Vec<f64>| coarse::step(view.rows().step_by(every).map(|row| torque[row]));
+        view.torque_steps = samples.torque.iter().map(step).collect();
         let rms = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.rms(channel)).collect();
         let extents = |channels: &[Vec<f64>]| channels.iter().map(|channel| view.extent(channel)).collect();
         (view.dq_rms, view.qd_rms, view.position_extents, view.torque_extents, view.q_extents) = (
@@ -121,13 +131,6 @@ impl<'a> View<'a> {
         &self.robot.joints[joint.index()]
     }
 
-    /// Share of the excitation's rows in which a joint is at its low speed or faster.
-    pub(super) fn moving_share(&self, joint: JointIndex) -> f64 {
-        let (qd, low) = (&self.filtered.qd[joint.index()], self.joint(joint).low_speed);
-        let moving = self.excitation.iter().filter(|&&row| qd[row].abs() >= low).count();
-        moving as f64 / self.excitation.len() as f64
-    }
-
     /// Pieces of a channel that may be used.
     pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
         self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
@@ -147,6 +150,16 @@ impl<'a> View<'a> {
             .map(extent)
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], [l, h]| [low.min(l), high.max(h)])
     }
+}
+
+/// Stamps of arrival come in bunches; the mean over a stretch does not know.
+fn mean_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
+    let of = |stretch: &std::ops::Range<usize>| {
+        let steps = stretch.len().saturating_sub(1);
+        (samples.time[stretch.start + steps] - samples.time[stretch.start], steps)
+    };
+    let (time, steps) = filtered.usable.iter().map(of).fold((0.0, 0), |(t, n), (time, steps)| (t + time, n + steps));
+    time / steps.max(1) as f64
 }
 
 fn shortest_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
