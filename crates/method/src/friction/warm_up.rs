@@ -296,7 +296,7 @@ fn supported(candidate: &CandidateFit, points: &[Mean]) -> bool {
     let clear = |e: &Estimate| e.std_error.is_finite() && e.value > MIN_SIGNIFICANCE * e.std_error;
     let is_clear = |part: &Decay| match (part.time_constant.std_error.is_nan(), candidate.fast_shown) {
         (true, Some(shown)) => clear(&shown.at_first),
-        _ => clear(&part.amplitude) && clear(&part.time_constant) && is_shown_twice(part, candidate.rmsd, points),
+        _ => clear(&part.amplitude) && clear(&part.time_constant),
     };
     let parts_clear = candidate
         .parts
@@ -313,16 +313,6 @@ fn supported(candidate: &CandidateFit, points: &[Mean]) -> bool {
         _ => true,
     };
     parts_clear && apart && clear(&candidate.a)
-}
-
-/// Whether the points except the one that shows a part most show it too, together: one point alone gives either a height or
-/// a time constant, and the errors of both are then rounding.
-fn is_shown_twice(part: &Decay, rmsd: f64, points: &[Mean]) -> bool {
-    let height = |p: &Mean| part.amplitude.value * (-p.minute / part.time_constant.value).exp();
-    let squares: Vec<f64> = points.iter().map(|p| p.weight * height(p).powi(2)).collect();
-    let most = squares.iter().copied().fold(0.0, f64::max);
-    let others = squares.iter().sum::<f64>() - most;
-    others > (MIN_SIGNIFICANCE * rmsd).powi(2)
 }
 
 fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {

@@ -298,10 +298,10 @@ fn rounded_right_angles_are_exact_and_reported() {
     let gravity = [0.0, 0.0, -9.81];
     let text = |turn: f64| {
         format!(
-            r#"<robot name="r"><link name="base"/><link name="a"/><link name="b"/><link name="c"/>
+            r#"<robot name="r"><link name="base"/><link name="a"/><link name="b"/><link name="tip"/>
             <joint name="one" type="revolute"><origin rpy="0 0 3.14159"/><parent link="base"/><child link="a"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
             <joint name="two" type="revolute"><origin xyz="0.1 0 0.3" rpy="{turn} 0 0"/><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
-            <joint name="three" type="revolute"><origin xyz="0.3 0 0" rpy="0 0 -1.5708"/><parent link="b"/><child link="c"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
+            <joint name="three" type="revolute"><origin xyz="0.3 0 0" rpy="0 0 -1.5708"/><parent link="b"/><child link="tip"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="2" effort="1"/></joint>
             </robot>"#
         )
     };
