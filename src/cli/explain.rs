@@ -90,7 +90,7 @@ fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
     if problems.is_empty() {
         lines.push(topic("problems", "none"));
     }
-    lines.extend(remarks(of).iter().map(|remark| topic("remark", remark)));
+    lines.extend(of.reading.iter().flat_map(remarks).map(|remark| topic("remark", &remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
     lines
@@ -292,17 +292,20 @@ fn problems(of: &Explanation) -> Vec<String> {
     if reading.passed_over.rows > 0 {
         problems.push(passed_over_text(&reading.passed_over, of));
     }
-    problems.extend(said_of_cycles(reading, |analysis| {
-        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
-    }));
+    problems.extend(refusals(reading));
     problems
 }
 
+/// Why cycles are refused.
+pub(super) fn refusals(reading: &ExportReading) -> Vec<String> {
+    said_of_cycles(reading, |analysis| {
+        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
+    })
+}
+
 /// What the analysis remarks of cycles that it takes.
-fn remarks(of: &Explanation) -> Vec<String> {
-    of.reading
-        .as_ref()
-        .map_or_else(Vec::new, |reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()))
+pub(super) fn remarks(reading: &ExportReading) -> Vec<String> {
+    said_of_cycles(reading, |analysis| analysis.remarks.clone())
 }
 
 /// What is said of cycles; what is said of several is said once, with their numbers.
@@ -397,7 +400,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         "supersedes_run_id": supersedes,
         "ledger": ledger_text(&of.ledger),
         "problems": problems(of),
-        "remarks": remarks(of),
+        "remarks": of.reading.as_ref().map_or_else(Vec::new, remarks),
         "rejection": of.rejection.as_ref().map(|rejection| json!({
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "reason": rejection.reason, "remedy": rejection.remedy,

@@ -111,6 +111,10 @@ pub(super) struct Figures {
     pub(super) limit: Option<f64>,
     /// Whether positions are those of motors, which turn many times.
     pub(super) is_motor: bool,
+    /// Rows per second that were given, Hz, where no time is recorded.
+    pub(super) rate: Option<f64>,
+    /// Whether time is in whole numbers, as the counts of a clock are.
+    pub(super) is_counting: bool,
 }
 
 /// A choice of units: names and factors to SI.
@@ -120,6 +124,18 @@ pub(super) struct Choice {
     pub(super) velocity: Unit,
     pub(super) time: Unit,
 }
+
+impl Choice {
+    /// Rows per second, Hz, at which velocities go with the change of position from row to row.
+    pub(super) fn rate(self, slope: Slope) -> Option<f64> {
+        let rate = slope.ratio.abs() * self.velocity.1 / self.position.1;
+        SAMPLE_RATES.contains(&rate).then_some(rate)
+    }
+}
+
+/// Largest relative difference between a sample rate that was given and that of the velocities. Filtered velocities
+/// change little by little; 10 and 9.55, a wrong digit and the factor of rpm, must not be taken for each other.
+pub(super) const RATE_TOLERANCE: f64 = 0.02;
 
 /// All choices that go with what is known and what the numbers are like; those that are more usual stand first.
 pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
@@ -145,7 +161,7 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
             }
         }
     }
-    if found.is_empty() && known.time.is_none() {
+    if found.is_empty() && known.time.is_none() && figures.is_counting {
         found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
     }
     found
@@ -173,6 +189,9 @@ fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
             let expected = position.1 / (time.1 * velocity.1);
             (slope.ratio.abs() / expected - 1.0).abs() <= SLOPE_TOLERANCE
         }
+        (Some(slope), None) => choice.rate(slope).is_some_and(|rate| {
+            figures.rate.is_none_or(|given| (rate / given - 1.0).abs() <= RATE_TOLERANCE)
+        }),
         _ => true,
     };
     let rate = figures.step.is_none_or(|step| SAMPLE_RATES.contains(&(1.0 / (step * time.1))));
@@ -231,6 +250,8 @@ mod tests {
                         slope: Some(slope),
                         limit: Some(3.0),
                         is_motor: false,
+                        rate: None,
+                        is_counting: false,
                     };
                     let found = choices(Known::default(), figures);
                     let right = Choice { position: p, velocity: v, time: t };
@@ -253,6 +274,8 @@ mod tests {
             slope: joint_slope(&[&position], &[&velocity], Some(&counts)),
             limit: Some(3.0),
             is_motor: false,
+            rate: None,
+            is_counting: true,
         };
         let found = choices(Known::default(), figures);
         assert_eq!((found[0].position.0, found[0].time.0), ("rad", TICKS));
