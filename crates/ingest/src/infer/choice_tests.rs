@@ -194,8 +194,8 @@ fn every_second_candidate_is_a_question_that_names_both() {
             .map(|(base, channel)| joints(move |j| format!("{side}_{base}{j}"), move |j| Motion(channel, j)))
     };
     let current = joints(|j| format!("current_{j}"), |j| Scaled(3, j, 0.1));
-    let motor = joints(|j| format!("A{j}_pos_mot"), |j| Scaled(0, j, 100.0));
-    let dead = joints(|j| format!("A{j}_pos_se"), |j| if j == 0 { Motion(0, j) } else { Constant(0.0) });
+    let motor = joints(|j| format!("A{j}_pos_mot_deg"), |j| Scaled(0, j, 180.0 / std::f64::consts::PI));
+    let dead = joints(|j| format!("A{j}_pos_se_deg"), |j| if j == 0 { Motion(0, j) } else { Constant(0.0) });
     let [left, right] = [arm("L"), arm("R")];
     let cases: [(Vec<Vec<(String, Of)>>, &str, &[&str]); 4] = [
         (
@@ -211,7 +211,7 @@ fn every_second_candidate_is_a_question_that_names_both() {
         (
             vec![time(), dead, motor, velocity.clone(), torque.clone()],
             "trq_1",
-            &["\"A{joint}_pos_mot\", the set in which more columns move", "\"A{joint}_pos_se\""],
+            &["\"A{joint}_pos_mot_deg\", the set in which more columns move", "\"A{joint}_pos_se_deg\""],
         ),
         (
             vec![

@@ -80,7 +80,8 @@ pub(super) fn decide_units(
     };
     let mut choices = units::choices(known, figures);
     let mut beyond_limits = false;
-    if choices.is_empty() && !figures.is_motor && robot.is_some() {
+    let is_far = figures.limit.is_some_and(|limit| units::is_beyond(figures.position, limit));
+    if choices.is_empty() && !figures.is_motor && known.position.is_none() && is_far {
         figures.is_motor = true;
         choices = units::choices(known, figures);
         beyond_limits = !choices.is_empty();

@@ -124,7 +124,12 @@ pub(super) fn tokens(name: &str) -> Vec<String> {
         // `qRef`, and `FFTorque`
         let is_capital =
             c.is_uppercase() && (before.is_lowercase() || (before.is_uppercase() && is_next_small));
-        if is_capital || !c.is_alphanumeric() || c.is_alphabetic() != before.is_alphabetic() {
+        let is_other_script = is_chinese(*c) != is_chinese(before);
+        if is_capital
+            || is_other_script
+            || !c.is_alphanumeric()
+            || c.is_alphabetic() != before.is_alphabetic()
+        {
             tokens.push(String::new());
         }
         if c.is_alphanumeric()
@@ -135,6 +140,10 @@ pub(super) fn tokens(name: &str) -> Vec<String> {
     }
     tokens.retain(|token| !token.is_empty());
     tokens
+}
+
+fn is_chinese(c: char) -> bool {
+    c >= '\u{4e00}'
 }
 
 /// The words that a word is written together from, as in `Sollmoment` or `qref`; itself where it is no such word.
@@ -179,7 +188,7 @@ fn listed(list: &'static str, word: &str) -> Option<&'static str> {
         let ending = word.strip_prefix(known);
         ending.is_some_and(|rest| {
             rest.is_empty() || (known.chars().count() >= LEAST_STEM && ENDINGS.contains(&rest))
-        }) || (known.chars().all(|c| c >= '\u{4e00}') && word.contains(known))
+        }) || (known.chars().all(is_chinese) && word.contains(known))
     })
 }
 

@@ -47,11 +47,13 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
         order: Order::Number,
     };
     let mut found: Vec<Set> = names::groups(&names).into_iter().map(of_group).collect();
-    for set in by_joint_names(head, robot).into_iter().chain(by_place(head, &found)) {
-        // a set of all joints takes the place of those of its parts, as of wrist_1 to wrist_3
+    // a set of all joints takes the place of those of its parts, as of wrist_1 to wrist_3
+    let add = |found: &mut Vec<Set>, set: Set| {
         found.retain(|other| !other.columns.iter().any(|column| set.columns.contains(column)));
         found.push(set);
-    }
+    };
+    by_joint_names(head, robot).into_iter().for_each(|set| add(&mut found, set));
+    by_place(head, &found).into_iter().for_each(|set| add(&mut found, set));
     found.sort_by_key(|set| set.columns.first().copied());
     found
 }
@@ -90,7 +92,7 @@ fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
 }
 
 /// Sets of columns whose names say the same except for the joint, which they name and do not number.
-fn by_place(head: &Head, numbered: &[Set]) -> Vec<Set> {
+fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
     let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
     let mut found: Vec<(Said, Vec<usize>, BTreeSet<Vec<String>>)> = Vec::new();
     for (at, column) in head.columns.iter().enumerate() {
@@ -108,12 +110,12 @@ fn by_place(head: &Head, numbered: &[Set]) -> Vec<Set> {
         }
     }
     // `q1` to `q6` and a gripper's position are six joints and a gripper
-    let in_numbers = |columns: &[usize]| {
+    let known_parts = |columns: &[usize]| {
         let within = |set: &&Set| set.columns.iter().all(|column| columns.contains(column));
-        numbered.iter().filter(within).map(|set| set.columns.len()).collect::<Vec<usize>>()
+        known.iter().filter(within).map(|set| set.columns.len()).collect::<Vec<usize>>()
     };
     let is_set = |(_, columns, labels): &(Said, Vec<usize>, BTreeSet<Vec<String>>)| {
-        let parts = in_numbers(columns);
+        let parts = known_parts(columns);
         let named = columns.len() - parts.iter().sum::<usize>();
         columns.len() > 1
             && labels.len() == columns.len()

@@ -40,6 +40,9 @@ const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 5.0..=25_000.0;
 /// Largest position of a joint without end stops, rad: three turns either way.
 const MAX_POSITION: f64 = 3.0 * TAU;
 
+/// Part of its largest position that a joint may reach: controllers permit a little more than a description.
+const BEYOND: f64 = 1.1;
+
 /// Least motion of a recording by which anything is to be identified, rad, as the largest position of any joint.
 const LEAST_POSITION: f64 = 0.05;
 
@@ -161,6 +164,8 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
             }
         }
     }
+    // minutes and rad, and s and deg, are nearer to each other than filtered velocities to either
+    found.sort_by_key(|choice| misfit(*choice, figures) > RATE_TOLERANCE);
     if found.is_empty() && known.time.is_none() && figures.is_counting {
         found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
     }
@@ -182,13 +187,17 @@ fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figu
         .collect()
 }
 
+/// Relative difference between the factor found and that of the units; zero where none is.
+fn misfit(choice: Choice, figures: Figures) -> f64 {
+    let expected = choice.position.1 / (choice.time.1 * choice.velocity.1);
+    let of = |slope: Slope| (slope.ratio.abs() / expected - 1.0).abs();
+    figures.slope.filter(|_| figures.step.is_some()).map_or(0.0, of)
+}
+
 fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
     let Choice { position, velocity, time } = choice;
     let agrees = match (figures.slope, figures.step) {
-        (Some(slope), Some(_)) => {
-            let expected = position.1 / (time.1 * velocity.1);
-            (slope.ratio.abs() / expected - 1.0).abs() <= SLOPE_TOLERANCE
-        }
+        (Some(_), Some(_)) => misfit(choice, figures) <= SLOPE_TOLERANCE,
         (Some(slope), None) => choice.rate(slope).is_some_and(|rate| {
             figures.rate.is_none_or(|given| (rate / given - 1.0).abs() <= RATE_TOLERANCE)
         }),
@@ -196,13 +205,18 @@ fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
     };
     let rate = figures.step.is_none_or(|step| SAMPLE_RATES.contains(&(1.0 / (step * time.1))));
     let reach = figures.position * position.1;
-    let most = figures.limit.map_or(MAX_POSITION, |limit| 1.1 * limit);
+    let most = figures.limit.map_or(MAX_POSITION, |limit| BEYOND * limit);
     let inside = known.position.is_some() || figures.is_motor || (LEAST_POSITION..=most).contains(&reach);
     // Turns are rare enough to need a word for them, or a factor that nothing else gives.
     let usual = position.0 != "rev" || known.position.is_some() || figures.slope.is_some();
     let speed = figures.velocity.map_or(0.0, |speed| speed * velocity.1);
     let sane = known.velocity.is_some() || figures.is_motor || speed <= MAX_SPEED;
     agrees && rate && inside && usual && sane
+}
+
+/// Whether a position is beyond a `limit`, rad, in any unit.
+pub(super) fn is_beyond(position: f64, limit: f64) -> bool {
+    POSITION.iter().all(|(_, to_si)| position * to_si > BEYOND * limit)
 }
 
 /// The median of the steps of a column.
