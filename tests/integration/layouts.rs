@@ -79,13 +79,13 @@ fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
     let infer = ["layout", "infer", "R00_20260105_0847.csv", "--robot", "R00"];
     let layout = workshop.stdout(&infer, 0);
     let head =
-        format!("# Tried on R00_20260105_0847.csv: {rows} rows read, 50 Hz, 1 cycle, 1 excitation stage");
+        format!("# Tried on R00_20260105_0847.csv: {rows} rows read, 50 Hz, 5 cycles, 5 excitation stages");
     assert!(layout.starts_with(&head), "{layout}");
     let json = workshop.stdout(&[&infer[..], &["--json"]].concat(), 0);
     let value: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     let trial = &value["trial"];
     assert_eq!((&trial["sound"], &trial["rows"]), (&true.into(), &rows.into()), "{json}");
-    assert_eq!((&trial["cycles"], &trial["identified"]), (&1.into(), &true.into()), "{json}");
+    assert_eq!((&trial["cycles"], &trial["identified"]), (&5.into(), &true.into()), "{json}");
     // without a description, the file is read and nothing identified
     let read = workshop.stdout(&["layout", "infer", "R00_20260105_0847.csv"], 0);
     assert!(
@@ -122,7 +122,7 @@ fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
     fs::write(workshop.path("R00_20260107_0847.csv"), turned.join("\n") + "\n").expect("an export");
     let layout = workshop.stdout(&["layout", "infer", "R00_20260107_0847.csv", "--robot", "R00"], 1);
     assert!(layout.starts_with("# THE TRIAL FAILED: every cycle of its own file is refused"), "{layout}");
-    assert!(layout.contains("# Finding: cycle 1: no parameters: "), "{layout}");
+    assert!(layout.contains("# Finding: cycle 1, 2, 3, 4, 5: no parameters: "), "{layout}");
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! The joints' columns of an export without names: positions, velocities and accelerations follow from each other by
-//! derivation, and torques are what is left.
+//! derivation, and torques are in the remaining block.
 
 use super::head::Head;
-use super::joints::{Found, Joints, is_derivative_of_all, is_still, rises, values};
+use super::joints::{ACCELERATION, Found, Joints, is_derivative_of_all, is_still, rises, values};
 use super::names::Said;
 use super::proposal::Hints;
 use super::sets::list;
@@ -36,7 +36,7 @@ pub(super) fn by_motion<'h>(head: &'h Head, hints: Hints<'_>) -> Joints<'h> {
     known.map_or_else(Joints::default, |joints| by_place(head, &columns, joints))
 }
 
-/// Where positions and their derivatives stand.
+/// Finds the blocks of positions and of their derivatives.
 fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Option<Blocks> {
     let width = columns.len().min(MOST_COLUMNS);
     let reach = FARTHEST.min(width.saturating_sub(1));
@@ -87,7 +87,7 @@ fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Opti
     best.map(|(.., blocks)| blocks)
 }
 
-/// How a column goes with another.
+/// The relation of a column to another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Link {
     None,
@@ -141,9 +141,7 @@ fn of_blocks<'h>(
     let mut others = Vec::new();
     if let Some(start) = acceleration {
         taken[start..start + n].fill(true);
-        others = (start..start + n)
-            .map(|at| (at, "an acceleration, the derivative of the velocities".to_owned()))
-            .collect();
+        others = (start..start + n).map(|at| (at, ACCELERATION)).collect();
     }
     let still =
         |start: &usize| block(*start).map_or(n, |of| of.iter().filter(|values| is_still(values)).count());
@@ -164,12 +162,12 @@ fn of_blocks<'h>(
                 rivals.join(", ")
             )
         });
-        found(*best, "no names; the columns that are left", question.or_else(count))
+        found(*best, "no names; the remaining columns", question.or_else(count))
     });
     Joints { position, velocity, torque, count: n, others }
 }
 
-/// Whether a column may hold torques: not a time, a counter or a stage.
+/// True of a column that may hold torques: no time, counter or stage.
 fn may_be_torque(values: Option<&[f64]>) -> bool {
     values.is_some_and(|values| {
         let whole = stages::alphabet(values).is_some_and(|alphabet| alphabet.len() > 1);
@@ -177,8 +175,8 @@ fn may_be_torque(values: Option<&[f64]>) -> bool {
     })
 }
 
-/// Where no column is the derivative of another: positions first, then torques. Only their place says so, and it is
-/// asked about.
+/// Positions first, then torques, if no column is the derivative of another. Only their place says so, and each is a
+/// question.
 fn by_place<'h>(head: &'h Head, columns: &[Option<&'h [f64]>], n: usize) -> Joints<'h> {
     let first = columns.iter().take(3).position(|values| values.is_some() && !rises(*values)).unwrap_or(0);
     let question = "no column is the derivative of another, so only their place says so: positions first, then torques. Is \

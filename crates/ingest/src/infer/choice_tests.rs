@@ -247,7 +247,9 @@ fn values_of_the_tool_and_accelerations_are_no_second_candidates() {
     let [position, velocity, _] = plain();
     let named = joints(|j| format!("effort_{j}"), |j| Motion(2, j));
     let found = proposed(&[time(), position, velocity, named], Hints::default());
-    assert!(words_of(&found.toml).contains("these are the derivative of the velocities"), "{}", found.toml);
+    let said = words_of(&found.toml);
+    assert!(said.contains("? which columns hold the torques?") && found.answered.is_none(), "{}", found.toml);
+    assert!(said.contains("effort_1 (an acceleration, the derivative of the velocities)"), "{}", found.toml);
 }
 
 #[test]

@@ -46,7 +46,7 @@ fn rest_section(head: &Head, joints: &Joints<'_>, used: &[usize]) -> Section {
         .map(|(at, column)| {
             let said = names::said(&column.name, &column.under);
             let what = match (joints.others.iter().find(|(other, _)| *other == at), said) {
-                (Some((_, what)), _) => what.as_str(),
+                (Some((_, what)), _) => what,
                 (None, Said { kind: Some(Kind::Other(what)), .. }) => what,
                 (None, Said { kind: Some(Kind::Temperature), .. }) => {
                     "a temperature, not told to be the motors' or the hall's"

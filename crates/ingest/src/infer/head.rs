@@ -31,13 +31,13 @@ const MOST_CELLS: usize = 4 << 20;
 /// Most different words of a column that may tell stages.
 const MOST_WORDS: usize = 16;
 
-/// Share of the rows in which a column holds a number for it to be one of numbers.
+/// Share of the rows that must hold a number for a column to be one of numbers.
 const IS_NUMERIC: f64 = 0.9;
 
-/// Share of the columns of numbers that hold one in a row.
+/// Share of the columns of numbers that must hold one for a line to be a row.
 const ROW_SHARE: f64 = 0.75;
 
-/// Records above the rows among which names are looked for.
+/// Last records above the rows that may hold the names.
 const MOST_ABOVE: usize = 32;
 
 /// Most lines of one record: names with line ends in them.

@@ -17,7 +17,7 @@ pub(super) struct Found<'h> {
     /// `[n][rows]`
     pub(super) values: Vec<&'h [f64]>,
     pub(super) why: String,
-    /// What a person must confirm.
+    /// Question that a person must answer.
     pub(super) question: Option<String>,
 }
 
@@ -28,8 +28,8 @@ pub(super) struct Joints<'h> {
     pub(super) velocity: Option<Found<'h>>,
     pub(super) torque: Option<Found<'h>>,
     pub(super) count: usize,
-    /// Other columns that belong to the joints, such as accelerations, with what they are.
-    pub(super) others: Vec<(usize, String)>,
+    /// Other columns of the joints, such as accelerations, with the name of their quantity.
+    pub(super) others: Vec<(usize, &'static str)>,
 }
 
 impl Joints<'_> {
@@ -43,17 +43,15 @@ pub(super) fn values(column: &HeadColumn) -> Option<&[f64]> {
     column.values.as_deref()
 }
 
-/// A set that may be what is looked for, with what speaks for it.
+/// A set that may hold a quantity, with the evidence for it.
 struct Candidate<'s, 'h> {
     set: &'s Set,
     said: Said,
     values: Vec<&'h [f64]>,
     /// Columns that hold one value throughout.
     still: usize,
-    /// Goes with positions or velocities as their derivative.
+    /// Positions whose derivative is recorded, or velocities that are the derivative of the positions.
     follows: bool,
-    /// The derivative of the velocities, under another name.
-    is_acceleration: bool,
 }
 
 /// The joints' columns by their names.
@@ -76,7 +74,7 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
                 let values: Vec<&[f64]> =
                     set.columns[..count].iter().filter_map(|at| values(&head.columns[*at])).collect();
                 let still = values.iter().filter(|values| is_still(values)).count();
-                Candidate { set, said: set.said, values, still, follows: false, is_acceleration: false }
+                Candidate { set, said: set.said, values, still, follows: false }
             })
             .collect()
     };
@@ -97,18 +95,18 @@ pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -
             .is_some_and(|position| units::joint_slope(&position.values, &velocity.values, None).is_some());
     }
     let velocity = chosen(head, count, "velocities", &mut velocities);
+    let mut others = Vec::new();
     if let Some(velocity) = &velocity {
-        for torque in &mut torques {
-            torque.is_acceleration = is_derivative_of_all(&velocity.values, &torque.values);
-        }
+        torques.retain(|torque| {
+            let is_acceleration = is_derivative_of_all(&velocity.values, &torque.values);
+            if is_acceleration {
+                others.extend(torque.set.columns.iter().map(|at| (*at, ACCELERATION)));
+            }
+            !is_acceleration
+        });
     }
-    Joints {
-        position,
-        velocity,
-        torque: chosen(head, count, "torques", &mut torques),
-        count,
-        others: Vec::new(),
-    }
+    let torque = chosen(head, count, "torques", &mut torques);
+    Joints { position, velocity, torque, count, others }
 }
 
 /// The most likely candidate, with a question where another may be meant or none was measured.
@@ -121,7 +119,6 @@ fn chosen<'h>(
     candidates.sort_by_key(|of| {
         (
             of.said.intent.is_some(),
-            of.is_acceleration,
             of.still,
             of.said.kind == Some(Kind::Current),
             !of.said.is_measured,
@@ -139,10 +136,7 @@ fn chosen<'h>(
              calculates shows no wear. Are these the measured {what}?"
         ));
     }
-    if best.is_acceleration {
-        doubts.push("these are the derivative of the velocities, as accelerations are. Which columns hold the torques?".into());
-    }
-    // a channel of intent beside a measured one is no second candidate, unless that one does not move
+    // next to a measured channel that moves, a channel of intent is no second candidate
     let rivals = others
         .iter()
         .filter(|of| best.said.intent.is_some() || of.said.intent.is_none() || best.still > of.still);
@@ -183,13 +177,16 @@ fn chosen<'h>(
     })
 }
 
-/// Whether a column holds one value throughout.
+/// Quantity of columns that are the derivative of the velocities, whatever their name.
+pub(super) const ACCELERATION: &str = "an acceleration, the derivative of the velocities";
+
+/// True of a column that holds one value throughout.
 pub(super) fn is_still(values: &[f64]) -> bool {
     values.windows(2).all(|pair| pair[0] == pair[1])
 }
 
-/// Whether columns are the derivative of others, by one factor in most that move: torques may follow accelerations,
-/// each joint by its own inertia.
+/// True of columns that are the derivative of others, by one factor in most that move. Torques may follow
+/// accelerations too, but each joint by its own inertia.
 pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -> bool {
     let moving = columns.iter().filter(|values| !is_still(values)).count();
     let slopes =

@@ -100,7 +100,7 @@ pub(super) fn time_section(
     section
 }
 
-/// What to ask about a column that is called a time and is none that can be read.
+/// Question about a column that is called a time and cannot be read as one.
 fn unreadable_time(head: &Head, at: usize) -> String {
     let column = &head.columns[at];
     let name = head.reference(at);
@@ -123,7 +123,7 @@ fn unreadable_time(head: &Head, at: usize) -> String {
     )
 }
 
-/// What to ask where channels have times of their own.
+/// Question about channels that have times of their own.
 fn other_times(head: &Head, time: &Time<'_>) -> Option<String> {
     let apart = |(_, distance): &&(usize, f64)| *distance != 0.0;
     let most = time.others.iter().filter(apart).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;

@@ -25,7 +25,7 @@ pub(super) struct Said {
     pub(super) kind: Option<Kind>,
     /// Unit, as layouts name it.
     pub(super) unit: Option<&'static str>,
-    /// The word for a value that nobody measured.
+    /// The word for a value that no sensor measured.
     pub(super) intent: Option<&'static str>,
     /// A word for a measured value.
     pub(super) is_measured: bool,
@@ -53,7 +53,7 @@ pub(super) fn said(name: &str, under: &str) -> Said {
         (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
         _ => by_words,
     };
-    // `q_d` is a desired position; beside `pos_a`, `pos_d` would be a joint called d
+    // `q_d` is a desired position; after `pos_a`, `pos_d` would be a joint called d
     let desired =
         || (name.contains("{joint}") && words.iter().skip(1).any(|word| word == "d")).then_some("d");
     Said {

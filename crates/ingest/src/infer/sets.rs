@@ -7,11 +7,11 @@ use super::names::{self, Group, Kind, Said};
 use super::section::quoted;
 use armwatch_model::robot::Robot;
 
-/// Asked where only [`Order::Place`] tells which column is which joint's.
+/// Question about a set whose order only [`Order::Place`] gives.
 pub(super) const ORDER_QUESTION: &str = "the columns stand in the order of the export. Is that the order of the joints from the base outwards? A description \
      with the names of the joints (--description) tells it";
 
-/// By what the columns of a set are in their order.
+/// Evidence for the order of the columns of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Order {
     /// The number in their names.
@@ -152,7 +152,7 @@ fn order_alike(head: &Head, sets: &mut [Set]) {
 }
 
 impl Set {
-    /// Key and value of a layout: one name with a place for the number where that gives the first `count` columns,
+    /// Key and value of a layout: one name with a place for the number if that gives the first `count` columns,
     /// else a list.
     pub(super) fn key(&self, head: &Head, count: usize) -> (&'static str, String) {
         let columns = &self.columns[..count.min(self.columns.len())];

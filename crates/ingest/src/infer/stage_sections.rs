@@ -38,7 +38,7 @@ struct StageColumn {
     /// The different values, as a layout writes them, and how the joints move under each.
     values: Vec<(String, Value)>,
     meaning: Option<Meaning>,
-    /// Why the values mean what they do.
+    /// Reason for the meaning.
     reason: &'static str,
     /// The motion or, for words, the words themselves leave no doubt.
     is_sure: bool,

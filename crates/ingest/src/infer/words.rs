@@ -45,7 +45,7 @@ pub(super) const KINDS: &[(Kind, &str)] = &[
     (Kind::FrictionJoint, "joint axis achse gelenk axe asse eje articulation 关节 轴 joints achs"),
 ];
 
-/// Words for a value that nobody measured: it was wanted, calculated or permitted, or is a part of what was measured.
+/// Words for a value that no sensor measured: it was wanted, calculated or permitted, or is a part of a measured value.
 pub(super) const INTENT: &str = "soll sollwert target cmd command commanded commands desired ref reference setpoint setpoints \
     consigne des 目标 指令 error err fehler abweichung setp sp goal demand demanded requested wanted planned \
     plan plans trajectory traj interpolated predicted prediction pred expected ideal theoretical model \
