@@ -85,6 +85,13 @@ fn a_column_without_a_name_and_names_that_are_there_twice_do_not_disturb() {
 }
 
 #[test]
+fn a_bad_cell_does_not_hide_its_column() {
+    let plain = proposed(&tests::native_text());
+    let text = changed(|at, line| if at == 700 { line.replacen('.', "x", 3) } else { line.to_owned() });
+    assert_eq!(proposed(&text).toml, plain.toml);
+}
+
+#[test]
 fn lines_that_end_with_returns_alone_are_refused_with_the_remedy() {
     let text = tests::native_text().replace('\n', "\r");
     let refused = infer(text.as_bytes(), Path::new("a.csv"), "a", Hints::default()).expect_err("one line");

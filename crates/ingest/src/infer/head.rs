@@ -34,6 +34,9 @@ const MOST_WORDS: usize = 16;
 /// Share of the rows that must hold a number for a column to be one of numbers.
 const IS_NUMERIC: f64 = 0.9;
 
+/// Largest share of cells that are no numbers, of a column of numbers.
+const MOST_BAD: f64 = 0.01;
+
 /// Share of the columns of numbers that must hold one for a line to be a row.
 const ROW_SHARE: f64 = 0.75;
 
@@ -77,10 +80,12 @@ pub(super) struct HeadColumn {
     pub(super) name: String,
     /// What a line under the header says of it.
     pub(super) under: String,
-    /// Its numbers, where all cells are numbers; of dates and times, s from the first.
+    /// Its numbers, if nearly all cells are numbers; of dates and times, s from the first.
     pub(super) values: Option<Vec<f64>>,
     /// The first of its numbers, whatever else stands in it.
     pub(super) numbers: Vec<f64>,
+    /// Cells among them that are no numbers; the number before stands in their place.
+    bad: usize,
     /// Whether all cells are dates and times.
     pub(super) timestamps: bool,
     /// The cell of the first row.
@@ -350,6 +355,7 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: Format, encoding:
             under: under.get(at).cloned().unwrap_or_default(),
             values: Some(Vec::new()),
             numbers: Vec::new(),
+            bad: 0,
             timestamps: true,
             first: fields(first_row, format.delimiter).nth(at).unwrap_or_default().to_owned(),
             words: Some(Words::default()),
@@ -369,12 +375,20 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: Format, encoding:
             let number = cell::number(cell, format.decimal);
             let finite = number.as_ref().ok().copied().filter(|number| number.is_finite());
             column.numbers.extend(finite.filter(|_| column.numbers.len() < KEPT_NUMBERS));
-            match (&mut column.values, number) {
-                (Some(values), Ok(value)) => values.push(value),
-                (values, Err(_)) => *values = None,
-                (None, Ok(_)) => {}
+            let Some(values) = &mut column.values else { continue };
+            match (number, values.last().copied()) {
+                (Ok(value), _) => values.push(value),
+                // a few bad cells leave the column one of numbers
+                (Err(_), Some(last)) => {
+                    values.push(last);
+                    column.bad += 1;
+                }
+                (Err(_), None) => column.values = None,
             }
         }
+    }
+    for column in columns.iter_mut().filter(|column| column.bad as f64 > MOST_BAD * rows as f64) {
+        column.values = None;
     }
     for (column, moments) in columns.iter_mut().zip(moments) {
         if let (true, Some(first)) = (column.timestamps, moments.first()) {
