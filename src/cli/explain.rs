@@ -90,7 +90,7 @@ fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
     if problems.is_empty() {
         lines.push(topic("problems", "none"));
     }
-    lines.extend(remarks(of).iter().map(|remark| topic("remark", remark)));
+    lines.extend(all_remarks(of).iter().map(|remark| topic("remark", remark)));
     lines.push(topic("ledger", &ledger_text(&of.ledger)));
     lines.push(topic("next", &next_text(config, of)));
     lines
@@ -293,18 +293,27 @@ fn problems(of: &Explanation) -> Vec<String> {
     if reading.passed_over.rows > 0 {
         problems.push(passed_over_text(&reading.passed_over, of));
     }
-    problems.extend(said_of_cycles(reading, |analysis| {
-        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
-    }));
+    problems.extend(refusals(reading));
     problems
 }
 
-/// What is odd about name and start, and what the analysis remarks of cycles that it takes.
-fn remarks(of: &Explanation) -> Vec<String> {
-    let of_rows = of.reading.iter().flat_map(|reading| reading.mended.sentences());
-    let of_cycles =
-        of.reading.iter().flat_map(|reading| said_of_cycles(reading, |analysis| analysis.remarks.clone()));
-    of.doubts.iter().cloned().chain(of_rows).chain(of_cycles).collect()
+/// What is odd about name and start, and the remarks of the reading.
+fn all_remarks(of: &Explanation) -> Vec<String> {
+    of.doubts.iter().cloned().chain(of.reading.iter().flat_map(remarks)).collect()
+}
+
+/// Why cycles are refused.
+pub(super) fn refusals(reading: &ExportReading) -> Vec<String> {
+    said_of_cycles(reading, |analysis| {
+        analysis.refusal().map(|reason| format!("no parameters: {reason}")).into_iter().collect()
+    })
+}
+
+/// Rows that were repaired or left out, and remarks of the analysis about cycles that it takes.
+pub(super) fn remarks(reading: &ExportReading) -> Vec<String> {
+    let mut remarks = reading.mended.sentences();
+    remarks.extend(said_of_cycles(reading, |analysis| analysis.remarks.clone()));
+    remarks
 }
 
 /// What is said of cycles; what is said of several is said once, with their numbers.
@@ -399,7 +408,7 @@ fn as_value(of: &Explanation) -> serde_json::Value {
         "supersedes_run_id": supersedes,
         "ledger": ledger_text(&of.ledger),
         "problems": problems(of),
-        "remarks": remarks(of),
+        "remarks": all_remarks(of),
         "rejection": of.rejection.as_ref().map(|rejection| json!({
             "line": rejection.line, "column": rejection.column, "value": rejection.value,
             "reason": rejection.reason, "remedy": rejection.remedy,

@@ -71,6 +71,61 @@ fn an_export_of_another_house_gives_the_same_results_by_its_proposed_layout() {
 }
 
 #[test]
+fn a_proposal_is_tried_on_its_own_file_before_it_is_written() {
+    let workshop = Workshop::new();
+    let native = decompressed();
+    fs::write(workshop.path("R00_20260105_0847.csv"), &native).expect("an export");
+    let rows = native.lines().count() - 1;
+    let infer = ["layout", "infer", "R00_20260105_0847.csv", "--robot", "R00"];
+    let layout = workshop.stdout(&infer, 0);
+    let head =
+        format!("# Tried on R00_20260105_0847.csv: {rows} rows read, 50 Hz, 5 cycles, 5 excitation stages");
+    assert!(layout.starts_with(&head), "{layout}");
+    let json = workshop.stdout(&[&infer[..], &["--json"]].concat(), 0);
+    let value: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let trial = &value["trial"];
+    assert_eq!((&trial["sound"], &trial["rows"]), (&true.into(), &rows.into()), "{json}");
+    assert_eq!((&trial["cycles"], &trial["identified"]), (&5.into(), &true.into()), "{json}");
+    // without a description, the file is read and nothing identified
+    let read = workshop.stdout(&["layout", "infer", "R00_20260105_0847.csv"], 0);
+    assert!(
+        read.contains("# Not identified: that needs a description") && read.contains(&rows.to_string()),
+        "{read}"
+    );
+
+    // a cell far down that is no number: the layout is written, and says that it fails
+    let broken: Vec<String> = native
+        .lines()
+        .enumerate()
+        .map(|(at, line)| if at == rows - 10 { line.replacen('.', "x", 3) } else { line.to_owned() })
+        .collect();
+    fs::write(workshop.path("R00_20260106_0847.csv"), broken.join("\n") + "\n").expect("an export");
+    let output = ["layout", "infer", "R00_20260106_0847.csv", "--robot", "R00", "-o", "broken.toml"];
+    workshop.stdout(&output, 1);
+    let layout = fs::read_to_string(workshop.path("broken.toml")).expect("a layout");
+    let first: String = layout.lines().take(3).collect::<Vec<_>>().join(" ").replace("\n#", "");
+    assert!(first.starts_with("# THE TRIAL FAILED: this layout does not read its own file: "), "{layout}");
+    assert!(first.contains(&format!("line {}", rows - 9)), "{layout}");
+
+    // an arm that is another one: every cycle is refused, and the head says why
+    let turned: Vec<String> = native
+        .lines()
+        .enumerate()
+        .map(|(at, line)| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if at > 0 {
+                cells[14] = format!("{}", -cells[14].parse::<f64>().expect("a torque"));
+            }
+            cells.join(",")
+        })
+        .collect();
+    fs::write(workshop.path("R00_20260107_0847.csv"), turned.join("\n") + "\n").expect("an export");
+    let layout = workshop.stdout(&["layout", "infer", "R00_20260107_0847.csv", "--robot", "R00"], 1);
+    assert!(layout.starts_with("# THE TRIAL FAILED: every cycle of its own file is refused"), "{layout}");
+    assert!(layout.contains("# Finding: cycle 1, 2, 3, 4, 5: no parameters: "), "{layout}");
+}
+
+#[test]
 fn proposals_for_what_is_shipped_load_and_ask_what_only_people_know() {
     let workshop = Workshop::new();
     let export = reference(REFERENCE_NAME);

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::trial;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::result_file::{refuse_database, refuse_source};
 use crate::cli::shared::{output, paths};
@@ -30,10 +31,13 @@ standard output or, whole or not at all, to --output; each choice has its reason
 a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and run `armwatch config check`. All
 keys of a layout are in docs/layouts.md.
 
+The layout is tried before it is written: the whole export is read with it and, if there is a description, analysed.
+Its first lines, and \"trial\" of --json, say how many rows, cycles and stages that gave and what was found.
+
 --robot is the name of a robot, as exports carry it: the description that the configuration names for it says how many
 joints there are, how far they go and which torques gravity asks for. Its layout need not exist yet, and nothing else of
 the configuration is read. --description names such a file directly. Neither is needed where columns have names. Exit
-status 1 if questions are left, 2 if there is no such file or it holds no table.")]
+status 1 if questions are left or the trial failed, 2 if there is no such file or it holds no table.")]
 pub(in crate::cli) struct InferArgs {
     /// Export, plain, .gz or .zst
     #[arg(value_name = "FILE")]
@@ -85,24 +89,28 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
         true => CliError::Io(rejection.to_string()),
         false => CliError::Usage(rejection.to_string()),
     })?;
+    let trial = trial::run(&args.file, &proposed, description.as_ref())?;
+    let layout = infer::comments(&trial.sentences) + "#\n" + &proposed.toml;
     if let Some(output) = &args.output {
-        write_whole(output, &proposed.toml).map_err(|error| paths::not_written(output, &error))?;
+        write_whole(output, &layout).map_err(|error| paths::not_written(output, &error))?;
     }
     if global.json {
         output::json(&serde_json::json!({
-            "layout": proposed.toml, "questions": proposed.questions, "rows": proposed.rows,
+            "layout": layout, "questions": proposed.questions, "rows": proposed.rows, "trial": trial.value,
         }));
     } else if let Some(output) = &args.output {
         output::print_hint(&format!("wrote {}", output.display()));
     } else {
-        output::block(proposed.toml.trim_end());
+        output::block(layout.trim_end());
     }
     if proposed.questions > 0 {
-        let s = if proposed.questions == 1 { "" } else { "s" };
-        output::print_hint(&format!("armwatch: {} question{s} left, marked \"# ?\"", proposed.questions));
-        return Ok(EXIT_FOUND);
+        let questions = output::counted(proposed.questions, "question");
+        output::print_hint(&format!("armwatch: {questions} left, marked \"# ?\""));
     }
-    Ok(EXIT_DONE)
+    if let Some(fault) = &trial.fault {
+        output::print_hint(&format!("armwatch: {fault}"));
+    }
+    Ok(if proposed.questions > 0 || trial.fault.is_some() { EXIT_FOUND } else { EXIT_DONE })
 }
 
 /// The arm of the export, from the file named, or from that of the robot's entry.

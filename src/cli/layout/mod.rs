@@ -1,3 +1,4 @@
 //! `armwatch layout`.
 
 pub(super) mod infer;
+mod trial;

@@ -21,6 +21,7 @@ use armwatch_ingest::table::column_map::ColumnMap;
 use armwatch_ingest::table::mended::Mended;
 use armwatch_ingest::table::reader::{Chunk, ExportReader, LeftOut, ReadOptions};
 use armwatch_method::analyse::Method;
+use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::arrival::{Arrival, implausible_dates};
@@ -185,7 +186,8 @@ impl Explainer {
             let method = if quick { None } else { self.method(&of.entry.description).await? };
             let work = method.as_ref().map(|method| work_alone(&of.entry.layout, method));
             let (owned, entry) = (path.to_owned(), of.entry.clone());
-            let read = tokio::task::spawn_blocking(move || read(&owned, &entry, work.as_ref()));
+            let read = move || read(&owned, &entry.layout, &entry.description, work.as_ref());
+            let read = tokio::task::spawn_blocking(read);
             let (found, fault) = read.await?;
             if !of.named_start {
                 of.started_at = record::start_before(of.started_at, found.duration);
@@ -321,8 +323,27 @@ fn age(modified: SystemTime) -> f64 {
     }
 }
 
+/// Reads an export by a layout that no configuration has yet, and analyses its cycles if `is_analysed` and the arm's
+/// description permits it. With what was read comes the fault that ended it.
+#[must_use]
+pub fn try_layout(
+    path: &Path,
+    layout: &Layout,
+    robot: &Robot,
+    is_analysed: bool,
+) -> (ExportReading, Option<Rejection>) {
+    let method = is_analysed.then(|| Method::new(robot.clone(), AnalysisSettings::default()).ok()).flatten();
+    let work = method.map(|method| work_alone(layout, &Arc::new(method)));
+    read(path, layout, robot, work.as_ref())
+}
+
 /// Reads an export to its end or its first fault.
-fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (ExportReading, Option<Rejection>) {
+fn read(
+    path: &Path,
+    layout: &Layout,
+    robot: &Robot,
+    work: Option<&CycleWork>,
+) -> (ExportReading, Option<Rejection>) {
     let mut reading = ExportReading {
         content: None,
         columns: None,
@@ -334,7 +355,7 @@ fn read(path: &Path, entry: &FleetEntry, work: Option<&CycleWork>) -> (ExportRea
         mended: Mended::default(),
         cycles: Vec::new(),
     };
-    let fault = read_into(&mut reading, path, &entry.layout, &entry.description, work).err();
+    let fault = read_into(&mut reading, path, layout, robot, work).err();
     (reading, fault)
 }
 

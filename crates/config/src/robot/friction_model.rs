@@ -2,7 +2,7 @@
 
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
-use armwatch_model::robot::{FrictionLaw, FrictionModel, JointKind, LawKind};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, Joint, JointKind, LawKind};
 
 const MODEL: &str = "friction_model";
 const ASYMMETRIC: &str = "asymmetric";
@@ -21,10 +21,47 @@ struct Given<'d> {
     asymmetric: Option<bool>,
 }
 
+/// The model of an arm as its root gives it.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct ArmModel {
+    /// The model that joints start from; its speed is zero where the root gives none.
+    pub(crate) model: FrictionModel,
+    /// Key of the speed that the root's law needs and the root does not give: each joint must give its own.
+    missing_speed: Option<&'static str>,
+}
+
 /// Reads the model of all joints at the root of a description.
-pub(crate) fn read_of_arm(root: &Table<'_>) -> Option<FrictionModel> {
+pub(crate) fn read_of_arm(root: &Table<'_>) -> Option<ArmModel> {
     let given = read(root, JointKind::Revolute)?;
-    resolved(root, JointKind::Revolute, &given, FrictionModel::POLYNOMIAL)
+    match given.law.filter(|_| given.speeds.is_empty()) {
+        Some(law) if law.speed_keys.is_some() => {
+            let asymmetric = given.asymmetric.unwrap_or(false);
+            let model = FrictionModel { law: (law.with_speed)(0.0), asymmetric };
+            check_directions(root, law, asymmetric)?;
+            Some(ArmModel { model, missing_speed: speed_key(law, JointKind::Revolute) })
+        }
+        _ => {
+            let model = resolved(root, JointKind::Revolute, &given, FrictionModel::POLYNOMIAL)?;
+            Some(ArmModel { model, missing_speed: None })
+        }
+    }
+}
+
+impl ArmModel {
+    /// The model of joints without one of their own; notes a missing speed if there is such a joint.
+    pub(crate) fn of_other_joints(self, root: &Table<'_>, joints: &[Joint]) -> Option<FrictionModel> {
+        let Some(key) = self.missing_speed else { return Some(self.model) };
+        let own: Option<Vec<FrictionModel>> = joints.iter().map(|joint| joint.friction).collect();
+        match own.and_then(|own| own.first().copied()) {
+            // nothing is left for the arm's model to say
+            Some(first) => Some(first),
+            None => {
+                let hint = || Some("give it here, or in every [[joint]]".into());
+                let _ = root.required_or_else(key, hint);
+                None
+            }
+        }
+    }
 }
 
 /// Reads what one joint has in place of the `arm`'s model; `Some(None)` where it says nothing.
@@ -105,7 +142,8 @@ fn resolved(
         None => LAWS.iter().find(|law| law.name == default.law.name())?,
     };
     let speed = given.speeds.iter().find(|(law, ..)| law.name == chosen.name).map(|(_, _, speed)| *speed);
-    let speed = speed.or(default.law.speed().filter(|_| default.law.name() == chosen.name));
+    let of_arm = default.law.speed().filter(|speed| default.law.name() == chosen.name && *speed > 0.0);
+    let speed = speed.or(of_arm);
     if let (Some(key), None) = (speed_key(chosen, kind), speed) {
         // notes that it is missing
         let _ = table.required(key);
@@ -117,8 +155,14 @@ fn resolved(
     }
     let law = (chosen.with_speed)(speed.unwrap_or_default());
     let asymmetric = given.asymmetric.unwrap_or(default.asymmetric && chosen.has_directions);
-    if asymmetric && !chosen.has_directions {
-        let model = match law {
+    check_directions(table, chosen, asymmetric)?;
+    Some(FrictionModel { law, asymmetric })
+}
+
+/// Notes that a law has no columns for one direction alone, where that is asked for.
+fn check_directions(table: &Table<'_>, law: &LawKind, asymmetric: bool) -> Option<()> {
+    if asymmetric && !law.has_directions {
+        let model = match (law.with_speed)(0.0) {
             FrictionLaw::None => "the model \"none\"".to_owned(),
             law => format!("the {} model", law.name()),
         };
@@ -127,7 +171,7 @@ fn resolved(
         table.refuse(format!("asymmetric friction has no columns in {model}"), Some(hint));
         return None;
     }
-    Some(FrictionModel { law, asymmetric })
+    Some(())
 }
 
 #[cfg(test)]
@@ -176,6 +220,32 @@ mod tests {
         assert_eq!(robot.parameter_count(), 6 * 15);
         let robot = with("", 2, "friction_model = \"none\"").expect("no problems");
         assert_eq!(robot.parameter_count(), 6 * 15 - 4);
+    }
+
+    #[test]
+    fn a_smooth_speed_in_every_joint_needs_none_at_the_root() {
+        let text = |joints: &[usize]| {
+            let mut parts = ER3A.split("\n[[joint]]\n");
+            let root = parts.next().expect("a root");
+            let mut text = root.replacen("friction_model = \"polynomial\"", "friction_model = \"smooth\"", 1);
+            for (at, part) in parts.enumerate() {
+                let speed = if joints.contains(&at) {
+                    format!("smooth_speed_rad_s = 0.0{}\n", at + 1)
+                } else {
+                    String::new()
+                };
+                text.push_str(&format!("\n[[joint]]\n{speed}{part}"));
+            }
+            text
+        };
+        let robot = parse_robot("a.toml", &text(&[0, 1, 2, 3, 4, 5])).expect("no problems");
+        for (joint, speed) in robot.joint_indices().zip([0.01, 0.02, 0.03, 0.04, 0.05, 0.06]) {
+            assert_eq!(robot.friction_of(joint).law, FrictionLaw::Smooth { speed });
+        }
+        // one joint without: one problem, and no word of the others
+        let errors = parse_robot("a.toml", &text(&[0, 1, 3, 4, 5])).expect_err("no speed for joint 3");
+        let keys: Vec<&str> = errors.0.iter().map(|problem| problem.key.as_str()).collect();
+        assert_eq!(keys, ["smooth_speed_rad_s"], "{errors}");
     }
 
     #[test]

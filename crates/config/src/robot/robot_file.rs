@@ -61,7 +61,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     let friction = friction_model::read_of_arm(root);
     let torque_sensors = read_torque_sensors(root);
     // what is wrong with the arm's model is said once
-    let of_arm = friction.unwrap_or_default();
+    let of_arm = friction.unwrap_or_default().model;
     let tool = geometry::read_tool(root);
     let given = transmission::read_matrix(root);
     let chain = match convention {
@@ -76,6 +76,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
         None => None,
     };
     let shape = shape::read(root, joints.map(<[Joint]>::len));
+    let friction = friction.zip(joints).and_then(|(friction, joints)| friction.of_other_joints(root, joints));
     let (friction, tool, chain, transmission) = (friction?, tool?, chain?, transmission?);
     let torque_sensors = torque_sensors?;
     convention?;

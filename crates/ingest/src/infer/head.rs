@@ -1,12 +1,18 @@
 //! The first rows of an export whose layout is not known: encoding, delimiter, decimal mark, header.
 
+use std::borrow::Cow;
+use std::collections::{BTreeSet, VecDeque};
 use std::io::Read;
+use std::iter::Peekable;
 use std::path::Path;
 
-use super::super::rejection::Rejection;
+use super::names;
+use super::section::quoted;
 use super::time_form::{self, TimeForms};
 use crate::bytes::encoding::{Found, TextReader};
+use crate::rejection::Rejection;
 use crate::table::cell;
+use crate::table::column_map::MAX_COLUMNS;
 use crate::table::fields::fields;
 use armwatch_config::{DecimalMark, TextEncoding};
 
@@ -19,12 +25,30 @@ const FORMAT_LINES: usize = 400;
 /// Fewest columns of a table: time, a position and a torque.
 const LEAST_COLUMNS: usize = 3;
 
-/// Share of the cells of a row that are numbers, in a row of numbers: a note and a name may stand beside them.
-const NUMERIC_SHARE: f64 = 0.5;
-
 /// Cells of rows that are looked at, which bounds the memory of their numbers: a table with as many bytes of text as
 /// [`HEAD_BYTES`] has more only where its cells are shorter than numbers of a recording are.
 const MOST_CELLS: usize = 4 << 20;
+
+/// Most different words of a column that may tell stages.
+const MOST_WORDS: usize = 16;
+
+/// Share of the rows that must hold a number for a column to be one of numbers.
+const IS_NUMERIC: f64 = 0.9;
+
+/// Largest share of cells that are no numbers, of a column of numbers.
+const MOST_BAD: f64 = 0.01;
+
+/// Share of the columns of numbers that must hold one for a line to be a row.
+const ROW_SHARE: f64 = 0.75;
+
+/// Last records above the rows that may hold the names.
+const MOST_ABOVE: usize = 32;
+
+/// Most lines of one record: names with line ends in them.
+const MOST_LINES: usize = 200;
+
+/// Most bytes of one record that is put together from lines.
+const LONGEST_RECORD: usize = 1 << 20;
 
 /// Numbers that are kept of a column in which not every cell is one: enough for their range.
 const KEPT_NUMBERS: usize = 4096;
@@ -37,6 +61,8 @@ pub(super) struct Head {
     pub(super) decimal: DecimalMark,
     /// Whether there is a line of names.
     pub(super) header: bool,
+    /// Why the layout cannot use that line and gives columns by number.
+    pub(super) by_number: Option<&'static str>,
     /// Whether that line stands behind the sign of a comment.
     pub(super) commented_header: bool,
     /// Lines before the header that are neither blank nor comments.
@@ -55,14 +81,75 @@ pub(super) struct HeadColumn {
     pub(super) name: String,
     /// What a line under the header says of it.
     pub(super) under: String,
-    /// Its numbers, where all cells are numbers; of dates and times, s from the first.
+    /// Its numbers, if nearly all cells are numbers; of dates and times, s from the first.
     pub(super) values: Option<Vec<f64>>,
     /// The first of its numbers, whatever else stands in it.
     pub(super) numbers: Vec<f64>,
+    /// Cells among them that are no numbers; the number before stands in their place.
+    bad: usize,
     /// The forms in which all cells are times, of a column of text.
     pub(super) time_forms: TimeForms,
     /// The first of its cells.
     pub(super) cells: Vec<String>,
+    /// Where the cells are few different words.
+    pub(super) words: Option<Words>,
+}
+
+/// The cells of a column of words.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Words {
+    /// The different words in their order.
+    pub(super) words: Vec<String>,
+    /// Place of each row's word among them, `[rows]`.
+    pub(super) rows: Vec<u8>,
+}
+
+impl HeadColumn {
+    /// The cell of the first row.
+    pub(super) fn first(&self) -> &str {
+        self.cells.first().map_or("", String::as_str)
+    }
+
+    /// Notes a cell, of a column that may be one of words.
+    fn note_word(&mut self, cell: &str) {
+        let Some(Words { words, rows }) = &mut self.words else { return };
+        let last = rows.last().copied().filter(|last| words[usize::from(*last)] == cell);
+        let known =
+            last.or_else(|| words.iter().position(|word| word == cell).and_then(|at| u8::try_from(at).ok()));
+        match known {
+            Some(at) => rows.push(at),
+            None if words.len() < MOST_WORDS => {
+                rows.push(words.len() as u8);
+                words.push(cell.to_owned());
+            }
+            None => self.words = None,
+        }
+    }
+}
+
+impl Head {
+    /// Names of the columns in their order; numbers where there are none.
+    pub(super) fn names(&self) -> Vec<&str> {
+        self.columns.iter().map(|column| column.name.as_str()).collect()
+    }
+
+    /// A column as a layout gives it: by name, or by number where the name does not tell it from others.
+    pub(super) fn reference(&self, column: usize) -> String {
+        match self.has_plain_name(column) {
+            true => quoted(&self.columns[column].name),
+            false => (column + 1).to_string(),
+        }
+    }
+
+    /// Whether a layout can give a column by its name.
+    pub(super) fn has_plain_name(&self, column: usize) -> bool {
+        let name = &self.columns[column].name;
+        self.header
+            && self.by_number.is_none()
+            && !name.trim().is_empty()
+            && !name.contains("{joint")
+            && self.columns.iter().filter(|other| other.name == *name).count() == 1
+    }
 }
 
 /// Reads the head of an export.
@@ -94,27 +181,40 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
             "check that this is a CSV export; delimiters may be , ; tab and |",
         )
     };
+    let only_returns = || lines().next().is_some_and(|line| line.contains('\r')) && !text.contains('\n');
+    if only_returns() {
+        let remedy = "convert it, for example with `tr '\\r' '\\n'`, or export with line ends of LF or CRLF";
+        return Err(Rejection::of_file(path, "the lines end with CR alone", remedy));
+    }
     let sample: Vec<&str> = lines().take(FORMAT_LINES).collect();
     let format = format(&sample).ok_or_else(no_table)?;
     assembled(lines(), format, text_reader.found()).ok_or_else(no_table)
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 struct Format {
     delimiter: u8,
     decimal: DecimalMark,
     fields: usize,
+    /// Whether each column holds numbers, as most rows tell.
+    numeric: Vec<bool>,
 }
 
 impl Format {
-    /// Whether a line is a row: as many fields, half of them numbers.
-    fn is_row(self, line: &str) -> bool {
-        let count = fields(line, self.delimiter).count();
-        count == self.fields && self.numbers(line) as f64 >= NUMERIC_SHARE * count as f64
+    /// Whether a line is a row: as many fields, with numbers where most rows have them. A line of metadata may have
+    /// numbers in half of its fields.
+    fn is_row(&self, line: &str) -> bool {
+        let mut count = 0;
+        let cells = fields(line, self.delimiter).inspect(|_| count += 1).zip(&self.numeric);
+        let numbers = cells.filter(|(cell, numeric)| **numeric && self.is_number(cell)).count();
+        // the zip ends with the shorter
+        let count = count.max(fields(line, self.delimiter).count());
+        let expected = self.numeric.iter().filter(|numeric| **numeric).count();
+        count == self.fields && numbers as f64 >= ROW_SHARE * expected as f64
     }
 
-    fn numbers(self, line: &str) -> usize {
-        fields(line, self.delimiter).filter(|cell| cell::number(cell, self.decimal).is_ok()).count()
+    fn is_number(&self, cell: &str) -> bool {
+        cell::number(cell, self.decimal).is_ok()
     }
 }
 
@@ -129,69 +229,129 @@ fn format(sample: &[&str]) -> Option<Format> {
         let mut counts: Vec<usize> = sample.iter().map(|line| fields(line, delimiter).count()).collect();
         counts.sort_unstable();
         let usual = *counts.get(counts.len() / 2)?;
-        let format = Format { delimiter, decimal, fields: usual };
-        let rows = sample.iter().filter(|line| format.is_row(line));
-        let numbers: usize = rows.map(|line| format.numbers(line)).sum();
-        (usual >= LEAST_COLUMNS && numbers > 0).then_some((numbers, format))
+        if !(LEAST_COLUMNS..=MAX_COLUMNS).contains(&usual) {
+            return None;
+        }
+        let rows: Vec<&str> =
+            sample.iter().copied().filter(|line| fields(line, delimiter).count() == usual).collect();
+        let mut numbers = vec![0_usize; usual];
+        for line in &rows {
+            for (numbers, cell) in numbers.iter_mut().zip(fields(line, delimiter)) {
+                *numbers += usize::from(cell::number(cell, decimal).is_ok());
+            }
+        }
+        // not of all lines: of a short file, names are among them
+        let most = numbers.iter().copied().max().unwrap_or(0);
+        let least = IS_NUMERIC * most as f64;
+        let numeric: Vec<bool> = numbers.iter().map(|of| *of > 0 && *of as f64 >= least).collect();
+        let all: usize = numbers.iter().sum();
+        let enough =
+            2 * numeric.iter().filter(|numeric| **numeric).count() >= usual || 2 * all >= usual * most;
+        let format = Format { delimiter, decimal, fields: usual, numeric };
+        (enough && all > 0).then_some((all, format))
     });
     // Of equals the first: points before commas, where all numbers are whole.
     let best = judged.reduce(|best, next| if next.0 > best.0 { next } else { best });
     best.map(|(_, format)| format)
 }
 
-/// What stands above the rows.
-#[derive(Debug, Default)]
-struct Above<'t> {
-    /// Lines before those of as many fields.
-    start: usize,
-    /// How many of them are neither blank nor comments.
-    skipped: usize,
-    /// Lines of as many fields right above the rows: names, then perhaps units.
-    count: usize,
-    /// How many of these are neither blank nor comments.
-    said: usize,
-    names: Option<&'t str>,
-    under: Option<&'t str>,
+/// A line above the rows, or several that quotes join.
+#[derive(Debug)]
+struct Record<'t> {
+    text: Cow<'t, str>,
+    lines: usize,
 }
 
-fn is_comment(line: &str) -> bool {
-    line.trim_start().starts_with('#')
-}
+impl Record<'_> {
+    fn is_comment(&self) -> bool {
+        self.text.trim_start().starts_with('#')
+    }
 
-impl<'t> Above<'t> {
-    fn note(&mut self, line: &'t str, format: Format) {
-        let count = fields(line.trim_start().trim_start_matches('#'), format.delimiter).count();
-        let has_fields = count.abs_diff(format.fields) <= 1 && count > 1;
-        let said = usize::from(!line.trim().is_empty() && !is_comment(line));
-        if !has_fields {
-            let (start, skipped) = (self.start + self.count + 1, self.skipped + self.said + said);
-            *self = Self { start, skipped, ..Self::default() };
-            return;
-        }
-        match self.count {
-            0 => self.names = Some(line),
-            1 => self.under = Some(line),
-            _ => {}
-        }
-        (self.count, self.said) = (self.count + 1, self.said + said);
+    /// Whether a reader of layouts counts the line: neither blank nor a comment.
+    fn is_counted(&self) -> bool {
+        !self.text.trim().is_empty() && !self.is_comment()
+    }
+
+    fn cells(&self, format: &Format) -> Vec<String> {
+        let text = self.text.trim_start().trim_start_matches('#');
+        fields(text, format.delimiter)
+            .map(|cell| cell.split_whitespace().collect::<Vec<_>>().join(" "))
+            .collect()
     }
 }
 
-fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encoding: Found) -> Option<Head> {
+/// What stands above the rows.
+#[derive(Debug, Default)]
+struct Above<'t> {
+    /// Lines before the records that are kept, and whether a reader counts any of them.
+    dropped: usize,
+    is_dropped_counted: bool,
+    /// The last records.
+    records: VecDeque<Record<'t>>,
+}
+
+impl<'t> Above<'t> {
+    fn note(&mut self, record: Record<'t>) {
+        self.records.push_back(record);
+        if self.records.len() > MOST_ABOVE
+            && let Some(first) = self.records.pop_front()
+        {
+            self.dropped += first.lines;
+            self.is_dropped_counted |= first.is_counted();
+        }
+    }
+
+    /// The record of names: the one that says most of as many columns as the rows have, the last line excepted.
+    fn names(&self, format: &Format) -> Option<usize> {
+        let says = |record: &Record<'_>| -> Option<(usize, usize)> {
+            let cells = record.cells(format);
+            let fits = cells.len() > 1 && cells.len().abs_diff(format.fields) <= 1;
+            let different: BTreeSet<&String> = cells.iter().filter(|cell| !cell.is_empty()).collect();
+            let known = different.iter().filter(|cell| names::said(cell, "").kind.is_some()).count();
+            let words = different.iter().filter(|cell| !format.is_number(cell)).count();
+            (fits && words > 0).then_some((known, words))
+        };
+        let all = self.records.iter().enumerate().filter_map(|(at, record)| Some((says(record)?, at)));
+        // of equals the first: units stand below names
+        all.max_by_key(|(says, at)| (*says, std::cmp::Reverse(*at))).map(|(_, at)| at)
+    }
+
+    fn lines(&self, records: std::ops::Range<usize>) -> usize {
+        self.records.range(records).map(|record| record.lines).sum()
+    }
+}
+
+/// The next record: a line, or as many as its quotes hold together above the first row.
+fn record<'t>(
+    first: &'t str,
+    lines: &mut Peekable<impl Iterator<Item = &'t str>>,
+    format: &Format,
+) -> Record<'t> {
+    let is_open = |text: &str| !text.matches('"').count().is_multiple_of(2);
+    let mut record = Record { text: Cow::Borrowed(first), lines: 1 };
+    while is_open(&record.text) && record.lines < MOST_LINES && record.text.len() < LONGEST_RECORD {
+        let Some(next) = lines.next_if(|next| !format.is_row(next)) else { break };
+        record.text = Cow::Owned(format!("{} {next}", record.text));
+        record.lines += 1;
+    }
+    record
+}
+
+fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: Format, encoding: Found) -> Option<Head> {
+    let mut lines = lines.peekable();
     let mut above = Above::default();
     let first_row = loop {
         let line = lines.next()?;
         if format.is_row(line) {
             break line;
         }
-        above.note(line, format);
+        above.note(record(line, &mut lines, &format));
     };
-    let commented = above.names.is_some_and(is_comment);
-    let cells = |line: &str| -> Vec<String> {
-        fields(line.trim_start().trim_start_matches('#'), format.delimiter).map(str::to_owned).collect()
-    };
-    let names = above.names.map(cells);
-    let under = above.under.map(cells).unwrap_or_default();
+    let at = above.names(&format);
+    let commented = at.is_some_and(|at| above.records[at].is_comment());
+    let names = at.map(|at| above.records[at].cells(&format));
+    let under = at.and_then(|at| above.records.get(at + 1)).map(|record| record.cells(&format));
+    let under = under.filter(|cells| cells.len().abs_diff(format.fields) <= 1).unwrap_or_default();
     let mut columns: Vec<HeadColumn> = (0..format.fields)
         .map(|at| HeadColumn {
             name: match &names {
@@ -201,8 +361,10 @@ fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encod
             under: under.get(at).cloned().unwrap_or_default(),
             values: Some(Vec::new()),
             numbers: Vec::new(),
+            bad: 0,
             time_forms: TimeForms::default(),
             cells: Vec::new(),
+            words: Some(Words::default()),
         })
         .collect();
     let mut rows = 0;
@@ -211,32 +373,60 @@ fn assembled<'t>(mut lines: impl Iterator<Item = &'t str>, format: Format, encod
         rows += 1;
         let cells = fields(line, format.delimiter);
         for (column, cell) in columns.iter_mut().zip(cells) {
+            column.note_word(cell);
             if column.cells.len() < time_form::MOST_CELLS {
                 column.cells.push(cell.to_owned());
             }
             let number = cell::number(cell, format.decimal);
             let finite = number.as_ref().ok().copied().filter(|number| number.is_finite());
             column.numbers.extend(finite.filter(|_| column.numbers.len() < KEPT_NUMBERS));
-            match (&mut column.values, number) {
-                (Some(values), Ok(value)) => values.push(value),
-                (values, Err(_)) => *values = None,
-                (None, Ok(_)) => {}
+            let Some(values) = &mut column.values else { continue };
+            match (number, values.last().copied()) {
+                (Ok(value), _) => values.push(value),
+                // a few bad cells leave the column one of numbers
+                (Err(_), Some(last)) => {
+                    values.push(last);
+                    column.bad += 1;
+                }
+                (Err(_), None) => column.values = None,
             }
         }
+    }
+    for column in columns.iter_mut().filter(|column| column.bad as f64 > MOST_BAD * rows as f64) {
+        column.values = None;
     }
     for column in columns.iter_mut().filter(|column| column.values.is_none()) {
         let (forms, times) = TimeForms::of(&column.cells);
         (column.time_forms, column.values) = (forms, times);
     }
+    // a reader counts the fields of the header, and reads it line by line
+    let is_used = |column: &HeadColumn| !column.first().is_empty() || !column.numbers.is_empty();
+    let used = columns.iter().rposition(is_used).map_or(0, |last| last + 1);
+    let is_short = names.as_ref().is_some_and(|names| names.len() < used);
+    let by_number = at.and_then(|at| match above.records[at].lines {
+        _ if is_short => Some("there are fewer names than columns"),
+        1 => None,
+        _ => Some("the names have line ends in them"),
+    });
+    // a note behind the last name leaves the names in their places; a number may be a column before the first
+    let header = names.is_some() && !(is_short && columns[used - 1].values.is_some());
+    if !header {
+        columns.iter_mut().enumerate().for_each(|(at, column)| column.name = (at + 1).to_string());
+    }
+    let first = at.filter(|_| by_number.is_none()).unwrap_or(above.records.len());
+    // Comments are skipped by themselves; other lines are counted from the start of the file.
+    let is_counted = above.is_dropped_counted || above.records.range(..first).any(Record::is_counted);
+    let is_skipped = is_counted || (by_number.is_some() && !above.records.is_empty());
+    let below = if first < above.records.len() { first + 1 } else { first };
     Some(Head {
         encoding,
         delimiter: format.delimiter,
         decimal: format.decimal,
-        header: names.is_some(),
-        commented_header: commented,
-        // Comments are skipped by themselves; other lines are counted from the start of the file.
-        skip_lines: if above.skipped > 0 { above.start } else { 0 },
-        skip_after_header: above.count.saturating_sub(1),
+        header,
+        by_number,
+        commented_header: commented && by_number.is_none(),
+        skip_lines: if is_skipped { above.dropped + above.lines(0..first) } else { 0 },
+        skip_after_header: above.lines(below..above.records.len()),
         columns,
         rows,
     })

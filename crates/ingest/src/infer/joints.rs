@@ -1,9 +1,8 @@
 //! Which columns of an export are the joints', and which is time.
 
 use super::head::{Head, HeadColumn};
-use super::names::{Group, Kind, Said};
-use super::proposal::Hints;
-use super::section::quoted;
+use super::names::{Kind, Said};
+use super::sets::{ORDER_QUESTION, Order, Set};
 use super::{names, units};
 use armwatch_model::robot::Robot;
 
@@ -18,14 +17,19 @@ pub(super) struct Found<'h> {
     /// `[n][rows]`
     pub(super) values: Vec<&'h [f64]>,
     pub(super) why: String,
+    /// Question that a person must answer.
+    pub(super) question: Option<String>,
 }
 
 /// The columns of all joints.
+#[derive(Debug, Default)]
 pub(super) struct Joints<'h> {
     pub(super) position: Option<Found<'h>>,
     pub(super) velocity: Option<Found<'h>>,
     pub(super) torque: Option<Found<'h>>,
     pub(super) count: usize,
+    /// Other columns of the joints, such as accelerations, with the name of their quantity.
+    pub(super) others: Vec<(usize, &'static str)>,
 }
 
 impl Joints<'_> {
@@ -39,113 +43,176 @@ pub(super) fn values(column: &HeadColumn) -> Option<&[f64]> {
     column.values.as_deref()
 }
 
-pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>) -> Joints<'h> {
-    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
-    let groups: Vec<(Group, Said)> = names::groups(&names)
-        .into_iter()
-        .filter(|group| group.columns.iter().all(|column| head.columns[*column].values.is_some()))
-        .map(|group| {
-            let under = head.columns[group.columns[0]].under.as_str();
-            let said = names::said(&group.template, under);
-            (group, said)
-        })
-        .collect();
-    let of = |kind: Kind| groups.iter().filter(move |(_, said)| said.kind == Some(kind));
-    // a log may have no positions: then the other columns tell how many joints there are
-    let most = |kind: Kind| of(kind).map(|(group, _)| group.columns.len()).max();
-    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
-    let count = robot.map_or_else(|| kinds.into_iter().find_map(most).unwrap_or(0), Robot::joint_count);
-    let best = |kind: Kind| {
-        let fitting = of(kind).filter(|(group, _)| group.columns.len() >= count.max(1));
-        fitting.min_by_key(|(group, said)| (said.is_target, said.is_motor, group.columns.len() != count))
-    };
-    let found = |(group, said): &(Group, Said)| Found {
-        columns: group.columns[..count].to_vec(),
-        key: columns_key(group, count, &names),
-        said: *said,
-        values: group.columns[..count].iter().filter_map(|column| values(&head.columns[*column])).collect(),
-        why: named(&group.template, said),
-    };
-    Joints {
-        position: best(Kind::Position).map(found),
-        velocity: best(Kind::Velocity).map(found),
-        torque: best(Kind::Torque).or_else(|| best(Kind::Current)).map(found),
-        count,
-    }
+/// A set that may hold a quantity, with the evidence for it.
+struct Candidate<'s, 'h> {
+    set: &'s Set,
+    said: Said,
+    values: Vec<&'h [f64]>,
+    /// Columns that hold one value throughout.
+    still: usize,
+    /// Positions whose derivative is recorded, or velocities that are the derivative of the positions.
+    follows: bool,
 }
 
-fn named(template: &str, said: &Said) -> String {
+/// The joints' columns by their names.
+pub(super) fn by_name<'h>(head: &'h Head, robot: Option<&Robot>, sets: &[Set]) -> Joints<'h> {
+    let numeric = |set: &&Set| set.columns.iter().all(|column| head.columns[*column].values.is_some());
+    let of = |kind: Kind| sets.iter().filter(numeric).filter(move |set| set.said.kind == Some(kind));
+    // a log may have no positions: then the other columns tell how many joints there are
+    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
+    let usual = |kind: Kind| {
+        let best = of(kind)
+            .max_by_key(|set| (set.said.intent.is_none(), set.order != Order::Place, set.columns.len()));
+        best.map(|set| set.columns.len())
+    };
+    let count = robot.map_or_else(|| kinds.into_iter().find_map(usual).unwrap_or(0), Robot::joint_count);
+    let candidates = |kinds: &[Kind]| -> Vec<Candidate<'_, 'h>> {
+        let all = kinds.iter().flat_map(|kind| of(*kind));
+        let fitting = all.filter(|set| set.columns.len() >= count.max(1));
+        fitting
+            .map(|set| {
+                let values: Vec<&[f64]> =
+                    set.columns[..count].iter().filter_map(|at| values(&head.columns[*at])).collect();
+                let still = values.iter().filter(|values| is_still(values)).count();
+                Candidate { set, said: set.said, values, still, follows: false }
+            })
+            .collect()
+    };
+    let mut positions = candidates(&[Kind::Position]);
+    let mut velocities = candidates(&[Kind::Velocity]);
+    let mut torques = candidates(&[Kind::Torque, Kind::Current]);
+    for position in &mut positions {
+        for velocity in &mut velocities {
+            if units::joint_slope(&position.values, &velocity.values, None).is_some() {
+                (position.follows, velocity.follows) = (true, true);
+            }
+        }
+    }
+    let position = chosen(head, count, "positions", &mut positions);
+    for velocity in &mut velocities {
+        velocity.follows = position
+            .as_ref()
+            .is_some_and(|position| units::joint_slope(&position.values, &velocity.values, None).is_some());
+    }
+    let velocity = chosen(head, count, "velocities", &mut velocities);
+    let mut others = Vec::new();
+    if let Some(velocity) = &velocity {
+        torques.retain(|torque| {
+            let is_acceleration = is_derivative_of_all(&velocity.values, &torque.values);
+            if is_acceleration {
+                others.extend(torque.set.columns.iter().map(|at| (*at, ACCELERATION)));
+            }
+            !is_acceleration
+        });
+    }
+    let torque = chosen(head, count, "torques", &mut torques);
+    Joints { position, velocity, torque, count, others }
+}
+
+/// The most likely candidate, with a question where another may be meant or none was measured.
+fn chosen<'h>(
+    head: &'h Head,
+    count: usize,
+    what: &str,
+    candidates: &mut [Candidate<'_, 'h>],
+) -> Option<Found<'h>> {
+    candidates.sort_by_key(|of| {
+        (
+            of.said.intent.is_some(),
+            of.still,
+            of.said.kind == Some(Kind::Current),
+            !of.said.is_measured,
+            !of.follows,
+            of.said.is_motor,
+            of.set.columns.len() != count,
+            of.set.order == Order::Place,
+        )
+    });
+    let (best, others) = candidates.split_first()?;
+    let mut doubts = Vec::new();
+    if let Some(word) = best.said.intent {
+        doubts.push(format!(
+            "the name says {word:?}, and no other column was measured by its name. A value that the controller wants or \
+             calculates shows no wear. Are these the measured {what}?"
+        ));
+    }
+    // next to a measured channel that moves, a channel of intent is no second candidate
+    let rivals = others
+        .iter()
+        .filter(|of| best.said.intent.is_some() || of.said.intent.is_none() || best.still > of.still);
+    let shown: Vec<String> = rivals.map(|of| of.set.shown(head)).collect();
+    if !shown.is_empty() {
+        let still = match others.iter().map(|of| of.still).max() {
+            Some(most) if most > best.still => ", the set in which more columns move",
+            _ => "",
+        };
+        doubts.push(format!(
+            "{} sets may hold the {what}: {}{still}, and {}. Which one was measured at the joints of this arm?",
+            shown.len() + 1,
+            best.set.shown(head),
+            shown.join(", ")
+        ));
+    } else if best.still > 0 && best.still < best.values.len() && what == "positions" {
+        doubts.push(format!(
+            "{} of these columns hold one value throughout. Are they the arm's positions?",
+            best.still
+        ));
+    }
+    if best.set.order == Order::Place {
+        doubts.push(ORDER_QUESTION.into());
+    }
+    if best.set.columns.len() > count {
+        let more = best.set.columns.len();
+        doubts.push(format!(
+            "there are {more} columns of this name for {count} joints. Are the first ones the arm's?"
+        ));
+    }
+    Some(Found {
+        columns: best.set.columns[..count].to_vec(),
+        key: best.set.key(head, count),
+        said: best.said,
+        values: best.values.clone(),
+        why: named(best.set, &best.said),
+        question: (!doubts.is_empty()).then(|| doubts.join(". ").replace("?. ", "? ")),
+    })
+}
+
+/// Quantity of columns that are the derivative of the velocities, whatever their name.
+pub(super) const ACCELERATION: &str = "an acceleration, the derivative of the velocities";
+
+/// True of a column that holds one value throughout.
+pub(super) fn is_still(values: &[f64]) -> bool {
+    values.windows(2).all(|pair| pair[0] == pair[1])
+}
+
+/// True of columns that are the derivative of others, by one factor in most that move. Torques may follow
+/// accelerations too, but each joint by its own inertia.
+pub(super) fn is_derivative_of_all(columns: &[&[f64]], derivatives: &[&[f64]]) -> bool {
+    let moving = columns.iter().filter(|values| !is_still(values)).count();
+    let slopes =
+        columns.iter().zip(derivatives).filter_map(|(values, other)| units::slope(values, other, None));
+    let mut ratios: Vec<f64> = slopes.map(|slope| slope.ratio.abs()).collect();
+    ratios.sort_by(f64::total_cmp);
+    let Some(median) = ratios.get(ratios.len() / 2).copied() else { return false };
+    let alike = ratios.iter().filter(|ratio| (*ratio / median - 1.0).abs() <= ONE_FACTOR).count();
+    2 * alike > moving && alike > 1
+}
+
+/// Largest relative difference between the factors of joints that count as one.
+const ONE_FACTOR: f64 = 0.05;
+
+fn named(set: &Set, said: &Said) -> String {
     let side = if said.is_motor { ", and that they are the motors'" } else { "" };
     let unit = said.unit.map_or_else(String::new, |unit| format!(", and gives the unit {unit}"));
-    format!("the name {:?} says so{side}{unit}", template.replace("{joint}", "1"))
-}
-
-/// One name with a place for the number where that gives the columns, else a list.
-pub(super) fn columns_key(group: &Group, count: usize, names: &[&str]) -> (&'static str, String) {
-    let columns = &group.columns[..count];
-    let simple = columns.iter().all(|column| is_plain_name(names, *column));
-    if group.first > 0 && group.columns.len() == count && simple {
-        let place = match group.first {
-            1 => "{joint}".to_owned(),
-            first => format!("{{joint+{}}}", first - 1),
-        };
-        return ("column", quoted(&group.template.replace("{joint}", &place)));
-    }
-    let list: Vec<String> = columns.iter().map(|column| reference(names, *column)).collect();
-    ("columns", format!("[{}]", list.join(", ")))
-}
-
-/// A column by its name, or by its number where the name does not tell it from others.
-pub(super) fn reference(names: &[&str], column: usize) -> String {
-    match is_plain_name(names, column) {
-        true => quoted(names[column]),
-        false => (column + 1).to_string(),
-    }
-}
-
-fn is_plain_name(names: &[&str], column: usize) -> bool {
-    let name = names[column];
-    !name.trim().is_empty() && !name.contains("{joint") && names.iter().filter(|n| **n == name).count() == 1
-}
-
-/// Without names, blocks of as many columns as the arm has joints: positions, then velocities if they are the
-/// derivative, then torques; one or two columns may stand before them.
-pub(super) fn by_place<'h>(head: &'h Head, hints: Hints<'_>) -> Joints<'h> {
-    let none = Joints { position: None, velocity: None, torque: None, count: 0 };
-    let Some(n) = hints.robot.map(Robot::joint_count) else { return none };
-    let block = |start: usize| -> Option<Vec<&'h [f64]>> {
-        head.columns.get(start..start + n)?.iter().map(values).collect()
+    let name = match set.order {
+        Order::Names => "of each joint in the description".to_owned(),
+        _ => format!("{:?}", set.template.replace("{joint}", "1")),
     };
-    let found = |start: usize, why: &str| -> Option<Found<'h>> {
-        let numbers: Vec<String> = (start + 1..=start + n).map(|number| number.to_string()).collect();
-        Some(Found {
-            columns: (start..start + n).collect(),
-            key: ("columns", format!("[{}]", numbers.join(", "))),
-            said: Said::default(),
-            values: block(start)?,
-            why: why.to_owned(),
-        })
-    };
-    let first =
-        (0..3.min(head.columns.len())).find(|at| !rises(head.columns[*at].values.as_deref())).unwrap_or(0);
-    let derivative = block(first)
-        .zip(block(first + n))
-        .is_some_and(|(position, velocity)| units::joint_slope(&position, &velocity, None).is_some());
-    let order = "no names: by their place, positions first, then velocities, then torques";
-    Joints {
-        position: found(first, order),
-        velocity: if derivative {
-            found(first + n, "they are the derivative of the positions")
-        } else {
-            None
-        },
-        torque: found(first + if derivative { 2 * n } else { n }, order),
-        count: n,
-    }
+    format!("the name {name} says so{side}{unit}")
 }
 
 /// Whether a column rises from row to row.
-fn rises(values: Option<&[f64]>) -> bool {
+pub(super) fn rises(values: Option<&[f64]>) -> bool {
     values.is_some_and(|values| values.len() > 1 && values.windows(2).all(|pair| pair[0] < pair[1]))
 }
 
@@ -155,18 +222,56 @@ fn nearly_rises(values: &[f64]) -> bool {
     values.len() > 1 && falls * 1000 <= values.len()
 }
 
-pub(super) fn time_column<'h>(head: &'h Head, joints: &Joints<'_>) -> Option<(usize, &'h [f64])> {
-    let free = head.columns.iter().enumerate().filter(|(at, _)| !joints.has(*at));
-    let candidates: Vec<(usize, &HeadColumn, &[f64])> =
-        free.filter_map(|(at, column)| Some((at, column, values(column)?))).collect();
-    let is_time = |column: &HeadColumn| names::said(&column.name, &column.under).kind == Some(Kind::Time);
-    let by_name = candidates.iter().find(|(_, column, values)| is_time(column) && nearly_rises(values));
-    let by_numbers = || candidates.iter().find(|(.., values)| rises(Some(values)));
-    by_name.or_else(by_numbers).map(|(at, _, values)| (*at, *values))
+/// The column of time, and what stands beside it.
+pub(super) struct Time<'h> {
+    pub(super) column: Option<(usize, &'h [f64])>,
+    /// Columns that are called a time and cannot be read as one.
+    pub(super) unreadable: Vec<usize>,
+    /// Further columns of time, each with its largest distance from the first, in its unit.
+    pub(super) others: Vec<(usize, f64)>,
 }
 
-/// A column as a layout names it.
-pub(super) fn column_name(head: &Head, at: usize) -> String {
-    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
-    if head.header { reference(&names, at) } else { (at + 1).to_string() }
+impl Time<'_> {
+    /// All columns that are or may be a time.
+    pub(super) fn columns(&self) -> impl Iterator<Item = usize> {
+        let column = self.column.map(|(at, _)| at);
+        let others = self.others.iter().map(|(at, _)| *at);
+        column.into_iter().chain(self.unreadable.iter().copied()).chain(others)
+    }
+}
+
+pub(super) fn time<'h>(head: &'h Head, joints: &Joints<'_>) -> Time<'h> {
+    let free = || head.columns.iter().enumerate().filter(|(at, _)| !joints.has(*at));
+    let candidates: Vec<(usize, &HeadColumn, &[f64])> =
+        free().filter_map(|(at, column)| Some((at, column, values(column)?))).collect();
+    let is_time = |column: &HeadColumn| {
+        head.header && names::said(&column.name, &column.under).kind == Some(Kind::Time)
+    };
+    let by_name = candidates.iter().find(|(_, column, values)| is_time(column) && nearly_rises(values));
+    let by_numbers = || candidates.iter().find(|(.., values)| rises(Some(values)));
+    let column = by_name.or_else(by_numbers).map(|(at, _, values)| (*at, *values));
+    let unreadable = match by_name {
+        Some(_) => Vec::new(),
+        None => free()
+            .filter(|(at, of)| is_time(of) && column.is_none_or(|(time, _)| time != *at))
+            .map(|(at, _)| at)
+            .collect(),
+    };
+    let others = column.map_or_else(Vec::new, |time| other_times(&candidates, time));
+    Time { column, unreadable, others }
+}
+
+/// Columns that rise beside the time, in steps of the same size.
+fn other_times(candidates: &[(usize, &HeadColumn, &[f64])], time: (usize, &[f64])) -> Vec<(usize, f64)> {
+    let step = units::median_step(time.1).unwrap_or(0.0);
+    let is_like = |values: &[f64]| {
+        let own = units::median_step(values).unwrap_or(0.0);
+        nearly_rises(values) && (own - step).abs() <= 0.01 * step.abs()
+    };
+    let distance = |values: &[f64]| {
+        let apart = values.iter().zip(time.1).map(|(a, b)| a - b);
+        apart.fold(0.0_f64, |most, apart| if apart.abs() > most.abs() { apart } else { most })
+    };
+    let others = candidates.iter().filter(|(at, _, values)| *at != time.0 && is_like(values));
+    others.map(|(at, _, values)| (*at, distance(values))).collect()
 }

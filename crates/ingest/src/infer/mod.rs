@@ -1,14 +1,19 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
-//! `head` finds how the text is written, `names` what the names of columns say, `units` and `stages` what their
-//! numbers say; `joints` finds the columns of the joints, `motion_units` their units, `torque_size` whether torques
-//! are as large as the arm's, `motion_sections` writes of them; `decide` puts it together, and `write` makes a layout file of it. Nothing is guessed in silence:
-//! each choice has its reason as a comment, and what cannot be decided is a commented line with a question.
+//! `head` finds how the text is written, `names` and `words` what the names of columns say, `units` and `stages` what
+//! their numbers say. `sets` puts columns of one quantity together, `joints` chooses those of the joints by their names
+//! and `blocks` by their motion. `motion_units` finds units, `torque_size` compares torques with the arm's, and
+//! `motion_sections` and `stage_sections` write of them. `decide` puts it together, and `write` makes a layout file of
+//! it. Nothing is guessed in silence: each choice has its reason as a comment, and what cannot be decided, or has a
+//! second candidate, is a commented line with a question.
 
+mod blocks;
 mod decide;
 mod head;
 pub mod proposal;
 mod section;
+mod sets;
+mod stage_sections;
 mod joints;
 mod motion_sections;
 mod motion_units;
@@ -18,8 +23,13 @@ mod temperatures;
 mod time_form;
 mod torque_size;
 mod units;
+mod words;
 mod write;
 
+#[cfg(test)]
+mod choice_tests;
+#[cfg(test)]
+mod form_tests;
 #[cfg(test)]
 mod tests;
 
@@ -29,8 +39,9 @@ mod time_tests;
 use std::io::Read;
 use std::path::Path;
 
-use super::rejection::Rejection;
-use crate::infer::proposal::{Hints, Proposed};
+use self::proposal::{Hints, Proposed};
+pub use self::write::comments;
+use crate::rejection::Rejection;
 
 /// Proposes a layout called `name` from the first rows of an export.
 ///
@@ -38,6 +49,6 @@ use crate::infer::proposal::{Hints, Proposed};
 /// A rejection of a file that cannot be read or holds no table of numbers.
 pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
     let head = head::read(reader, path)?;
-    let proposal = decide::propose(&head, hints);
-    Ok(write::layout(name, path, &head, &proposal))
+    let (sections, joints) = decide::propose(&head, hints);
+    Ok(write::layout(name, path, &head, &sections, joints))
 }

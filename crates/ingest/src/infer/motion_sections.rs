@@ -1,8 +1,7 @@
 //! The sections of a layout on time, positions, velocities and torques, with reasons.
 
 use super::head::Head;
-use super::head::HeadColumn;
-use super::joints::{Found, Joints, column_name};
+use super::joints::{Found, Joints, Time};
 use super::motion_units::{Slopes, Units};
 use super::names::Kind;
 use super::proposal::Hints;
@@ -10,10 +9,7 @@ use super::section::{Section, TomlKey, quoted};
 use super::time_form::lost_digits;
 use super::torque_size::Size;
 use super::units::Slope;
-use super::{names, torque_size, units};
-
-/// Sample rates that are believed, Hz: what a layout takes.
-const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 0.1..=1e6;
+use super::{torque_size, units};
 
 /// Currents from here on are not in A: the motors of the largest arms take some 100 A.
 const LEAST_MILLIAMPERES: f64 = 300.0;
@@ -29,26 +25,33 @@ fn rounded(value: f64) -> f64 {
 
 pub(super) fn time_section(
     head: &Head,
-    time: Option<(usize, &[f64])>,
+    time: &Time<'_>,
     units: &Units,
     slope: Option<Slope>,
     hints: Hints<'_>,
 ) -> Section {
     let mut section = Section { title: Some("time"), ..Section::default() };
-    let Some((at, values)) = time else {
-        let lost = head
-            .columns
-            .iter()
-            .filter(|column| is_time(column))
-            .find_map(|column| lost_digits(&column.cells));
-        section.keys.push(match lost {
-            Some(question) => TomlKey::decided("sample_rate_hz", "250.0").asked(&question),
-            None => sample_rate(slope, hints),
-        });
+    let unreadable = time.unreadable.first().map(|at| unreadable_time(head, *at));
+    let Some((at, values)) = time.column else {
+        match (unreadable, time.unreadable.first()) {
+            (Some(question), Some(at)) => {
+                section.keys.push(TomlKey::decided("column", head.reference(*at)).open(&question));
+                section.keys.push(TomlKey::decided("unit", quoted("timestamp")).open("in which unit?"));
+            }
+            _ => section.keys.push(sample_rate(units, slope, hints)),
+        }
         return section;
     };
     let column = &head.columns[at];
-    section.keys.push(TomlKey::decided("column", column_name(head, at)).because("it rises from row to row"));
+    let question = unreadable.or_else(|| other_times(head, time));
+    section.keys.push(
+        TomlKey::decided("column", head.reference(at))
+            .because("it rises from row to row")
+            .asked_if(question.as_ref()),
+    );
+    if let (None, false) = (&question, time.others.is_empty()) {
+        section.comments.push(format!("The same time is in {}.", listed_times(head, time)));
+    }
     if let Some(form) = column.time_forms.key() {
         section.keys.push(form);
         return section;
@@ -84,9 +87,20 @@ pub(super) fn time_section(
             );
             section.keys.push(TomlKey::decided("unit", quoted(choice.time.0)).because(&reason));
         }
+        (None, None, Some(slope)) => {
+            let question = format!(
+                "rows are {} apart, and no unit of time goes with the velocities: as rad/s over rad, or deg/s over deg, a \
+                 count would be {} s. In which unit is it?",
+                rounded(step),
+                rounded(slope.ratio.abs().recip())
+            );
+            section.keys.push(TomlKey::decided("unit", quoted("ms")).open(&question));
+        }
         _ => {
-            let question =
-                format!("rows are {step} apart: in which unit? s, ms, us, ns, or ticks with tick_s");
+            let question = format!(
+                "rows are {} apart: in which unit? s, ms, us, ns, or ticks with tick_s",
+                rounded(step)
+            );
             section.keys.push(TomlKey::decided("unit", quoted("ms")).asked(&question));
         }
     }
@@ -94,27 +108,88 @@ pub(super) fn time_section(
     section
 }
 
-fn is_time(column: &HeadColumn) -> bool {
-    names::said(&column.name, &column.under).kind == Some(Kind::Time)
+/// Question about a column that is called a time and cannot be read as one.
+fn unreadable_time(head: &Head, at: usize) -> String {
+    let column = &head.columns[at];
+    let name = head.reference(at);
+    if let Some(question) = lost_digits(&column.cells) {
+        return question;
+    }
+    let Some(values) = &column.values else {
+        return format!(
+            "column {name} is called a time, and its cells are neither numbers nor dates in a known form; the first is \
+             {:?}. Which form is it? Without a time, missing rows cannot be seen",
+            column.first()
+        );
+    };
+    let stands = values.windows(2).filter(|pair| pair[0] == pair[1]).count();
+    let fall = values.windows(2).enumerate().find(|(_, pair)| pair[0] > pair[1]);
+    let fall = fall.map_or_else(String::new, |(row, pair)| {
+        format!(" and falls from {} to {} after row {}", rounded(pair[0]), rounded(pair[1]), row + 1)
+    });
+    format!(
+        "column {name} is called a time, stands still in {stands} of {} rows{fall}. How is it to be read? Without a time, \
+         missing rows cannot be seen",
+        values.len()
+    )
 }
 
-fn sample_rate(slope: Option<Slope>, hints: Hints<'_>) -> TomlKey {
-    match (hints.sample_rate, slope) {
-        (Some(rate), _) => TomlKey::decided("sample_rate_hz", format!("{rate:?}")).because("as it was given"),
-        (None, Some(slope)) if SAMPLE_RATES.contains(&slope.ratio.abs()) => {
-            let rate = rounded(slope.ratio.abs());
+/// Question about channels that have times of their own.
+fn other_times(head: &Head, time: &Time<'_>) -> Option<String> {
+    let apart = |(_, distance): &&(usize, f64)| *distance != 0.0;
+    let most = time.others.iter().filter(apart).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+    Some(format!(
+        "other columns hold a time too: {}. That of column {} differs by {} in the column's unit. Is this time that of the \
+         positions? Channels that were recorded later have delay_s",
+        listed_times(head, time),
+        head.reference(most.0),
+        rounded(most.1)
+    ))
+}
+
+fn listed_times(head: &Head, time: &Time<'_>) -> String {
+    let group = |shifted: bool| -> Vec<String> {
+        let of = time.others.iter().filter(|(_, distance)| (*distance != 0.0) == shifted);
+        of.map(|(at, distance)| match shifted {
+            true => format!("{} ({} later)", head.reference(*at), rounded(*distance)),
+            false => head.reference(*at),
+        })
+        .collect()
+    };
+    [group(false), group(true)].concat().join(", ")
+}
+
+fn sample_rate(units: &Units, slope: Option<Slope>, hints: Hints<'_>) -> TomlKey {
+    let key = |rate: f64| TomlKey::decided("sample_rate_hz", format!("{rate:?}"));
+    let fits = units.rates.first().map(|rate| rounded(*rate));
+    match (hints.sample_rate, fits, slope) {
+        (Some(given), Some(fits), Some(_)) if units.is_rate_refuted => key(fits).asked(&format!(
+            "{given:?} Hz were given, and the velocities are the change of position from row to row at {fits:?} Hz. Which is \
+             right?"
+        )),
+        (Some(given), ..) => key(given).because("as it was given"),
+        (None, Some(fits), Some(_)) => {
             let reason =
                 "no column rises; velocities are the change of position from row to row at this rate";
-            TomlKey::decided("sample_rate_hz", format!("{rate:?}")).because(reason)
+            match units.rates.as_slice() {
+                [_] => key(fits).because(reason),
+                [_, others @ ..] => {
+                    let others: Vec<String> = others.iter().map(|rate| format!("{:?}", rounded(*rate))).collect();
+                    key(fits).because(reason).asked(&format!(
+                        "other units would go with {} Hz. How many rows are there a second?",
+                        others.join(" or ")
+                    ))
+                }
+                [] => key(fits),
+            }
         }
-        (None, _) => TomlKey::decided("sample_rate_hz", "250.0")
-            .asked("no column rises from row to row: how many rows are there a second?"),
+        _ => key(250.0).open("no column rises from row to row: how many rows are there a second?"),
     }
 }
 
 /// Where the counter of a time that falls begins anew.
 fn wrap(values: &[f64]) -> Option<TomlKey> {
-    let (before, after) = values.windows(2).map(|pair| (pair[0], pair[1])).find(|(a, b)| a >= b)?;
+    let (before, after) = values.windows(2).map(|pair| (pair[0], pair[1])).find(|(a, b)| a > b)?;
     let periods = [1_u64 << 16, 1 << 31, 1 << 32];
     let period = periods.into_iter().find(|period| before < *period as f64 && before > 0.9 * *period as f64);
     let reason = format!("it falls from {before} to {after}");
@@ -127,9 +202,10 @@ fn wrap(values: &[f64]) -> Option<TomlKey> {
 
 fn joint_question(title: &'static str, count: usize) -> Section {
     let names = if count == 0 { "no name of a column says so" } else { "no name of as many columns says so" };
-    let question =
-        format!("which columns hold the {title}s? {names}; --robot helps where columns have no names");
-    let key = TomlKey::decided("columns", "[2, 3, 4, 5, 6, 7]").asked(&question);
+    let question = format!(
+        "which columns hold the {title}s? {names}; --description or --robot helps where columns have no names"
+    );
+    let key = TomlKey::decided("columns", "[..]").open(&question);
     Section { title: Some(title), comments: Vec::new(), keys: vec![key] }
 }
 
@@ -141,7 +217,11 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
             .push("A log without positions, of currents and temperatures, has recorded = false here.".into());
         return section;
     };
-    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    let mut keys = vec![
+        TomlKey::decided(found.key.0, found.key.1.clone())
+            .because(&found.why)
+            .asked_if(found.question.as_ref()),
+    ];
     keys.push(match (units.known.position, units.choice()) {
         (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
         (None, Some(choice)) => TomlKey::decided("unit", quoted(choice.position.0))
@@ -163,7 +243,11 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
 
 pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slopes) -> Option<Section> {
     let found = joints.velocity.as_ref()?;
-    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why)];
+    let mut keys = vec![
+        TomlKey::decided(found.key.0, found.key.1.clone())
+            .because(&found.why)
+            .asked_if(found.question.as_ref()),
+    ];
     keys.push(match (units.known.velocity, units.choice()) {
         (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
         (None, Some(choice)) => {
@@ -190,7 +274,12 @@ pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
     let unit = torque_unit(found, size_of(found, joints, units, hints), hints);
     let needs_gain = !unit.value.contains('N');
-    let mut keys = vec![TomlKey::decided(found.key.0, found.key.1.clone()).because(&found.why), unit];
+    let mut keys = vec![
+        TomlKey::decided(found.key.0, found.key.1.clone())
+            .because(&found.why)
+            .asked_if(found.question.as_ref()),
+        unit,
+    ];
     if needs_gain {
         keys[1]
             .reasons

@@ -2,6 +2,7 @@
 
 use super::head::Head;
 use super::joints::{Found, Joints};
+use super::proposal::Hints;
 use super::units::{Choice, Figures, Known, Slope};
 use super::{names, units};
 use armwatch_model::robot::Robot;
@@ -30,6 +31,10 @@ pub(super) struct Units {
     pub(super) figures: Figures,
     /// Positions are beyond the arm's limits in any unit.
     pub(super) beyond_limits: bool,
+    /// Rows per second that go with the velocities, where no column is a time, Hz, the likeliest first.
+    pub(super) rates: Vec<f64>,
+    /// The rate that was given goes with no units.
+    pub(super) is_rate_refuted: bool,
 }
 
 pub(super) fn decide_units(
@@ -37,8 +42,9 @@ pub(super) fn decide_units(
     joints: &Joints<'_>,
     time: Option<(usize, &[f64])>,
     slopes: &Slopes,
-    robot: Option<&Robot>,
+    hints: Hints<'_>,
 ) -> Units {
+    let robot = hints.robot;
     let unit = |found: &Option<Found<'_>>, allowed: &[units::Unit]| {
         let said = found.as_ref()?.said.unit?;
         allowed.iter().find(|(name, _)| *name == said).map(|(name, _)| *name)
@@ -69,15 +75,30 @@ pub(super) fn decide_units(
         slope: slopes.overall,
         limit: robot.map(limit),
         is_motor: joints.position.as_ref().is_some_and(|found| found.said.is_motor),
+        rate: hints.sample_rate.filter(|_| time.is_none()),
+        is_counting: time.is_some_and(|(_, values)| values.iter().all(|value| value.fract() == 0.0)),
     };
-    let choices = units::choices(known, figures);
-    if choices.is_empty() && !figures.is_motor && robot.is_some() {
+    let mut choices = units::choices(known, figures);
+    let mut beyond_limits = false;
+    let is_far = figures.limit.is_some_and(|limit| units::is_beyond(figures.position, limit));
+    if choices.is_empty() && !figures.is_motor && known.position.is_none() && is_far {
         figures.is_motor = true;
-        let choices = units::choices(known, figures);
-        let beyond_limits = !choices.is_empty();
-        return Units { choices, known, figures, beyond_limits };
+        choices = units::choices(known, figures);
+        beyond_limits = !choices.is_empty();
+        figures.is_motor = beyond_limits;
     }
-    Units { choices, known, figures, beyond_limits: false }
+    let mut is_rate_refuted = false;
+    if choices.is_empty() && figures.rate.take().is_some() {
+        choices = units::choices(known, figures);
+        is_rate_refuted = !choices.is_empty() && figures.slope.is_some();
+    }
+    let mut rates: Vec<f64> = Vec::new();
+    for rate in choices.iter().filter_map(|choice| choice.rate(figures.slope.filter(|_| time.is_none())?)) {
+        if !rates.iter().any(|known| (rate / known - 1.0).abs() <= units::RATE_TOLERANCE) {
+            rates.push(rate);
+        }
+    }
+    Units { choices, known, figures, beyond_limits, rates, is_rate_refuted }
 }
 
 impl Units {

@@ -1,4 +1,6 @@
-//! What the name of a column says: which joint, which quantity, which unit.
+//! What the name of a column says: which joint, which quantity, which unit, and whether it was measured.
+
+use super::words::{ELECTRONICS, HALL, INTENT, KINDS, MEASURED, MOTOR, TEMPERATURES, UNITS};
 
 /// What a column, or the columns of all joints, may hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,245 +19,16 @@ pub(super) enum Kind {
     Other(&'static str),
 }
 
-/// Words of people and vendors for what a column holds, in lower case: English, German, French, Italian,
-/// Spanish, Chinese. The first group with a word in a name decides, so words with a narrower meaning stand
-/// first.
-const WORDS: &[(Kind, &[&str])] = &[
-    (
-        Kind::Other("an acceleration, which is derived from velocity"),
-        &[
-            "acc",
-            "accel",
-            "acceleration",
-            "qdd",
-            "ddq",
-            "beschleunigung",
-            "accélération",
-            "accelerazione",
-            "aceleración",
-            "加速度",
-        ],
-    ),
-    (
-        Kind::Temperature,
-        &["temp", "tmp", "temperature", "temperatur", "température", "temperatura", "温度", "室温", "温升"],
-    ),
-    (
-        Kind::Torque,
-        &[
-            "trq",
-            "torque",
-            "tau",
-            "drehmoment",
-            "moment",
-            "couple",
-            "coppia",
-            "par",
-            "momento",
-            "effort",
-            "mtrq",
-            "tq",
-            "torq",
-            "力矩",
-            "扭矩",
-            "转矩",
-        ],
-    ),
-    (
-        Kind::Current,
-        &["current", "strom", "cur", "curr", "courant", "corrente", "corriente", "amps", "iq", "电流"],
-    ),
-    (
-        Kind::Velocity,
-        &[
-            "vel",
-            "velocity",
-            "speed",
-            "qd",
-            "dq",
-            "qdot",
-            "geschwindigkeit",
-            "geschw",
-            "drehzahl",
-            "vitesse",
-            "velocità",
-            "velocita",
-            "velocidad",
-            "omega",
-            "mvel",
-            "spd",
-            "速度",
-            "转速",
-        ],
-    ),
-    (Kind::Stage, &["stage", "phase", "etappe", "étape", "etape", "fase", "etapa", "abschnitt", "阶段"]),
-    (
-        Kind::Cycle,
-        &["cycle", "cycles", "zyklus", "zyklen", "ciclo", "wiederholung", "iteration", "循环", "周期"],
-    ),
-    (Kind::FrictionLevel, &["level", "stufe", "niveau", "livello", "nivel", "等级", "级别"]),
-    (
-        Kind::Position,
-        &[
-            "pos",
-            "position",
-            "posn",
-            "q",
-            "angle",
-            "winkel",
-            "angolo",
-            "ángulo",
-            "angulo",
-            "posizione",
-            "posición",
-            "posicion",
-            "lage",
-            "lageist",
-            "theta",
-            "mpos",
-            "istwert",
-            "ist",
-            "位置",
-            "角度",
-            "关节角",
-        ],
-    ),
-    (
-        Kind::Time,
-        &[
-            "time",
-            "t",
-            "zeit",
-            "timestamp",
-            "temps",
-            "tempo",
-            "tiempo",
-            "zeitstempel",
-            "ts",
-            "clock",
-            "ticks",
-            "tick",
-            "uhrzeit",
-            "datum",
-            "date",
-            "时间",
-            "时间戳",
-        ],
-    ),
-    (
-        Kind::FrictionJoint,
-        &["joint", "axis", "achse", "gelenk", "axe", "asse", "eje", "articulation", "关节", "轴"],
-    ),
-];
-
-/// Words for what was wanted and not what was measured.
-const TARGETS: &[&str] = &[
-    "soll",
-    "sollwert",
-    "target",
-    "cmd",
-    "command",
-    "commanded",
-    "desired",
-    "ref",
-    "reference",
-    "setpoint",
-    "consigne",
-    "des",
-    "目标",
-    "指令",
-    "error",
-    "err",
-    "fehler",
-    "abweichung",
-];
-
-/// Words for the side before the gears.
-const MOTOR: &[&str] = &["motor", "mot", "mpos", "mtrq", "mvel", "moteur", "motore", "电机"];
-
-/// Parts of words for a temperature, for languages that write words together.
-const TEMPERATURES: &[&str] = &["temperatur", "températur"];
-
-/// Words for the air around the robot.
-const HALL: &[&str] = &[
-    "ambient",
-    "amb",
-    "room",
-    "hall",
-    "environment",
-    "umgebung",
-    "umgebungstemperatur",
-    "raum",
-    "raumtemperatur",
-    "halle",
-    "hallentemperatur",
-    "ambiante",
-    "salle",
-    "ambiente",
-    "sala",
-    "nave",
-    "环境",
-    "室温",
-    "室内",
-];
-
-/// Words for what has a temperature and is neither a motor nor a gearbox.
-const ELECTRONICS: &[&str] = &[
-    "drive",
-    "inverter",
-    "amplifier",
-    "controller",
-    "cabinet",
-    "cpu",
-    "board",
-    "encoder",
-    "umrichter",
-    "regler",
-    "verstärker",
-    "schaltschrank",
-    "variateur",
-    "armoire",
-    "驱动器",
-    "控制柜",
-];
-
-/// Units of columns in many spellings, and as layouts name them.
-const UNITS: &[(&str, &[&str])] = &[
-    ("rad/s", &["rad/s", "rads", "rad/sec", "rad_s"]),
-    ("deg/s", &["deg/s", "°/s", "grad/s", "deg/sec", "deg_s", "度/秒"]),
-    ("rpm", &["rpm", "u/min", "1/min", "min-1", "tr/min", "giri/min", "rev/min", "r/min", "转/分"]),
-    ("rev/s", &["rev/s", "u/s"]),
-    ("m/s", &["m/s"]),
-    ("rad", &["rad"]),
-    ("deg", &["deg", "°", "grad", "degree", "degrees", "gradi", "grados", "degrés", "度"]),
-    ("rev", &["rev", "turns", "umdr", "u"]),
-    ("Nm", &["nm", "n.m", "n·m", "n*m", "n m", "newtonmeter"]),
-    ("N", &["n"]),
-    ("mA", &["ma"]),
-    ("A", &["a", "amp", "ampere", "arms"]),
-    ("%", &["%", "percent", "prozent", "pct"]),
-    ("permille", &["permille", "‰", "promille"]),
-    ("min", &["min", "minutes", "minuten", "minuti"]),
-    ("h", &["h", "hours", "stunden", "ore"]),
-    ("d", &["d", "days", "tage", "giorni"]),
-    ("us", &["us", "µs", "μs"]),
-    ("ns", &["ns"]),
-    ("ms", &["ms", "msec", "毫秒"]),
-    ("s", &["s", "sec", "sek", "seconds", "sekunden", "秒"]),
-    ("m", &["m"]),
-    ("degC", &["°c", "degc", "deg c", "celsius", "grad c", "℃", "c", "摄氏度"]),
-    ("degF", &["°f", "degf", "deg f", "fahrenheit", "℉", "f"]),
-    ("K", &["k", "kelvin"]),
-];
-
 /// What a name says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Said {
     pub(super) kind: Option<Kind>,
     /// Unit, as layouts name it.
     pub(super) unit: Option<&'static str>,
-    /// The value is a target.
-    pub(super) is_target: bool,
+    /// The word for a value that no sensor measured.
+    pub(super) intent: Option<&'static str>,
+    /// A word for a measured value.
+    pub(super) is_measured: bool,
     /// Before the gears.
     pub(super) is_motor: bool,
     /// Of the air around the robot.
@@ -268,26 +41,29 @@ pub(super) struct Said {
 pub(super) fn said(name: &str, under: &str) -> Said {
     let text = name.replace("{joint}", " 1 ");
     let words = words(&text);
-    let has =
-        |list: &[&str]| words.iter().any(|word| list.contains(&word.as_str()) || is_chinese(word, list));
+    let has = |list: &'static str| words.iter().find_map(|word| listed(list, word));
     let unit = unit_of(under.trim_matches(['[', ']', '(', ')', ' '])).or_else(|| unit_in(&text));
     let compound = words.iter().any(|word| TEMPERATURES.iter().any(|part| word.contains(part)));
     let by_words = match compound {
         true => Some(Kind::Temperature),
-        false => WORDS.iter().find(|(_, list)| has(list)).map(|(kind, _)| *kind),
+        false => KINDS.iter().find(|(_, list)| has(list).is_some()).map(|(kind, _)| *kind),
     };
     let kind = match (by_words, unit) {
         // A word for the joint alone says less than a unit.
         (None | Some(Kind::FrictionJoint | Kind::Position), Some(unit)) => kind_of_unit(unit).or(by_words),
         _ => by_words,
     };
+    // `q_d` is a desired position; after `pos_a`, `pos_d` would be a joint called d
+    let desired =
+        || (name.contains("{joint}") && words.iter().skip(1).any(|word| word == "d")).then_some("d");
     Said {
         kind,
         unit,
-        is_target: has(TARGETS),
-        is_motor: has(MOTOR) || (compound && words.iter().any(|word| word.starts_with("motor"))),
-        is_hall: has(HALL),
-        is_electronics: has(ELECTRONICS),
+        intent: has(INTENT).or_else(desired),
+        is_measured: has(MEASURED).is_some(),
+        is_motor: has(MOTOR).is_some() || (compound && words.iter().any(|word| word.starts_with("motor"))),
+        is_hall: has(HALL).is_some(),
+        is_electronics: has(ELECTRONICS).is_some(),
     }
 }
 
@@ -325,31 +101,95 @@ fn unit_in(name: &str) -> Option<&'static str> {
     places.into_iter().find_map(ending)
 }
 
-/// Words of a name in lower case: cut at what is no letter, and where small letters turn capital.
-fn words(name: &str) -> Vec<String> {
-    let mut words = vec![String::new()];
-    let mut before = ' ';
-    for c in name.chars() {
-        if (before.is_lowercase() && c.is_uppercase()) || !c.is_alphabetic() {
-            words.push(String::new());
-        }
-        if c.is_alphabetic()
-            && let Some(word) = words.last_mut()
-        {
-            word.extend(c.to_lowercase());
-        }
-        before = c;
-    }
-    words.retain(|word| !word.is_empty());
-    words
+/// The words and numbers of a name beside those for its quantity: the joint, where the names of a set differ.
+pub(super) fn label(name: &str, said: Said) -> Vec<String> {
+    let list = KINDS.iter().find(|(kind, _)| Some(*kind) == said.kind).map_or("", |(_, list)| *list);
+    let is_kind = |token: &String| parts(token).iter().any(|part| listed(list, part).is_some());
+    tokens(name).into_iter().filter(|token| !is_kind(token)).collect()
 }
 
-/// Chinese is written without blanks, so words are looked for inside.
-fn is_chinese(word: &str, list: &[&str]) -> bool {
-    !word.is_ascii()
-        && list
-            .iter()
-            .any(|known| !known.is_ascii() && known.chars().all(|c| c >= '\u{4e00}') && word.contains(known))
+/// Words of a name, as [`tokens`] without the numbers; words that are written together are cut.
+fn words(name: &str) -> Vec<String> {
+    let tokens = tokens(name).into_iter().filter(|token| token.chars().all(char::is_alphabetic));
+    tokens.flat_map(|token| parts(&token)).collect()
+}
+
+/// Words and numbers of a name in lower case: cut at what is neither, and where small letters turn capital.
+pub(super) fn tokens(name: &str) -> Vec<String> {
+    let characters: Vec<char> = name.chars().collect();
+    let mut tokens = vec![String::new()];
+    for (at, c) in characters.iter().enumerate() {
+        let before = at.checked_sub(1).map_or(' ', |at| characters[at]);
+        let is_next_small = characters.get(at + 1).is_some_and(|next| next.is_lowercase());
+        // `qRef`, and `FFTorque`
+        let is_capital =
+            c.is_uppercase() && (before.is_lowercase() || (before.is_uppercase() && is_next_small));
+        let is_other_script = is_chinese(*c) != is_chinese(before);
+        if is_capital
+            || is_other_script
+            || !c.is_alphanumeric()
+            || c.is_alphabetic() != before.is_alphabetic()
+        {
+            tokens.push(String::new());
+        }
+        if c.is_alphanumeric()
+            && let Some(token) = tokens.last_mut()
+        {
+            token.extend(c.to_lowercase());
+        }
+    }
+    tokens.retain(|token| !token.is_empty());
+    tokens
+}
+
+fn is_chinese(c: char) -> bool {
+    c >= '\u{4e00}'
+}
+
+/// The words that a word is written together from, as in `Sollmoment` or `qref`; itself where it is no such word.
+fn parts(word: &str) -> Vec<String> {
+    if is_known(word) {
+        return vec![word.to_owned()];
+    }
+    let two = |at: usize| {
+        let (first, second) = word.split_at(at);
+        // `Reibungsmoment`
+        let second = match second.strip_prefix('s') {
+            Some(rest) if first.len() > 3 && !is_known(second) => rest,
+            _ => second,
+        };
+        let long = first.len().max(second.len()) >= LEAST_PART && second.len() > 1;
+        let known = (first.len() > 1 || first == "q") && is_known(first) && is_known(second);
+        (long && known).then(|| vec![first.to_owned(), second.to_owned()])
+    };
+    // The longest first word, so that `istwert` is not `ist` and the rest.
+    let cuts: Vec<usize> = word.char_indices().skip(1).map(|(at, _)| at).collect();
+    cuts.into_iter().rev().find_map(two).unwrap_or_else(|| vec![word.to_owned()])
+}
+
+/// Bytes of the longer of two words that are written together: two shorter ones are more often a third.
+const LEAST_PART: usize = 3;
+
+/// Letters of a word from which on it may have an ending.
+const LEAST_STEM: usize = 5;
+
+/// Endings of adjectives and plurals.
+const ENDINGS: [&str; 14] = ["e", "en", "er", "es", "em", "n", "s", "a", "o", "i", "te", "ed", "r", "d"];
+
+fn is_known(word: &str) -> bool {
+    let lists = KINDS.iter().map(|(_, list)| *list).chain([INTENT, MEASURED, MOTOR]);
+    lists.into_iter().any(|list| listed(list, word).is_some())
+}
+
+/// The word of a list that a word is, with or without an ending. Chinese is written without blanks, so its words are
+/// looked for inside.
+fn listed(list: &'static str, word: &str) -> Option<&'static str> {
+    list.split_ascii_whitespace().find(|known| {
+        let ending = word.strip_prefix(known);
+        ending.is_some_and(|rest| {
+            rest.is_empty() || (known.chars().count() >= LEAST_STEM && ENDINGS.contains(&rest))
+        }) || (known.chars().all(is_chinese) && word.contains(known))
+    })
 }
 
 /// Columns of one name but for a number, one a joint.
@@ -450,7 +290,7 @@ mod tests {
             let said = said(name, "");
             assert_eq!((said.kind, said.unit), (Some(kind), unit), "{name}");
         }
-        assert!(said("pos_soll_{joint}", "").is_target && said("mpos_{joint}", "").is_motor);
+        assert!(said("pos_soll_{joint}", "").intent.is_some() && said("mpos_{joint}", "").is_motor);
         assert_eq!(said("q{joint}", "[deg]").unit, Some("deg"));
         assert_eq!(said("temp_motor_{joint}", "").kind, Some(Kind::Temperature));
         assert_eq!(said("note", "").kind, None);
@@ -487,6 +327,54 @@ mod tests {
         ] {
             assert_eq!(said(name, "").kind, Some(kind), "{name}");
         }
+    }
+
+    #[test]
+    fn words_of_intent_are_found_however_they_are_written() {
+        for name in [
+            "target_moment_{joint}",
+            "tau_J_d_{joint}",
+            "q_d{joint}",
+            "tau_ext_hat_filtered_{joint}",
+            "tau_ff{joint}",
+            "Sollmoment A{joint}",
+            "Reibungsmoment {joint}",
+            "FFTorque{joint}",
+            "torqueCmd{joint}",
+            "qref{joint}",
+            "J{joint}maxTorque",
+            "coppia stimata {joint}",
+            "berechnetes Drehmoment {joint}",
+            "qd_des_{joint}",
+            "Schwerkraftmoment_{joint}",
+            "posizione desiderata {joint}",
+            "关节{joint}目标位置",
+            "effort_limit_{joint}",
+        ] {
+            assert!(said(name, "").intent.is_some() && said(name, "").kind.is_some(), "{name}");
+        }
+        for name in [
+            "q{joint}",
+            "qd_{joint}",
+            "tau_J_{joint}",
+            "Istmoment A{joint}",
+            "measured torque {joint}",
+            "effort_{joint}",
+            "Drehmoment A{joint} in Nm",
+            "motor_torque_{joint}",
+            "vel_{joint}",
+            "qdot{joint}",
+            "dq_{joint}",
+            "coppia misurata {joint}",
+            "关节{joint}实际位置",
+            "position_actual_{joint}",
+            "Achse {joint} Istwert",
+        ] {
+            assert!(said(name, "").intent.is_none() && said(name, "").kind.is_some(), "{name}");
+        }
+        assert!(said("Istmoment A{joint}", "").is_measured && said("tauFbk{joint}", "").is_measured);
+        assert_eq!(said("pos_d", "").intent, None, "a joint called d");
+        assert_eq!(tokens("/joint_states/wrist2JointPos"), ["joint", "states", "wrist", "2", "joint", "pos"]);
     }
 
     #[test]

@@ -23,6 +23,10 @@ pub struct Proposed {
     pub toml: String,
     /// Questions that are left in it; with any, it does not load yet.
     pub questions: usize,
+    /// The layout with the likely answer to each question in its place, to be tried; `None` where a question has none.
+    pub answered: Option<String>,
     /// Rows that were looked at.
     pub rows: usize,
+    /// Joints of the arm; zero where nothing tells.
+    pub joints: usize,
 }

@@ -20,11 +20,13 @@ pub(super) struct TomlKey {
     pub(super) reasons: Vec<String>,
     /// Set where a person must decide; the key is then a comment.
     pub(super) question: Option<String>,
+    /// The value is no answer that can be tried.
+    pub(super) is_open: bool,
 }
 
 impl TomlKey {
     pub(super) fn decided(name: &'static str, value: impl Into<String>) -> Self {
-        Self { name, value: value.into(), reasons: Vec::new(), question: None }
+        Self { name, value: value.into(), reasons: Vec::new(), question: None, is_open: false }
     }
 
     pub(super) fn because(mut self, reason: &str) -> Self {
@@ -32,9 +34,24 @@ impl TomlKey {
         self
     }
 
+    /// Asks, with the value as the likely answer.
     pub(super) fn asked(mut self, question: &str) -> Self {
         self.question = Some(question.to_owned());
         self
+    }
+
+    /// Asks where there is something to ask.
+    pub(super) fn asked_if(self, question: Option<&String>) -> Self {
+        match question {
+            Some(question) => self.asked(question),
+            None => self,
+        }
+    }
+
+    /// Asks, with a value that only shows the form of an answer.
+    pub(super) fn open(mut self, question: &str) -> Self {
+        self.is_open = true;
+        self.asked(question)
     }
 }
 

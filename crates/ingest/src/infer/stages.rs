@@ -19,6 +19,8 @@ const TOGETHER: f64 = 1.8;
 pub(super) struct Value {
     pub(super) value: i64,
     pub(super) rows: usize,
+    /// Rows in which any joint moves.
+    pub(super) moved: usize,
     /// Mean number of moving joints over the rows in which any moves.
     pub(super) moving: f64,
 }
@@ -70,7 +72,7 @@ pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> V
     let mean = |value: &i64| {
         let (rows, moved, sum) = counts.get(value).copied().unwrap_or_default();
         let moving = if moved > 0 { sum as f64 / moved as f64 } else { 0.0 };
-        Value { value: *value, rows, moving }
+        Value { value: *value, rows, moved, moving }
     };
     alphabet.iter().map(mean).collect()
 }
@@ -106,6 +108,41 @@ pub(super) fn by_motion(values: &[Value]) -> Option<Meaning> {
         list.push(value.value);
     }
     (!meaning.excitation.is_empty()).then_some(meaning)
+}
+
+/// Share of the rows between stages in which joints move, where the motion confirms a signal.
+const MOVES_BETWEEN: f64 = 0.3;
+
+/// Whether the joints move as the stages ask for: together in excitation and, in at least one other stage, in another
+/// way. A gripper's state passes for no stage signal.
+pub(super) fn is_confirmed(meaning: &Meaning, values: &[Value]) -> bool {
+    let of =
+        |list: &[i64]| -> Vec<Value> { values.iter().copied().filter(|v| list.contains(&v.value)).collect() };
+    let excitation = of(&meaning.excitation);
+    let friction = of(&meaning.friction);
+    let between = of(&meaning.between);
+    let rests = |value: &Value| (value.moved as f64) < MOVES_BETWEEN * value.rows as f64;
+    !excitation.is_empty()
+        && excitation.iter().all(|value| value.moving >= TOGETHER)
+        && friction.iter().all(|value| value.moving > 0.0 && value.moving <= ONE_BY_ONE)
+        && (!friction.is_empty() || (!between.is_empty() && between.iter().all(rests)))
+}
+
+/// Beginnings of words for what a robot does in each stage, in lower case: between, excitation, friction, warming.
+const WORDS: [&str; 4] = [
+    "idle between pause rest wait home stop none leer warten ruhe halt start end ende fine pausa attesa move transfer",
+    "exc anreg eccit ident",
+    "fric reib attrit frott fricc",
+    "warm heat aufw erwärm riscald chauff calent",
+];
+
+/// The stage that a word says, from 0 as in [`WORDS`]; an empty cell is between.
+pub(super) fn stage_of(word: &str) -> Option<usize> {
+    let word = word.to_lowercase();
+    if word.is_empty() {
+        return Some(0);
+    }
+    WORDS.iter().position(|list| list.split_ascii_whitespace().any(|beginning| word.starts_with(beginning)))
 }
 
 #[cfg(test)]

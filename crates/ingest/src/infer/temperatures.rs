@@ -1,9 +1,9 @@
 //! Columns of temperatures: of motors, one a joint, and of the hall.
 
 use super::head::Head;
-use super::joints::{columns_key, reference};
-use super::names::{self, Group, Kind, Said};
+use super::names::{self, Kind, Said};
 use super::section::{Section, TomlKey, quoted};
+use super::sets::{ORDER_QUESTION, Order, Set};
 use armwatch_config::TemperatureUnit;
 
 /// Values that are believed when a unit is told by them, whatever the unit: codes of open sensors lie beyond.
@@ -23,45 +23,45 @@ pub(super) struct Temperatures {
 }
 
 /// Temperatures of an export of an arm with `count` joints; columns for which `taken` holds are something else.
-pub(super) fn temperatures(head: &Head, count: usize, taken: impl Fn(usize) -> bool) -> Temperatures {
+pub(super) fn temperatures(
+    head: &Head,
+    sets: &[Set],
+    count: usize,
+    taken: impl Fn(usize) -> bool,
+) -> Temperatures {
     let mut found = Temperatures::default();
     if !head.header {
         return found;
     }
-    let names: Vec<&str> = head.columns.iter().map(|column| column.name.as_str()).collect();
-    let said_of = |group: &Group| {
-        let under = head.columns[group.columns[0]].under.as_str();
-        names::said(&group.template, under)
-    };
-    let motors = names::groups(&names)
-        .into_iter()
-        .filter(|group| {
-            count > 0 && group.columns.len() >= count && !group.columns.iter().any(|at| taken(*at))
+    let motors = sets
+        .iter()
+        .filter(|set| count > 0 && set.columns.len() >= count && !set.columns.iter().any(|at| taken(*at)))
+        .filter(|set| {
+            let said = set.said;
+            said.kind == Some(Kind::Temperature) && said.intent.is_none() && !said.is_electronics
         })
-        .map(|group| {
-            let said = said_of(&group);
-            (group, said)
-        })
-        .filter(|(_, said)| said.kind == Some(Kind::Temperature) && !said.is_target && !said.is_electronics)
-        .min_by_key(|(_, said)| !said.is_motor);
-    if let Some((group, said)) = motors {
-        let (name, value) = columns_key(&group, count, &names);
-        let columns = &group.columns[..count];
-        let keys = vec![
-            TomlKey::decided(name, value).because("the name says that they are temperatures, one a joint"),
-            unit_key(head, columns, said, false),
-        ];
+        .min_by_key(|set| (!set.said.is_motor, set.columns.len() != count));
+    if let Some(set) = motors {
+        let (name, value) = set.key(head, count);
+        let columns = &set.columns[..count];
+        let key =
+            TomlKey::decided(name, value).because("the name says that they are temperatures, one a joint");
+        let key = match set.order {
+            Order::Place => key.asked(ORDER_QUESTION),
+            Order::Number | Order::Names => key,
+        };
+        let keys = vec![key, unit_key(head, columns, set.said, false)];
         found.sections.push(Section { title: Some("motor_temperature"), comments: Vec::new(), keys });
         found.columns.extend(columns);
     }
     let said = |at: &usize| names::said(&head.columns[*at].name, &head.columns[*at].under);
     let hall = (0..head.columns.len()).filter(|at| !taken(*at) && !found.columns.contains(at)).find(|at| {
         let said = said(at);
-        said.kind == Some(Kind::Temperature) && said.is_hall && !said.is_target && !said.is_electronics
+        said.kind == Some(Kind::Temperature) && said.is_hall && said.intent.is_none() && !said.is_electronics
     });
     if let Some(at) = hall {
         let keys = vec![
-            TomlKey::decided("column", reference(&names, at))
+            TomlKey::decided("column", head.reference(at))
                 .because("the name says that it is the hall's temperature"),
             unit_key(head, &[at], said(&at), true),
         ];

@@ -85,6 +85,11 @@ fn export(style: &Style) -> String {
     text
 }
 
+/// The native export of these tests.
+pub(super) fn native_text() -> String {
+    export(&native_style())
+}
+
 fn proposed(bytes: &[u8], hints: Hints<'_>) -> Proposed {
     infer(bytes, Path::new("a.csv"), "proposed", hints).unwrap()
 }

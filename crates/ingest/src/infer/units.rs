@@ -46,6 +46,9 @@ const SAMPLE_RATES: std::ops::RangeInclusive<f64> = 5.0..=25_000.0;
 /// Largest position of a joint without end stops, rad: three turns either way.
 const MAX_POSITION: f64 = 3.0 * TAU;
 
+/// Part of its largest position that a joint may reach: controllers permit a little more than a description.
+const BEYOND: f64 = 1.1;
+
 /// Least motion of a recording by which anything is to be identified, rad, as the largest position of any joint.
 const LEAST_POSITION: f64 = 0.05;
 
@@ -117,6 +120,10 @@ pub(super) struct Figures {
     pub(super) limit: Option<f64>,
     /// Whether positions are those of motors, which turn many times.
     pub(super) is_motor: bool,
+    /// Rows per second that were given, Hz, where no time is recorded.
+    pub(super) rate: Option<f64>,
+    /// Whether time is in whole numbers, as the counts of a clock are.
+    pub(super) is_counting: bool,
 }
 
 /// A choice of units: names and factors to SI.
@@ -126,6 +133,18 @@ pub(super) struct Choice {
     pub(super) velocity: Unit,
     pub(super) time: Unit,
 }
+
+impl Choice {
+    /// Rows per second, Hz, at which velocities go with the change of position from row to row.
+    pub(super) fn rate(self, slope: Slope) -> Option<f64> {
+        let rate = slope.ratio.abs() * self.velocity.1 / self.position.1;
+        SAMPLE_RATES.contains(&rate).then_some(rate)
+    }
+}
+
+/// Largest relative difference between a sample rate that was given and that of the velocities. Filtered velocities
+/// change little by little; 10 and 9.55, a wrong digit and the factor of rpm, must not be taken for each other.
+pub(super) const RATE_TOLERANCE: f64 = 0.02;
 
 /// All choices that go with what is known and what the numbers are like; those that are more usual stand first.
 pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
@@ -154,7 +173,9 @@ pub(super) fn choices(known: Known, figures: Figures) -> Vec<Choice> {
     if figures.step.is_some() {
         found.splice(0..0, of_long_times(known, figures, !found.is_empty()));
     }
-    if found.is_empty() && known.time.is_none() {
+    // minutes and rad, and s and deg, are nearer to each other than filtered velocities to either
+    found.sort_by_key(|choice| misfit(*choice, figures) > RATE_TOLERANCE);
+    if found.is_empty() && known.time.is_none() && figures.is_counting {
         found = of_ticks(&of(&POSITION, known.position), &velocities, known, figures);
     }
     found
@@ -198,24 +219,36 @@ fn of_ticks(positions: &[Unit], velocities: &[Unit], known: Known, figures: Figu
         .collect()
 }
 
+/// Relative difference between the factor found and that of the units; zero where none is.
+fn misfit(choice: Choice, figures: Figures) -> f64 {
+    let expected = choice.position.1 / (choice.time.1 * choice.velocity.1);
+    let of = |slope: Slope| (slope.ratio.abs() / expected - 1.0).abs();
+    figures.slope.filter(|_| figures.step.is_some()).map_or(0.0, of)
+}
+
 fn is_possible(choice: Choice, known: Known, figures: Figures) -> bool {
     let Choice { position, velocity, time } = choice;
     let agrees = match (figures.slope, figures.step) {
-        (Some(slope), Some(_)) => {
-            let expected = position.1 / (time.1 * velocity.1);
-            (slope.ratio.abs() / expected - 1.0).abs() <= SLOPE_TOLERANCE
-        }
+        (Some(_), Some(_)) => misfit(choice, figures) <= SLOPE_TOLERANCE,
+        (Some(slope), None) => choice.rate(slope).is_some_and(|rate| {
+            figures.rate.is_none_or(|given| (rate / given - 1.0).abs() <= RATE_TOLERANCE)
+        }),
         _ => true,
     };
     let rate = figures.step.is_none_or(|step| SAMPLE_RATES.contains(&(1.0 / (step * time.1))));
     let reach = figures.position * position.1;
-    let most = figures.limit.map_or(MAX_POSITION, |limit| 1.1 * limit);
+    let most = figures.limit.map_or(MAX_POSITION, |limit| BEYOND * limit);
     let inside = known.position.is_some() || figures.is_motor || (LEAST_POSITION..=most).contains(&reach);
     // Turns are rare enough to need a word for them, or a factor that nothing else gives.
     let usual = position.0 != "rev" || known.position.is_some() || figures.slope.is_some();
     let speed = figures.velocity.map_or(0.0, |speed| speed * velocity.1);
     let sane = known.velocity.is_some() || figures.is_motor || speed <= MAX_SPEED;
     agrees && rate && inside && usual && sane
+}
+
+/// Whether a position is beyond a `limit`, rad, in any unit.
+pub(super) fn is_beyond(position: f64, limit: f64) -> bool {
+    POSITION.iter().all(|(_, to_si)| position * to_si > BEYOND * limit)
 }
 
 /// The median of the steps of a column.
@@ -263,6 +296,8 @@ mod tests {
                         slope: Some(slope),
                         limit: Some(3.0),
                         is_motor: false,
+                        rate: None,
+                        is_counting: false,
                     };
                     let found = choices(Known::default(), figures);
                     let right = Choice { position: p, velocity: v, time: t };
@@ -285,6 +320,8 @@ mod tests {
             slope: joint_slope(&[&position], &[&velocity], Some(&counts)),
             limit: Some(3.0),
             is_motor: false,
+            rate: None,
+            is_counting: true,
         };
         let found = choices(Known::default(), figures);
         assert_eq!((found[0].position.0, found[0].time.0), ("rad", TICKS));

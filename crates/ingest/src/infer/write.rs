@@ -4,16 +4,33 @@ use std::path::Path;
 
 use super::head::Head;
 use super::proposal::Proposed;
-use super::section::{Section, TomlKey};
-use crate::infer::section::quoted;
+use super::section::{Section, TomlKey, quoted};
 use armwatch_config::DecimalMark;
 use armwatch_model::text;
 
 /// Longest line of a comment, characters.
 const COMMENT_WIDTH: usize = 110;
 
-/// The layout file of a proposal.
-pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section]) -> Proposed {
+/// The layout file of a proposal for an arm with `joints` joints.
+pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section], joints: usize) -> Proposed {
+    let keys = || sections.iter().flat_map(|section| &section.keys);
+    let is_answered = keys().all(|key| !key.is_open);
+    Proposed {
+        toml: file(name, path, head, sections),
+        questions: keys().filter(|key| key.question.is_some()).count(),
+        answered: is_answered.then(|| {
+            let answered = |section: &Section| {
+                let keys = section.keys.iter().map(|key| TomlKey { question: None, ..key.clone() }).collect();
+                Section { keys, ..section.clone() }
+            };
+            file(name, path, head, &sections.iter().map(answered).collect::<Vec<_>>())
+        }),
+        rows: head.rows,
+        joints,
+    }
+}
+
+fn file(name: &str, path: &Path, head: &Head, sections: &[Section]) -> String {
     let mut text = String::new();
     let file = text::of_file_name(path);
     comment(&mut text, &format!("Layout proposed from the first {} rows of {file}.", head.rows));
@@ -27,8 +44,7 @@ pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section])
         text.push('\n');
         section(&mut text, one);
     }
-    let keys = sections.iter().flat_map(|section| &section.keys);
-    Proposed { toml: text, questions: keys.filter(|key| key.question.is_some()).count(), rows: head.rows }
+    text
 }
 
 fn format_section(name: &str, head: &Head) -> Section {
@@ -43,16 +59,20 @@ fn format_section(name: &str, head: &Head) -> Section {
     let encoding = head.encoding.declared().name();
     let reason = format!("this file is {encoding}; \"auto\" would find that too, file by file");
     keys.push(TomlKey::decided("encoding", quoted("auto")).because(&reason));
+    let has_header = head.header && head.by_number.is_none();
     if head.skip_lines > 0 {
-        let reason = format!("the header is line {}", head.skip_lines + 1);
+        let what = if has_header { "the header is" } else { "the rows begin with" };
+        let reason = format!("{what} line {}", head.skip_lines + 1);
         keys.push(TomlKey::decided("skip_lines", head.skip_lines.to_string()).because(&reason));
     }
-    let header = match (head.header, head.commented_header) {
-        (true, true) => "names stand behind the sign of a comment, above the first row",
-        (true, false) => "names stand above the first row",
-        (false, _) => "no line above the first row has as many fields; columns go by number",
+    let by_number = head.by_number.map(|reason| format!("{reason}; columns go by number"));
+    let header = match (&by_number, head.header, head.commented_header) {
+        (Some(reason), ..) => reason,
+        (None, true, true) => "names stand behind the sign of a comment, above the first row",
+        (None, true, false) => "names stand above the first row",
+        (None, false, _) => "no line above the first row has as many fields; columns go by number",
     };
-    keys.push(TomlKey::decided("header", head.header.to_string()).because(header));
+    keys.push(TomlKey::decided("header", has_header.to_string()).because(header));
     if head.skip_after_header > 0 {
         let reason = "lines of words between names and numbers, such as units";
         keys.push(TomlKey::decided("skip_after_header", head.skip_after_header.to_string()).because(reason));
@@ -75,6 +95,13 @@ fn section(text: &mut String, section: &Section) {
             None => text.push_str(&format!("{} = {}\n", key.name, key.value)),
         }
     }
+}
+
+/// Words as lines of comments above a layout.
+pub fn comments(sentences: &[String]) -> String {
+    let mut text = String::new();
+    sentences.iter().for_each(|sentence| comment(&mut text, sentence));
+    text
 }
 
 fn comment(text: &mut String, words: &str) {

@@ -1,0 +1,186 @@
+//! Sets of columns that hold one quantity of all joints.
+
+use std::collections::BTreeSet;
+
+use super::head::Head;
+use super::names::{self, Group, Kind, Said};
+use super::section::quoted;
+use armwatch_model::robot::Robot;
+
+/// Question about a set whose order only [`Order::Place`] gives.
+pub(super) const ORDER_QUESTION: &str = "the columns stand in the order of the export. Is that the order of the joints from the base outwards? A description \
+     with the names of the joints (--description) tells it";
+
+/// Evidence for the order of the columns of a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Order {
+    /// The number in their names.
+    Number,
+    /// The description's names of joints.
+    Names,
+    /// Their place in the export.
+    Place,
+}
+
+/// Columns of one quantity, one per joint.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Set {
+    /// The name with `{joint}` in the place of the joint's number or name; for [`Order::Place`], the first name.
+    pub(super) template: String,
+    /// Number of the first joint, for [`Order::Number`].
+    first: usize,
+    /// Column indices, from the base outwards.
+    pub(super) columns: Vec<usize>,
+    pub(super) order: Order,
+    pub(super) said: Said,
+}
+
+/// All sets of an export with names, in the order of their first columns.
+pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
+    let names = head.names();
+    let under = |columns: &[usize]| columns.first().map_or("", |at| head.columns[*at].under.as_str());
+    let of_group = |group: Group| Set {
+        said: names::said(&group.template, under(&group.columns)),
+        template: group.template,
+        first: group.first,
+        columns: group.columns,
+        order: Order::Number,
+    };
+    let mut found: Vec<Set> = names::groups(&names).into_iter().map(of_group).collect();
+    // a set of all joints takes the place of those of its parts, as of wrist_1 to wrist_3
+    let add = |found: &mut Vec<Set>, set: Set| {
+        found.retain(|other| !other.columns.iter().any(|column| set.columns.contains(column)));
+        found.push(set);
+    };
+    by_joint_names(head, robot).into_iter().for_each(|set| add(&mut found, set));
+    by_place(head, &found).into_iter().for_each(|set| add(&mut found, set));
+    found.sort_by_key(|set| set.columns.first().copied());
+    found
+}
+
+/// Sets whose names hold the description's names of all joints.
+fn by_joint_names(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
+    let joints: Option<Vec<Vec<String>>> = robot.and_then(|robot| {
+        robot.joints.iter().map(|joint| joint.name.as_deref().map(names::tokens)).collect()
+    });
+    let Some(joints) = joints else { return Vec::new() };
+    // template, and the column of each joint
+    let mut found: Vec<(Vec<String>, Vec<Option<usize>>)> = Vec::new();
+    for (at, column) in head.columns.iter().enumerate() {
+        let tokens = names::tokens(&column.name);
+        let place = |joint: &Vec<String>| {
+            tokens.windows(joint.len().max(1)).position(|window| window == joint.as_slice())
+        };
+        // of several, the longest name, as of `arm` and `arm_lift`
+        let hits =
+            joints.iter().enumerate().filter_map(|(joint, name)| Some((joint, name.len(), place(name)?)));
+        let Some((joint, length, place)) = hits.max_by_key(|(_, length, _)| *length) else { continue };
+        let template = [&tokens[..place], &["{joint}".to_owned()], &tokens[place + length..]].concat();
+        let known = found.iter().position(|(known, _)| *known == template).unwrap_or_else(|| {
+            found.push((template, vec![None; joints.len()]));
+            found.len() - 1
+        });
+        found[known].1[joint].get_or_insert(at);
+    }
+    let set = |(template, columns): (Vec<String>, Vec<Option<usize>>)| {
+        let columns: Vec<usize> = columns.into_iter().collect::<Option<_>>()?;
+        let text = template.join("_");
+        let said = names::said(&text.replace("{joint}", "1"), &head.columns[columns[0]].under);
+        Some(Set { template: text, first: 0, columns, order: Order::Names, said })
+    };
+    found.into_iter().filter_map(set).collect()
+}
+
+/// Sets of columns whose names say the same except for the joint, which they name and do not number.
+fn by_place(head: &Head, known: &[Set]) -> Vec<Set> {
+    let kinds = [Kind::Position, Kind::Velocity, Kind::Torque, Kind::Current, Kind::Temperature];
+    let mut found: Vec<(Said, Vec<usize>, BTreeSet<Vec<String>>)> = Vec::new();
+    for (at, column) in head.columns.iter().enumerate() {
+        let said = names::said(&column.name, &column.under);
+        if !said.kind.is_some_and(|kind| kinds.contains(&kind)) || said.is_hall || said.is_electronics {
+            continue;
+        }
+        let label: Vec<String> = names::label(&column.name, said);
+        match found.iter_mut().find(|(known, ..)| *known == said) {
+            Some((_, columns, labels)) => {
+                columns.push(at);
+                labels.insert(label);
+            }
+            None => found.push((said, vec![at], BTreeSet::from([label]))),
+        }
+    }
+    // `q1` to `q6` and a gripper's position are six joints and a gripper
+    let known_parts = |columns: &[usize]| {
+        let within = |set: &&Set| set.columns.iter().all(|column| columns.contains(column));
+        known.iter().filter(within).map(|set| set.columns.len()).collect::<Vec<usize>>()
+    };
+    let is_set = |(_, columns, labels): &(Said, Vec<usize>, BTreeSet<Vec<String>>)| {
+        let parts = known_parts(columns);
+        let named = columns.len() - parts.iter().sum::<usize>();
+        columns.len() > 1
+            && labels.len() == columns.len()
+            && labels.iter().all(|label| !label.is_empty())
+            && named > 0
+            && parts.iter().all(|part| named >= *part)
+    };
+    let mut sets: Vec<Set> = found
+        .into_iter()
+        .filter(is_set)
+        .map(|(said, columns, _)| {
+            let template = head.columns[columns[0]].name.clone();
+            Set { template, first: 0, columns, order: Order::Place, said }
+        })
+        .collect();
+    order_alike(head, &mut sets);
+    sets
+}
+
+/// Puts the columns of all sets in the order of the first set that has the same labels.
+fn order_alike(head: &Head, sets: &mut [Set]) {
+    let labels = |set: &Set| -> Vec<Vec<String>> {
+        set.columns.iter().map(|at| names::label(&head.columns[*at].name, set.said)).collect()
+    };
+    let Some((first, others)) = sets.split_first_mut() else { return };
+    let order = labels(first);
+    for set in others {
+        let own = labels(set);
+        let sorted = order.iter().map(|label| own.iter().position(|one| one == label));
+        if let Some(places) = sorted.collect::<Option<Vec<usize>>>().filter(|p| p.len() == own.len()) {
+            set.columns = places.into_iter().map(|place| set.columns[place]).collect();
+        }
+    }
+}
+
+impl Set {
+    /// Key and value of a layout: one name with a place for the number if that gives the first `count` columns,
+    /// else a list.
+    pub(super) fn key(&self, head: &Head, count: usize) -> (&'static str, String) {
+        let columns = &self.columns[..count.min(self.columns.len())];
+        let simple = columns.iter().all(|column| head.has_plain_name(*column));
+        if self.order == Order::Number && self.first > 0 && self.columns.len() == count && simple {
+            let place = match self.first {
+                1 => "{joint}".to_owned(),
+                first => format!("{{joint+{}}}", first - 1),
+            };
+            return ("column", quoted(&self.template.replace("{joint}", &place)));
+        }
+        ("columns", list(head, columns))
+    }
+
+    /// The set in a message.
+    pub(super) fn shown(&self, head: &Head) -> String {
+        match (self.order, self.columns.as_slice()) {
+            (Order::Number, _) => format!("{:?}", self.template),
+            (_, [first, .., last]) => {
+                format!("{:?} to {:?}", head.columns[*first].name, head.columns[*last].name)
+            }
+            _ => format!("{:?}", self.template),
+        }
+    }
+}
+
+/// Columns as a list of a layout.
+pub(super) fn list(head: &Head, columns: &[usize]) -> String {
+    let list: Vec<String> = columns.iter().map(|column| head.reference(*column)).collect();
+    format!("[{}]", list.join(", "))
+}
