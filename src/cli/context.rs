@@ -7,7 +7,9 @@ use clap::{Args, ValueEnum};
 use tokio_util::sync::CancellationToken;
 
 use crate::pipeline::context::PipelineError;
-use armwatch_config::{Config, ConfigErrors, ConfigSource, KINDS_OF_DATABASE, foreign_scheme, shown_database};
+use armwatch_config::{
+    Config, ConfigErrors, ConfigSource, KINDS_OF_DATABASE, foreign_scheme, shown_database,
+};
 use armwatch_store::{Store, StoreError};
 
 /// All done.

@@ -153,16 +153,18 @@ impl MomentFormat {
     }
 
     fn repeated(&self) -> Option<&'static str> {
-        let count = |wanted: fn(&Part) -> bool| self.parts.iter().filter(|part| wanted(part)).count();
-        let kinds: [(fn(&Part) -> bool, &'static str); 6] = [
-            (|p| matches!(p, Part::Number(Field::Year | Field::ShortYear)), "the year"),
-            (|p| matches!(p, Part::Number(Field::Month) | Part::MonthName), "the month"),
-            (|p| matches!(p, Part::Number(Field::Day)), "the day"),
-            (|p| matches!(p, Part::Number(Field::Hour | Field::Hour12)), "the hour"),
-            (|p| matches!(p, Part::Number(Field::Minute)), "the minute"),
-            (|p| matches!(p, Part::Number(Field::Second)), "the second"),
-        ];
-        kinds.into_iter().find(|(wanted, _)| count(*wanted) > 1).map(|(_, name)| name)
+        let name = |part: &Part| match part {
+            Part::Number(Field::Year | Field::ShortYear) => Some("the year"),
+            Part::Number(Field::Month) | Part::MonthName => Some("the month"),
+            Part::Number(Field::Day) => Some("the day"),
+            Part::Number(Field::Hour | Field::Hour12) => Some("the hour"),
+            Part::Number(Field::Minute) => Some("the minute"),
+            Part::Number(Field::Second) => Some("the second"),
+            _ => None,
+        };
+        let mut names: Vec<&str> = self.parts.iter().filter_map(name).collect();
+        names.sort_unstable();
+        names.windows(2).find(|pair| pair[0] == pair[1]).map(|pair| pair[0])
     }
 
     /// The moment that a cell gives in this form.
@@ -521,7 +523,7 @@ mod tests {
             ("%M:%S.%f", "47:00.0", 2820.0, 3600.0),
             ("%S.%f", "59.25", 59.25, 60.0),
         ] {
-            assert_eq!(read(format, cell), Some((seconds * second as f64) as i64), "{cell}");
+            assert_eq!(read(format, cell), Some((seconds * f64::from(second)) as i64), "{cell}");
             assert_eq!(MomentFormat::new(format).expect(format).period_s(), Some(period), "{format}");
         }
         assert_eq!(MomentFormat::new("%F %T").expect("a format").period_s(), None);

@@ -482,7 +482,8 @@ fn identify_excitation(
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     if factors.iter().all(|factor| factor.rows() == 0) {
         return Err(match samples.stage.contains(&Stage::Excitation) {
-            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it".into(),
+            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it"
+                .into(),
             false => without_excitation(&[]),
         });
     }

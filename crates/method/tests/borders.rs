@@ -1,5 +1,6 @@
 //! Both sides of the border: sound recordings of arms that no description ships are taken, wrong ones are named with
 //! their cause. Bodies, friction, ripple and noise are drawn; the motions are short Fourier series, as people record them.
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test, which prints its table")]
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -78,14 +79,21 @@ impl Case {
             let terms: Vec<[f64; 2]> = (1..=5)
                 .map(|k| {
                     let k = f64::from(k);
-                    [self.rng.sample::<f64, _>(StandardNormal) / k.sqrt(), self.rng.sample::<f64, _>(StandardNormal) / k.sqrt()]
+                    [
+                        self.rng.sample::<f64, _>(StandardNormal) / k.sqrt(),
+                        self.rng.sample::<f64, _>(StandardNormal) / k.sqrt(),
+                    ]
                 })
                 .collect();
             let at = |t: f64| -> f64 {
-                terms.iter().zip(1..).map(|([a, b], k)| {
-                    let w = base * f64::from(k) * t;
-                    a * w.cos() + b * w.sin()
-                }).sum()
+                terms
+                    .iter()
+                    .zip(1..)
+                    .map(|([a, b], k)| {
+                        let w = base * f64::from(k) * t;
+                        a * w.cos() + b * w.sin()
+                    })
+                    .sum()
             };
             let peak = (0..1000).map(|i| at(0.01 * f64::from(i)).abs()).fold(0.0, f64::max);
             let room = 0.45 * (joint.limits.position_max - joint.limits.position_min);
@@ -135,8 +143,11 @@ impl Case {
             for (tau, state) in torque[j].iter_mut().zip(&states) {
                 let (q, qd) = (state.position[j], state.velocity[j]);
                 let other = state.position[if j > 0 { j - 1 } else { n - 1 }];
-                let ripple = 0.7 * (teeth * q + phases[0]).sin() + (2.0 * q + other + phases[1]).sin() + 0.7 * (3.0 * q + phases[2]).sin();
-                *tau += rms * (self.ripple * ripple + self.friction * (qd / 0.01).tanh() + viscous * qd / top);
+                let ripple = 0.7 * (teeth * q + phases[0]).sin()
+                    + (2.0 * q + other + phases[1]).sin()
+                    + 0.7 * (3.0 * q + phases[2]).sin();
+                *tau +=
+                    rms * (self.ripple * ripple + self.friction * (qd / 0.01).tanh() + viscous * qd / top);
                 *tau += rms * self.noise * self.rng.sample::<f64, _>(StandardNormal);
             }
         }
@@ -148,7 +159,12 @@ impl Case {
         let n = self.robot.joint_count();
         let mut noisy = |of: fn(&MotionState) -> &[f64; 9], sigma: f64| -> Vec<Vec<f64>> {
             (0..n)
-                .map(|j| states.iter().map(|s| of(s)[j] + sigma * self.rng.sample::<f64, _>(StandardNormal)).collect())
+                .map(|j| {
+                    states
+                        .iter()
+                        .map(|s| of(s)[j] + sigma * self.rng.sample::<f64, _>(StandardNormal))
+                        .collect()
+                })
                 .collect()
         };
         let position = noisy(|s| &s.position, 2e-5);
@@ -173,15 +189,48 @@ fn drawn_arm(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
     let mut long = |low: f64, high: f64| rng.random_range(low..high);
     let q = FRAC_PI_2;
     let rows: Vec<[f64; 4]> = match joints {
-        4 => vec![[0.0, 0.0, 0.3, 0.0], [long(0.0, 0.1), -q, 0.0, -q], [long(0.3, 0.6), 0.0, 0.0, 0.0], [long(0.3, 0.5), 0.0, 0.1, 0.0]],
-        5 => vec![[0.0, 0.0, 0.3, 0.0], [long(0.0, 0.1), -q, 0.0, -q], [long(0.3, 0.6), 0.0, 0.0, 0.0], [long(0.3, 0.5), 0.0, 0.0, 0.0], [0.0, -q, 0.1, 0.0]],
+        4 => vec![
+            [0.0, 0.0, 0.3, 0.0],
+            [long(0.0, 0.1), -q, 0.0, -q],
+            [long(0.3, 0.6), 0.0, 0.0, 0.0],
+            [long(0.3, 0.5), 0.0, 0.1, 0.0],
+        ],
+        5 => vec![
+            [0.0, 0.0, 0.3, 0.0],
+            [long(0.0, 0.1), -q, 0.0, -q],
+            [long(0.3, 0.6), 0.0, 0.0, 0.0],
+            [long(0.3, 0.5), 0.0, 0.0, 0.0],
+            [0.0, -q, 0.1, 0.0],
+        ],
         7 => {
             let (upper, lower) = (long(0.3, 0.5), long(0.3, 0.5));
             let bend = long(0.0, 0.09);
-            vec![[0.0, 0.0, 0.34, 0.0], [0.0, -q, 0.0, 0.0], [0.0, q, upper, 0.0], [bend, q, 0.0, 0.0], [-bend, -q, lower, 0.0], [0.0, q, 0.0, 0.0], [long(0.0, 0.09), q, 0.1, 0.0]]
+            vec![
+                [0.0, 0.0, 0.34, 0.0],
+                [0.0, -q, 0.0, 0.0],
+                [0.0, q, upper, 0.0],
+                [bend, q, 0.0, 0.0],
+                [-bend, -q, lower, 0.0],
+                [0.0, q, 0.0, 0.0],
+                [long(0.0, 0.09), q, 0.1, 0.0],
+            ]
         }
-        _ if long(0.0, 1.0) < 0.5 => vec![[0.0, 0.0, 0.4, 0.0], [long(0.05, 0.3), -q, 0.0, -q], [long(0.4, 1.0), 0.0, 0.0, 0.0], [long(0.05, 0.2), -q, long(0.4, 1.0), 0.0], [0.0, q, 0.0, 0.0], [0.0, -q, 0.1, 0.0]],
-        _ => vec![[0.0, 0.0, 0.16, 0.0], [0.0, q, 0.0, 0.0], [long(0.4, 0.7), 0.0, 0.0, 0.0], [long(0.4, 0.6), 0.0, 0.15, 0.0], [0.0, q, 0.12, 0.0], [0.0, -q, 0.1, 0.0]],
+        _ if long(0.0, 1.0) < 0.5 => vec![
+            [0.0, 0.0, 0.4, 0.0],
+            [long(0.05, 0.3), -q, 0.0, -q],
+            [long(0.4, 1.0), 0.0, 0.0, 0.0],
+            [long(0.05, 0.2), -q, long(0.4, 1.0), 0.0],
+            [0.0, q, 0.0, 0.0],
+            [0.0, -q, 0.1, 0.0],
+        ],
+        _ => vec![
+            [0.0, 0.0, 0.16, 0.0],
+            [0.0, q, 0.0, 0.0],
+            [long(0.4, 0.7), 0.0, 0.0, 0.0],
+            [long(0.4, 0.6), 0.0, 0.15, 0.0],
+            [0.0, q, 0.12, 0.0],
+            [0.0, -q, 0.1, 0.0],
+        ],
     };
     let mut robot = arm(
         rows.iter().map(|&[a, alpha, d, offset]| joint(JointKind::Revolute, a, alpha, d, offset)).collect(),
@@ -191,16 +240,31 @@ fn drawn_arm(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
     let payload = rng.random_range(0.3..3.0);
     let heavy = rng.random_range(8.0..60.0);
     for j in 0..n {
-        let reach = robot.joints.get(j + 1).map_or(Vector3::new(0.0, 0.02, 0.05), |next| next.geometry.placement().translation);
+        let reach = robot
+            .joints
+            .get(j + 1)
+            .map_or(Vector3::new(0.0, 0.02, 0.05), |next| next.geometry.placement().translation);
         let mass = heavy / (1.0 + j as f64).powf(1.3) + if j + 1 == n { payload } else { 0.0 };
         let mut off = || rng.random_range(-0.03..0.03);
         let centre = 0.5 * reach + Vector3::new(off(), off(), off());
         let thick = 0.06 + 0.1 * reach.norm();
-        let own = Matrix3::identity() * (mass * thick * thick) + (Matrix3::identity() * reach.norm_squared() - reach * reach.transpose()) * (mass / 12.0);
+        let own = Matrix3::identity() * (mass * thick * thick)
+            + (Matrix3::identity() * reach.norm_squared() - reach * reach.transpose()) * (mass / 12.0);
         let about = own + (Matrix3::identity() * centre.norm_squared() - centre * centre.transpose()) * mass;
         let drag = about.trace() / 3.0;
         robot.joints[j].nominal = Some(NominalJoint {
-            inertial: StandardParameters([mass, mass * centre.x, mass * centre.y, mass * centre.z, about[(0, 0)], about[(0, 1)], about[(0, 2)], about[(1, 1)], about[(1, 2)], about[(2, 2)]]),
+            inertial: StandardParameters([
+                mass,
+                mass * centre.x,
+                mass * centre.y,
+                mass * centre.z,
+                about[(0, 0)],
+                about[(0, 1)],
+                about[(0, 2)],
+                about[(1, 1)],
+                about[(1, 2)],
+                about[(2, 2)],
+            ]),
             motor_inertia: drag * rng.random_range(0.3..2.0),
             friction: [0.0; 4],
             warm_up: WarmUpShape { b: 0.0, t1: 1500.0, c: 0.0, t2: 200.0 },
@@ -212,7 +276,8 @@ fn drawn_arm(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
     if rng.random_bool(0.4) {
         for joint in &mut robot.joints {
             let placement = *joint.geometry.placement();
-            let origin = UrdfOrigin { xyz: placement.translation.into(), rpy: [0.0; 3], axis: [0.0, 0.0, 1.0] };
+            let origin =
+                UrdfOrigin { xyz: placement.translation.into(), rpy: [0.0; 3], axis: [0.0, 0.0, 1.0] };
             joint.geometry = JointGeometry::urdf(placement, origin);
         }
     }
@@ -278,7 +343,10 @@ fn tilted_floors_are_a_remark() {
         let turn = case.rng.random_range(0.0..TAU);
         case.robot.gravity = G * Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), -tilt.cos());
         let analysis = analysed(&described, case.recorded());
-        (format!("{seed} {:.1} deg: {}", tilt.to_degrees(), said(&analysis)), analysis.identification.is_ok() && !analysis.is_doubtful())
+        (
+            format!("{seed} {:.1} deg: {}", tilt.to_degrees(), said(&analysis)),
+            analysis.identification.is_ok() && !analysis.is_doubtful(),
+        )
     };
     holds("tilt", &(200..230).map(one).collect::<Vec<_>>(), 0.96);
 }
@@ -289,12 +357,16 @@ fn mountings_are_named_and_no_sign() {
         let mut case = Case::drawn(seed, count(seed));
         let described = case.described();
         let slanted = case.rng.random_bool(0.5);
-        let turn = case.rng.random_range(0..4) as f64 * FRAC_PI_2;
+        let turn = f64::from(case.rng.random_range(0..4)) * FRAC_PI_2;
         let tilt = if slanted { PI / 4.0 } else { FRAC_PI_2 };
         case.robot.gravity = G * Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), -tilt.cos());
         let analysis = analysed(&described, case.recorded());
         let said = said(&analysis);
-        let good = said.contains("gravity_m_s2 = [") && analysis.findings.iter().all(|f| f.kind != FindingKind::TorqueSign && f.kind != FindingKind::TorqueSwapped);
+        let good = said.contains("gravity_m_s2 = [")
+            && analysis
+                .findings
+                .iter()
+                .all(|f| f.kind != FindingKind::TorqueSign && f.kind != FindingKind::TorqueSwapped);
         (format!("{seed} {:?}: {said}", case.robot.gravity), good)
     };
     holds("mounting", &(300..330).map(one).collect::<Vec<_>>(), 0.96);
@@ -313,7 +385,13 @@ fn turned_torques_are_named() {
         };
         turned.iter().for_each(|&j| samples.torque[j].iter_mut().for_each(|x| *x = -*x));
         let analysis = analysed(&case.described(), samples);
-        let named: Vec<usize> = analysis.findings.iter().filter(|f| f.kind == FindingKind::TorqueSign).filter_map(|f| f.joint).map(|j| j.index()).collect();
+        let named: Vec<usize> = analysis
+            .findings
+            .iter()
+            .filter(|f| f.kind == FindingKind::TorqueSign)
+            .filter_map(|f| f.joint)
+            .map(|j| j.index())
+            .collect();
         (format!("{seed} {turned:?}: {}", said(&analysis)), named == turned)
     };
     holds("signs", &(400..445).map(one).collect::<Vec<_>>(), 0.97);
@@ -330,7 +408,8 @@ fn swapped_torques_are_named() {
         samples.torque.swap(a, b);
         let analysis = analysed(&case.described(), samples);
         let said = said(&analysis);
-        let good = said.contains(&format!("REFUSED joints {} and {}: ", a + 1, b + 1)) && said.contains("swapped");
+        let good =
+            said.contains(&format!("REFUSED joints {} and {}: ", a + 1, b + 1)) && said.contains("swapped");
         (format!("{seed} {a} {b}: {said}"), good)
     };
     holds("swaps", &(500..530).map(one).collect::<Vec<_>>(), 0.97);
@@ -374,9 +453,16 @@ fn torques_of_a_model_are_not_measured() {
 #[test]
 fn accelerations_are_no_torques() {
     let acceleration = |_: &mut Case, states: &[MotionState], rigid: &[Vec<f64>], samples: &mut Samples| {
-        samples.torque = (0..rigid.len()).map(|j| states.iter().map(|s| s.acceleration[j]).collect()).collect();
+        samples.torque =
+            (0..rigid.len()).map(|j| states.iter().map(|s| s.acceleration[j]).collect()).collect();
     };
-    torques_are("acceleration", 720..740, acceleration, |a| is_computed(a, "an acceleration was read as torque"), 1.0);
+    torques_are(
+        "acceleration",
+        720..740,
+        acceleration,
+        |a| is_computed(a, "an acceleration was read as torque"),
+        1.0,
+    );
 }
 
 #[test]
@@ -424,20 +510,23 @@ fn torques_in_steps_are_taken_and_the_step_is_told() {
             torque.iter_mut().for_each(|tau| *tau = step * (*tau / step).round());
         }
     };
-    let told = |a: &CycleAnalysis| is_taken(a) && a.findings.iter().any(|f| f.kind == FindingKind::CoarseTorque);
+    let told =
+        |a: &CycleAnalysis| is_taken(a) && a.findings.iter().any(|f| f.kind == FindingKind::CoarseTorque);
     torques_are("coarse", 800..820, coarse, told, 1.0);
 }
 
 #[test]
 fn rows_that_are_there_four_times_are_told_once() {
     let repeated = |_: &mut Case, _: &[MotionState], _: &[Vec<f64>], samples: &mut Samples| {
-        let held = |channel: &mut Vec<f64>| (0..channel.len()).for_each(|row| channel[row] = channel[row - row % 4]);
+        let held =
+            |channel: &mut Vec<f64>| (0..channel.len()).for_each(|row| channel[row] = channel[row - row % 4]);
         samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()).for_each(held);
         samples.torque.iter_mut().for_each(held);
     };
     let told = |a: &CycleAnalysis| {
         let repeated = a.findings.iter().find(|f| f.kind == FindingKind::Repeated);
-        repeated.is_some_and(|f| f.sentence.contains("each row is there 4 times")) && !said(a).contains("lost digits")
+        repeated.is_some_and(|f| f.sentence.contains("each row is there 4 times"))
+            && !said(a).contains("lost digits")
     };
     torques_are("rows four times", 820..830, repeated, told, 1.0);
 }
@@ -460,7 +549,11 @@ fn rotors_that_a_urdf_cannot_tell_are_no_wrong_unit() {
             nominal.motor_inertia *= 40.0;
         }
         let mut described = case.robot.clone();
-        described.joints.iter_mut().filter_map(|joint| joint.nominal.as_mut()).for_each(|of| of.motor_inertia = 0.0);
+        described
+            .joints
+            .iter_mut()
+            .filter_map(|joint| joint.nominal.as_mut())
+            .for_each(|of| of.motor_inertia = 0.0);
         let samples = case.recorded();
         let analysis = analysed(&described, samples);
         (format!("{seed}: {}", said(&analysis)), is_taken(&analysis))
@@ -477,7 +570,8 @@ fn a_torque_ten_times_as_large_is_named() {
         samples.torque[joint].iter_mut().for_each(|tau| *tau *= 10.0);
         let analysis = analysed(&case.described(), samples);
         let said = said(&analysis);
-        let right = said.contains(&format!("scale of the torque of joint {}", joint + 1)) && !is_taken(&analysis);
+        let right =
+            said.contains(&format!("scale of the torque of joint {}", joint + 1)) && !is_taken(&analysis);
         (format!("{seed} {}: {said}", joint + 1), right)
     };
     // a first joint that no gravity acts on takes most of its scale into its own inertia

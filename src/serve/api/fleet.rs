@@ -4,9 +4,9 @@ use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::Extension;
 use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;

@@ -154,7 +154,9 @@ fn read_dh_chain(
     let joints: Vec<Option<Joint>> = items
         .iter()
         .enumerate()
-        .map(|(i, item)| item.table().and_then(|table| joint::read(&table, given.ratio(i), (default_ratio, friction))))
+        .map(|(i, item)| {
+            item.table().and_then(|table| joint::read(&table, given.ratio(i), (default_ratio, friction)))
+        })
         .collect();
     if joints.is_empty() || joints.len() > MAX_JOINTS {
         value.refuse(format!("{} joints, must be 1 to {MAX_JOINTS}", joints.len()), None);
@@ -341,7 +343,11 @@ mod tests {
     #[test]
     fn sensors_behind_the_gears_need_no_gear_ratio() {
         let text = include_str!("../../../../config/robots/er3a.toml");
-        let without: String = text.lines().filter(|line| !line.starts_with("gear_ratio")).map(|line| format!("{line}\n")).collect();
+        let without: String = text
+            .lines()
+            .filter(|line| !line.starts_with("gear_ratio"))
+            .map(|line| format!("{line}\n"))
+            .collect();
         assert!(parse_robot("er3a.toml", &without).is_err());
         let robot = parse_robot("er3a.toml", &format!("torque_sensors = \"link\"\n{without}"));
         let robot = robot.unwrap_or_else(|errors| panic!("{errors}"));

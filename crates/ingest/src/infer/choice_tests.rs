@@ -197,7 +197,9 @@ fn every_second_candidate_is_a_question_that_names_both() {
     let motor = joints(|j| format!("A{j}_pos_mot_deg"), |j| Scaled(0, j, 180.0 / std::f64::consts::PI));
     let dead = joints(|j| format!("A{j}_pos_se_deg"), |j| if j == 0 { Motion(0, j) } else { Constant(0.0) });
     let [left, right] = [arm("L"), arm("R")];
-    let cases: [(Vec<Vec<(String, Of)>>, &str, &[&str]); 4] = [
+    /// Columns, the torque that is proposed, and names in the question.
+    type Case = (Vec<Vec<(String, Of)>>, &'static str, &'static [&'static str]);
+    let cases: [Case; 4] = [
         (
             [&[time()][..], &left, &right].concat(),
             "L_tau1",

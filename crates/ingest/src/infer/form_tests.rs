@@ -25,7 +25,7 @@ fn rows(text: &str, proposed: &Proposed) -> u64 {
     let reader =
         ExportReader::new(text.as_bytes(), Path::new("a.csv"), &layout, &er3a(), ReadOptions::default());
     let mut reader = reader.unwrap_or_else(|rejection| panic!("{}\n{toml}", rejection.sentence()));
-    while let Some(chunk) = reader.next() {
+    for chunk in reader.by_ref() {
         chunk.unwrap_or_else(|rejection| panic!("{}\n{toml}", rejection.sentence()));
     }
     reader.rows()
@@ -73,7 +73,7 @@ fn a_column_without_a_name_and_names_that_are_there_twice_do_not_disturb() {
         changed(|at, line| if at == 0 { format!("{line},") } else { format!("{line},ok") }),
         changed(|at, line| if at == 0 { format!("{line},trq_1") } else { format!("{line},7") }),
         changed(|at, line| if at == 0 { format!("{line},note,note") } else { format!("{line},7,8") }),
-        changed(|at, line| if at == 0 { format!("{line},") } else { format!("{line},") }),
+        changed(|_, line| format!("{line},")),
     ] {
         let found = proposed(&text);
         assert_eq!(rows(&text, &found) as usize, text.lines().count() - 1, "{}", found.toml);

@@ -113,7 +113,9 @@ fn unreadable_time(head: &Head, at: usize) -> String {
     let column = &head.columns[at];
     let name = head.reference(at);
     if let Some(question) = lost_digits(&column.cells) {
-        return question;
+        return format!(
+            "column {name} is called a time, and {question} Without a time, missing rows cannot be seen"
+        );
     }
     let Some(values) = &column.values else {
         return format!(

@@ -72,7 +72,7 @@ pub(super) fn lost_digits(cells: &[String]) -> Option<String> {
     let first = cells.first()?;
     let is_scientific = first.contains(['E', 'e']) && first.parse::<f64>().is_ok();
     let repeats = || cells.windows(2).any(|pair| pair[0] == pair[1]);
-    if !is_scientific && !(repeats() && TimeForms::of(cells).0.is_text()) {
+    if !(is_scientific || repeats() && TimeForms::of(cells).0.is_text()) {
         return None;
     }
     Some(format!(

@@ -216,7 +216,8 @@ impl Parser {
     }
 
     fn parsed(&self, bytes: &[u8], fields: usize) -> Option<DataFrame> {
-        let format = CsvParseOptions::default().with_separator(single(self.map.delimiter)).with_quote_char(None);
+        let format =
+            CsvParseOptions::default().with_separator(single(self.map.delimiter)).with_quote_char(None);
         // polars cuts a block into sixteen parts for each of its threads, whatever pool they run
         // on; only 0 keeps a block whole, and one part is parsed by one thread.
         let threads = if self.threads <= 1 { 0 } else { self.threads };

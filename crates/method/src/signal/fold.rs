@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn angles_go_on_at_any_count_rate_and_convention() {
-        let limit = er3a().joints[5].limits.clone();
+        let limit = er3a().joints[5].limits;
         for rate in [30.0, 50.0, 250.0, 1000.0] {
             // at its largest speed across a fold, hundreds of times
             let amplitude = 0.9 * limit.position_max.min(1.7 * PI);
@@ -143,7 +143,7 @@ mod tests {
         lost[2000] -= 4.0;
         let in_degrees: Vec<f64> =
             (0..4000).map(|row| (90.0 * sine(row) + 180.0).rem_euclid(360.0) - 180.0).collect();
-        let fast: Vec<f64> = (0..4000).map(|row| 170.0 * (0.05 * row as f64).sin()).collect();
+        let fast: Vec<f64> = (0..4000).map(|row| 170.0 * (0.05 * f64::from(row)).sin()).collect();
         for recorded in [plain, lost, in_degrees, fast] {
             assert_eq!(unfolded_of(recorded.clone(), 0.02), (recorded, vec![]));
         }

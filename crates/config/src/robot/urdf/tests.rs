@@ -294,6 +294,7 @@ fn an_inertial_tag_that_cannot_be_right_is_ignored_with_a_remark() {
 }
 
 #[test]
+#[expect(clippy::approx_constant, reason = "as makers round it")]
 fn rounded_right_angles_are_exact_and_reported() {
     let gravity = [0.0, 0.0, -9.81];
     let text = |turn: f64| {

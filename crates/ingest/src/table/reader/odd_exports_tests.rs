@@ -70,8 +70,9 @@ fn columns_of_blanks_read_the_same() {
     };
     let cut: String = commas.lines().enumerate().map(short).collect();
     let said = read(&cut).unwrap_err().to_string();
-    assert!(said.contains(":3:") && said.contains("fields"), "{said}");
-    let comma = read_bytes(commas.replace(',', " ").as_bytes(), &layout(), ReadOptions::default()).unwrap_err().to_string();
+    assert!(said.contains("line 3: line too short: 22 fields"), "{said}");
+    let comma = read_bytes(commas.replace(',', " ").as_bytes(), &layout(), ReadOptions::default());
+    let comma = comma.unwrap_err().to_string();
     assert!(comma.contains("a header separated by \"blank\""), "{comma}");
 }
 

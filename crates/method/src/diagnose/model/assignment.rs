@@ -158,7 +158,11 @@ fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
     let error = if judged { (left / (rows - columns as f64)).sqrt() } else { UNKNOWN_ERROR * rms };
     let sigma = error.max(LEAST_ERROR * rms);
     let relative = if judged { error / rms } else { 0.0 };
-    (rms > 0.0 && sigma.is_finite()).then(|| OwnFit { sigma, relative, misfit: rows.min(left.max(0.0) / sigma.powi(2)) })
+    (rms > 0.0 && sigma.is_finite()).then(|| OwnFit {
+        sigma,
+        relative,
+        misfit: rows.min(left.max(0.0) / sigma.powi(2)),
+    })
 }
 
 /// Rows of one joint in a fit of all.
@@ -194,7 +198,12 @@ impl Channels<'_> {
         let of = |of: &&crate::identify::joint_factors::JointFactor| {
             of.joint == joint && used_for_identification(of.stage, of.motion)
         };
-        self.factored.factors.iter().find(of).map(|of| &of.factor).filter(|of| of.is_finite() && of.rows() > 0)
+        self.factored
+            .factors
+            .iter()
+            .find(of)
+            .map(|of| &of.factor)
+            .filter(|of| of.is_finite() && of.rows() > 0)
     }
 
     fn own_fits(&self) -> Vec<Option<OwnFit>> {
@@ -269,7 +278,9 @@ impl Channels<'_> {
         let order = ParameterId::natural_order(self.robot);
         let place = |column: usize| match order[column].kind {
             // an offset of the torque signal is no friction, whatever its sign
-            ParameterKind::Friction(term) if term != FrictionTerm::Offset => Some(order[column].joint.index()),
+            ParameterKind::Friction(term) if term != FrictionTerm::Offset => {
+                Some(order[column].joint.index())
+            }
             _ => None,
         };
         let mut bounds = vec![vec![0.0; columns.len()]; 2 * n];
@@ -376,10 +387,10 @@ impl Channels<'_> {
         let mut state = State::default();
         for &row in rows {
             self.regressor(robot, row, &mut state, &mut y);
-            for j in 0..n {
+            for (j, sigma) in sigma.iter().enumerate() {
                 if state.qd[j].abs() >= robot.joints[j].low_speed {
-                    let entries = (0..b).map(|column| y.column(column)[j] / sigma[j]);
-                    let torques = (0..n).map(|of| if of == j { state.tau[j] / sigma[j] } else { 0.0 });
+                    let entries = (0..b).map(|column| y.column(column)[j] / sigma);
+                    let torques = (0..n).map(|of| if of == j { state.tau[j] / sigma } else { 0.0 });
                     builder.push(entries.chain(torques));
                 }
             }
@@ -398,7 +409,12 @@ impl Channels<'_> {
     }
 
     /// The scale of one torque that explains most, where it is another unit and no gain that is a little off.
-    fn scaled(&self, factors: &[TriangularFactor], sigma: &[f64], bounds: &[Vec<f64>]) -> Option<(Change, f64)> {
+    fn scaled(
+        &self,
+        factors: &[TriangularFactor],
+        sigma: &[f64],
+        bounds: &[Vec<f64>],
+    ) -> Option<(Change, f64)> {
         let n = factors.len();
         let order: Vec<usize> = (0..n).collect();
         let misfit = |joint: usize, scale: f64| {
@@ -439,8 +455,9 @@ impl GravityFits {
         let described = channels.robot.gravity;
         let g = described.norm();
         let bounds = channels.bounds(&channels.whole());
-        let misfit =
-            |rows: &[usize], gravity: &Vector3<f64>| channels.misfit(&channels.under(*gravity), rows, sigma, &bounds);
+        let misfit = |rows: &[usize], gravity: &Vector3<f64>| {
+            channels.misfit(&channels.under(*gravity), rows, sigma, &bounds)
+        };
         if g <= 0.0 {
             let found = (described, misfit(rows, &described));
             return Self { described, level: found, best: found, weightless: None };
@@ -451,10 +468,12 @@ impl GravityFits {
             while step > LEAST_STEP {
                 let side = best.cross(&across(&best)).normalize();
                 let axes = [side, best.cross(&side)];
-                let near = axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
+                let near =
+                    axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
                 let near = near.filter(|towards| described.angle(towards) <= farthest);
-                let nearest =
-                    near.map(|towards| (towards, misfit(&coarse, &towards))).min_by(|a, b| a.1.total_cmp(&b.1));
+                let nearest = near
+                    .map(|towards| (towards, misfit(&coarse, &towards)))
+                    .min_by(|a, b| a.1.total_cmp(&b.1));
                 match nearest {
                     Some((towards, found)) if found < least => (best, least) = (towards, found),
                     _ => step *= 0.5,
@@ -464,7 +483,10 @@ impl GravityFits {
         };
         let of = |gravity: Vector3<f64>| (gravity, misfit(rows, &gravity));
         let level = of(settled(described, MOUNTING / 4.0, MOUNTING));
-        let grid = directions().into_iter().map(|towards| g * towards).map(|gravity| (gravity, misfit(&coarse, &gravity)));
+        let grid = directions()
+            .into_iter()
+            .map(|towards| g * towards)
+            .map(|gravity| (gravity, misfit(&coarse, &gravity)));
         let rounded = grid.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(described, |(gravity, _)| gravity);
         let (rounded, settled) = (of(rounded), of(settled(rounded, 0.5 * FRAC_PI_4, f64::INFINITY)));
         let best = if rounded.1 <= ROUNDED * settled.1 { rounded } else { settled };
@@ -475,9 +497,10 @@ impl GravityFits {
     /// The best direction, where it is another mounting.
     fn mounted(&self) -> Option<(Change, f64)> {
         // first moments that turn with gravity may make a floor off level look like a wall
-        let is_floor = self.described.angle(&self.level.0) <= MOUNTING && self.level.1 <= ROUNDED * self.best.1;
+        let is_floor =
+            self.described.angle(&self.level.0) <= MOUNTING && self.level.1 <= ROUNDED * self.best.1;
         let is_other = self.described.norm() > 0.0 && self.described.angle(&self.best.0) > MOUNTING;
-        (is_other && !is_floor).then(|| (Change::Mounted(self.best.0), self.best.1))
+        (is_other && !is_floor).then_some((Change::Mounted(self.best.0), self.best.1))
     }
 }
 
@@ -493,7 +516,8 @@ fn turned_about(axis: &Vector3<f64>, angle: f64) -> Rotation3<f64> {
 /// The axes of the base and the directions half-way between two of them, 18 in all.
 fn directions() -> Vec<Vector3<f64>> {
     let steps = [-1.0, 0.0, 1.0];
-    let all = steps.iter().flat_map(|&x| steps.iter().flat_map(move |&y| steps.map(|z| Vector3::new(x, y, z))));
+    let all =
+        steps.iter().flat_map(|&x| steps.iter().flat_map(move |&y| steps.map(|z| Vector3::new(x, y, z))));
     all.filter(|of| (1.0..2.5).contains(&of.norm_squared())).map(|of| of.normalize()).collect()
 }
 

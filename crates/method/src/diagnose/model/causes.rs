@@ -54,8 +54,9 @@ pub fn reason(robot: &Robot, findings: &[Finding]) -> String {
 #[must_use]
 pub fn sentences(robot: &Robot, findings: &[Finding]) -> Vec<String> {
     let causes = without_consequences(findings.to_vec());
-    let of_kind =
-        |kind: FindingKind| -> Vec<&Finding> { causes.iter().filter(|finding| finding.kind == kind).collect() };
+    let of_kind = |kind: FindingKind| -> Vec<&Finding> {
+        causes.iter().filter(|finding| finding.kind == kind).collect()
+    };
     FindingKind::ALL.into_iter().flat_map(|kind| together(robot, &of_kind(kind))).collect()
 }
 

@@ -60,7 +60,14 @@ pub fn torque_delays(
     shapes: &[Vec<Vec<f64>>],
 ) -> Option<JointDelay> {
     let within = |wider: f64| {
-        delays_within(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, (shapes, wider))
+        delays_within(
+            robot,
+            columns,
+            kept_columns,
+            (filtered, filtered_coulomb_columns),
+            excitation,
+            (shapes, wider),
+        )
     };
     within(1.0).or_else(|| within(FURTHER))
 }

@@ -244,12 +244,7 @@ fn values_of(robot: &Robot, kept_columns: &[usize], identified: &Identification)
     kept_columns.iter().map(|&column| value(&order[column])).collect()
 }
 
-fn judged(
-    numbers: &[DescribedNumber],
-    factor: &TriangularFactor,
-    b: usize,
-    rows: usize,
-) -> DescriptionTest {
+fn judged(numbers: &[DescribedNumber], factor: &TriangularFactor, b: usize, rows: usize) -> DescriptionTest {
     let upper = factor.upper();
     let m = numbers.len();
     let end = b + m;

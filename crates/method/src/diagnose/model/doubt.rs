@@ -196,7 +196,8 @@ fn contradicted<'s>(
 /// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
 fn is_told(judged: &JudgedCycle<'_>, tilt: &Alternative, settings: &DoubtSettings) -> bool {
     let of_joint = |of: &TorqueRmsd| {
-        let [gained, left] = [&tilt.gained, &tilt.left].map(|all| all.get(of.joint.index()).copied().unwrap_or(0.0));
+        let [gained, left] =
+            [&tilt.gained, &tilt.left].map(|all| all.get(of.joint.index()).copied().unwrap_or(0.0));
         of.scope == RmsdScope::Stage(Stage::Excitation)
             && of.moving_rows.relative > settings.healthy[0]
             && gained * gained > left * left
@@ -210,7 +211,8 @@ fn weighty<'a>(
     settings: &'a DoubtSettings,
 ) -> impl Iterator<Item = (JointIndex, Rmsd, f64)> + 'a {
     let moving = || {
-        let of_excitation = judged.verification.iter().filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation));
+        let of_excitation =
+            judged.verification.iter().filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation));
         of_excitation.filter(|of| of.moving_rows.relative > 0.0).map(|of| (of.joint, of.moving_rows))
     };
     let largest = moving().map(|(_, rmsd)| rmsd.value / rmsd.relative).fold(0.0, f64::max);

@@ -51,8 +51,7 @@ impl JointFit {
                 direction.iter().map(|x| if length > 0.0 { x / length } else { 0.0 }).collect()
             })
             .collect();
-        let gram =
-            directions.iter().map(|a| directions.iter().map(|b| dot(a, b)).collect()).collect();
+        let gram = directions.iter().map(|a| directions.iter().map(|b| dot(a, b)).collect()).collect();
         let bounded =
             whole.iter().map(|side| directions.iter().map(|d| dot(d, &side[..k])).collect()).collect();
         let left = whole.into_iter().map(|side| side[k..].to_vec()).collect();

@@ -161,7 +161,10 @@ pub(super) fn far_from_nominal(
         };
         far_finding((joint, inertia_unit(robot, joint)), felt, severity)
     };
-    far.into_iter().filter(|(joint, [found, drawn])| found < drawn || rotor_is_known(*joint)).map(finding).collect()
+    far.into_iter()
+        .filter(|(joint, [found, drawn])| found < drawn || rotor_is_known(*joint))
+        .map(finding)
+        .collect()
 }
 
 /// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.

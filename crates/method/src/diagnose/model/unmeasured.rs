@@ -102,12 +102,14 @@ pub(crate) fn unmeasured(weighed: &Weighed<'_>, weightless: impl Fn() -> bool) -
     let gravity: Vec<f64> = shown.iter().filter_map(|of| of.gravity).collect();
     let most_gravity = gravity.iter().copied().fold(0.0, f64::max);
     if !gravity.is_empty() && most_gravity < NO_GRAVITY && weightless() {
-        let words = format!("at most {:.0} % of what the joints' inertias make one expect", 100.0 * most_gravity);
+        let words =
+            format!("at most {:.0} % of what the joints' inertias make one expect", 100.0 * most_gravity);
         return Some(without_gravity(&words, ("gravity_share", most_gravity)));
     }
     let powers: Vec<f64> = shown.iter().map(|of| of.power).collect();
     let scatter = standard_deviation(&powers).unwrap_or(0.0) / (powers.len() as f64).sqrt();
-    let without = powers.iter().all(|power| power.abs() < NO_POWER) && mean(&powers).unwrap_or(0.0) < 2.0 * scatter;
+    let without =
+        powers.iter().all(|power| power.abs() < NO_POWER) && mean(&powers).unwrap_or(0.0) < 2.0 * scatter;
     (without && shown.len() > 1 && weighed.robot.torque_sensors == TorqueSensors::Motor).then(|| {
         finding(
             format!(
@@ -169,7 +171,9 @@ pub(super) fn friction_torque(weighed: &Weighed<'_>, joint: JointIndex, qd: f64)
     let law = weighed.robot.friction_of(joint);
     let of_term = |(term, column): (&FrictionTerm, f64)| {
         let own = weighed.identified.parameters.iter().find(|p| {
-            p.id.joint == joint && p.id.kind == ParameterKind::Friction(*term) && *term != FrictionTerm::Offset
+            p.id.joint == joint
+                && p.id.kind == ParameterKind::Friction(*term)
+                && *term != FrictionTerm::Offset
         });
         own.map_or(0.0, |p| p.value * column)
     };
@@ -208,7 +212,8 @@ fn gravity_shares(
     let count = rows.len().max(1) as f64;
     let of_joint = |j: usize| {
         let inertia = median_inertia(robot, &model.inertial, j) + model.motor_inertia[j];
-        let lengths = robot.joints.iter().skip(j + 1).map(|next| next.geometry.placement().translation.norm());
+        let lengths =
+            robot.joints.iter().skip(j + 1).map(|next| next.geometry.placement().translation.norm());
         let lever = match robot.joints[j].kind {
             JointKind::Revolute => lengths.sum::<f64>().max(LEAST_REACH),
             JointKind::Prismatic => 1.0,

@@ -70,7 +70,8 @@ mod tests {
 
     #[test]
     fn steps_are_found_in_whole_values_and_not_in_measured_ones() {
-        let sine = |step: f64| (0..2000).map(move |i| step * (40.0 * (0.01 * f64::from(i)).sin() / step).round());
+        let sine =
+            |step: f64| (0..2000).map(move |i| step * (40.0 * (0.01 * f64::from(i)).sin() / step).round());
         for expected in [0.5, 1.0, 5.0] {
             let found = step(sine(expected)).expect("steps");
             assert!((found - expected).abs() < 1e-9, "{found}");

@@ -158,7 +158,8 @@ fn mean_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
         let steps = stretch.len().saturating_sub(1);
         (samples.time[stretch.start + steps] - samples.time[stretch.start], steps)
     };
-    let (time, steps) = filtered.usable.iter().map(of).fold((0.0, 0), |(t, n), (time, steps)| (t + time, n + steps));
+    let (time, steps) =
+        filtered.usable.iter().map(of).fold((0.0, 0), |(t, n), (time, steps)| (t + time, n + steps));
     time / steps.max(1) as f64
 }
 
