@@ -55,7 +55,7 @@ fn healthy_arms_stay_quiet_without_a_friction_stage() {
 }
 
 #[test]
-fn seconds_of_difference_are_no_other_warmth() {
+fn seconds_of_difference_are_no_other_temperature() {
     let workshop = Workshop::new();
     let made = workshop.simulate("made", &["--runs", "10", "--cycles", "1", "--name", "R01", "--seed", "5"]);
     for (place, path) in made.iter().enumerate() {
@@ -74,5 +74,7 @@ fn seconds_of_difference_are_no_other_warmth() {
     workshop.stdout(&["ingest", "inbox"], 0);
     let told = workshop.query("SELECT joint, status, reason FROM fleet_health ORDER BY joint");
     assert_eq!(told.len(), 6);
-    assert!(told.iter().all(|row| !row.contains("does not compare")), "{told:?}");
+    // two joints reach another speed in 10 s, and friction is compared at one speed
+    let compared = told.iter().filter(|row| !row.contains("does not compare")).count();
+    assert_eq!(compared, 4, "{told:?}");
 }

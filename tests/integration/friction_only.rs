@@ -62,7 +62,7 @@ fn the_friction_test_of_one_joint_in_a_file_gives_its_points() {
 /// 2 + 1 v, the load 0.4 cos(q + 0.3).
 fn moves_of_joint_5(back: bool, seed: u64) -> String {
     const ACCELERATION: f64 = 0.9;
-    const SPEED: f64 = 0.5585;
+    const SPEED: f64 = 0.279_25;
     const TRAVEL: f64 = 0.5;
     let (ramp, hold) = (SPEED / ACCELERATION, TRAVEL / SPEED - SPEED / ACCELERATION);
     let way = 2.0 * ramp + hold;
@@ -120,6 +120,6 @@ fn a_short_move_one_way_gives_no_friction_and_says_why() {
     let why = "cycles WHERE robot LIKE 'Once%' AND remarks LIKE '%does not tell friction from the load of gravity%'";
     assert_eq!(count(why), 8, "{:?}", workshop.query("SELECT robot, remarks FROM cycles"));
     assert_eq!(count("friction_points WHERE robot LIKE 'Twice%'"), 16);
-    let wrong = "friction_points WHERE robot LIKE 'Twice%' AND abs(abs(torque_nm) - 2.5585) > 3 * std_nm";
+    let wrong = "friction_points WHERE robot LIKE 'Twice%' AND abs(abs(torque_nm) - 2.279_25) > 3 * std_nm";
     assert_eq!(count(wrong), 0, "{:?}", workshop.query("SELECT torque_nm, std_nm FROM friction_points"));
 }

@@ -316,7 +316,8 @@ impl Search<'_> {
         let found = [(',', "comma"), (';', "semicolon"), ('\t', "tab"), ('|', "bar")];
         let found = found.iter().find(|(sign, _)| only.contains(*sign)).map(|(_, name)| *name);
         // as blanks are written in a layout
-        let in_blanks = only.split_whitespace().nth(2).map(|_| "\"blank\"");
+        let least = 2 * self.robot.joint_count();
+        let in_blanks = only.split_whitespace().nth(least).map(|_| "\"blank\"");
         match found.or(in_blanks) {
             Some(name) => Err(self.rejection(
                 format!("a header separated by {name}, not by {:?}", char::from(self.layout.delimiter)),

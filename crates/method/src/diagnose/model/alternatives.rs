@@ -32,6 +32,8 @@ pub struct Alternative {
     pub left: Vec<f64>,
     /// Whether it is another value of one number, and no mistake of sign, convention or mounting.
     pub is_number: bool,
+    /// Whether it is the scale of one joint's torque.
+    pub is_gain: bool,
     /// Angle by which it tilts the base, rad; zero for any other change.
     pub tilt: f64,
 }
@@ -43,6 +45,7 @@ struct Tried {
     gains: Vec<f64>,
     residual: f64,
     is_number: bool,
+    is_gain: bool,
 }
 
 /// Descriptions that explain the torques better: the base tilted, and the one change beside it.
@@ -64,7 +67,7 @@ pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &Descript
     let gains = vec![1.0; robot.joint_count()];
     let judged = |(words, robot): (String, Robot)| {
         let residual = judged_rows.residual(&robot, &gains);
-        Tried { words, robot, gains: gains.clone(), residual, is_number: false }
+        Tried { words, robot, gains: gains.clone(), residual, is_number: false, is_gain: false }
     };
     let described = judged((String::new(), robot.clone()));
     let tilted = tilted(robot, test)
@@ -95,6 +98,7 @@ fn compared(judged_rows: &JudgedRows<'_>, before: &Tried, after: &Tried, tilt: f
         gained: squares.iter().zip(&left).map(|(before, after)| (before - after).max(0.0).sqrt()).collect(),
         left: left.iter().map(|square| square.sqrt()).collect(),
         is_number: after.is_number,
+        is_gain: after.is_gain,
         tilt,
     }
 }
@@ -231,6 +235,7 @@ fn settled(
         gains: gains(change),
         residual,
         is_number: true,
+        is_gain: matches!(score.number, DescribedNumber::TorqueGain(_)),
     })
 }
 

@@ -563,8 +563,8 @@ fn findings(change: &Change, ratio: f64) -> Vec<Finding> {
         Change::Scaled(joint, scale) => {
             let sentence = format!(
                 "the torques contradict the description: with the scale of the torque of joint {} = {scale:.3} in place of \
-                 1.000 the torque error would be {left:.0} % of what it is: check the unit, gain and gear ratio of that torque \
-                 first",
+                 1.000 the torque error would be {left:.0} % of what it is: check the unit (percent of rated, motor side, \
+                 current), gain and gear ratio of that torque first",
                 JointIndex::new(*joint)
             );
             vec![finding(FindingKind::Description, Some(*joint), sentence)]

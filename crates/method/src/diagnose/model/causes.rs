@@ -65,7 +65,7 @@ pub fn sentences(robot: &Robot, findings: &[Finding]) -> Vec<String> {
 #[must_use]
 pub fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
     let refused = |kinds: &dyn Fn(FindingKind) -> bool| {
-        findings.iter().any(|finding| finding.severity >= FindingSeverity::Doubt && kinds(finding.kind))
+        findings.iter().any(|finding| finding.severity >= FindingSeverity::Accepted && kinds(finding.kind))
     };
     let caused = refused(&|kind| !CONSEQUENCES.contains(&kind));
     let explained = refused(&|kind| kind == FindingKind::MotorTorque);

@@ -176,6 +176,10 @@ fn contradicted<'s>(
     let tells = judged.filtered.cutoff >= settings.least_cutoff && excitation >= settings.least_excitation;
     let Alternatives { tilt, change } = alternatives(judged.robot, &judged_rows, &test);
     let change = change.filter(|change| tells && change.residual_ratio <= settings.alternative);
+    if change.as_ref().is_some_and(|change| change.is_gain) && far_joints(known) > 1 {
+        // torques of several joints are in another unit: the scale of one of them is a part of that
+        return None;
+    }
     if let Some(change) = change {
         let matters = !change.is_number || costs(judged, &change, settings);
         return Some(doubted(&test, Some(change), matters));
@@ -191,6 +195,13 @@ fn contradicted<'s>(
     }
     let matters = test.share >= settings.description_shares[1] && poorest > settings.healthy[1];
     Some(doubted(&test, None, matters))
+}
+
+/// Joints that are refused because their inertia is far from the nominal one.
+fn far_joints(known: &[Finding]) -> usize {
+    let is_far =
+        |of: &&Finding| of.kind == FindingKind::FarFromNominal && of.severity == FindingSeverity::Refuse;
+    known.iter().filter(is_far).count()
 }
 
 /// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
