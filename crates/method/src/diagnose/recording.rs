@@ -24,7 +24,7 @@ const REPEATS_S: f64 = 0.5;
 /// Everything that the channels of one cycle show to be wrong, the gravest first.
 ///
 /// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`].
-/// Torques of wrong sign or order are found by [`super::model::assignment`].
+/// Torques of wrong sign or order are found with the model, by the fit of all joints.
 #[must_use]
 pub fn diagnose_samples(
     robot: &Robot,
