@@ -24,7 +24,7 @@ pub struct MomentFormat {
     parts: Vec<Part>,
 }
 
-/// What a cell says.
+/// A date, a time of day or both, as a cell gives it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Moment {
     /// Nanoseconds from 1970; of a form without a date, from the start of its largest unit.

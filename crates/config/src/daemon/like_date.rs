@@ -9,7 +9,7 @@ const PARTS_OF_A_MOMENT: usize = 5;
 const MONTHS: [&str; 12] =
     ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
 
-/// Whether a name without endings has something like a date in it.
+/// True if a name without endings contains something like a date.
 pub(super) fn has_date_like(stem: &str) -> bool {
     let numbers = numbers(stem);
     numbers.iter().any(|(digits, _)| digits.len() >= DIGITS_OF_A_DATE)

@@ -110,17 +110,16 @@ pub enum TimeSource {
 /// How a cell of text gives the time of its row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum TextTime {
-    /// As ISO 8601, with or without zone, or day first with points.
+    /// ISO 8601, with or without zone, or day first with points.
     Timestamp,
-    /// In a form of `strptime`, with or without date.
+    /// A form of `strptime`, with or without date.
     Format(MomentFormat),
-    /// As an elapsed time with units: `T#1h2m3s4ms`.
+    /// Elapsed time with units: `T#1h2m3s4ms`.
     Duration,
 }
 
 impl TextTime {
-    /// After how many seconds a time of day begins anew, where cells have this form throughout; `None` of forms that
-    /// count on. A timestamp without a date is a time of day.
+    /// Seconds after which a time of day starts again, if all cells have this form; `None` for forms that count on. A timestamp without a date is a time of day.
     #[must_use]
     pub fn period_s(&self) -> Option<f64> {
         match self {

@@ -78,7 +78,7 @@ pub(crate) fn read_start(table: &Table<'_>) -> Option<StartSource> {
     Some(StartSource { column: column?, form: form? })
 }
 
-/// A format that gives what is `wanted`.
+/// A format that gives the `wanted` parts.
 fn read_format(value: &Value<'_>, wanted: &str, gives: fn(&MomentFormat) -> bool) -> Option<MomentFormat> {
     let problem = match MomentFormat::new(value.text()?) {
         Ok(format) if gives(&format) => return Some(format),
