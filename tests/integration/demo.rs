@@ -1,4 +1,4 @@
-//! The demo, and what README, cookbook and `dashboards/` promise on its database.
+//! The demo, and what README, `examples/` and `dashboards/` promise on its database.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 
 use serde_json::Value;
 
-use crate::support::{Workshop, end_of, text, words};
+use crate::support::{Workshop, end_of, example_questions, text, words};
 
 /// Folder of a demo that has ended, for the tests on its database.
 const FOLDER: &str = "ARMWATCH_DEMO";
@@ -164,19 +164,15 @@ const EMPTY: [(&str, &str); 14] = [
     ("quarantine.sql of 'Middle'", "every export was understood"),
 ];
 
-/// The questions of the cookbook, and the queries of `dashboards/` with their defaults and as its README asks them.
+/// The questions of `examples/questions.sql`, and the queries of `dashboards/` with their defaults and as its README asks them.
 #[test]
 #[ignore = "needs the database of a demo that has ended"]
-fn questions_of_the_cookbook_and_queries_for_dashboards_have_rows() {
+fn example_questions_and_queries_for_dashboards_have_rows() {
     let Some(workshop) = shown() else { return };
     let mut empty: Vec<String> = Vec::new();
-    let cookbook = page("docs/cookbook.md");
-    for section in cookbook.split("\n### ").skip(1) {
-        let title = section.lines().next().unwrap_or_default();
-        for statement in statements(section) {
-            if rows(&workshop, &statement) == 0 {
-                empty.push(title.to_owned());
-            }
+    for (question, statement) in example_questions() {
+        if rows(&workshop, &statement) == 0 {
+            empty.push(question);
         }
     }
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("dashboards");

@@ -419,6 +419,15 @@ fn rows_by_view(dump: &str) -> BTreeMap<&str, usize> {
     rows
 }
 
+/// Questions of `examples/questions.sql`, each with its statement.
+pub fn example_questions() -> Vec<(String, String)> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/questions.sql");
+    let text = fs::read_to_string(path).expect("the example questions");
+    let sections = text.split("\n-- ## ").skip(1);
+    let questions = sections.filter_map(|section| section.split_once(";\n")?.0.split_once('\n'));
+    questions.map(|(question, statement)| (question.to_owned(), statement.to_owned())).collect()
+}
+
 /// Words of a command line as a shell gives them; what stands between double quotes is one word.
 pub fn words(line: &str) -> Vec<String> {
     let mut words = Vec::new();

@@ -3,13 +3,13 @@
     python3 check.py DATABASE [--parquet FOLDER] [--history FOLDER] [--docs FOLDER] [--tool NAME]...
 
 Every view opens in every tool; its columns are those of schema.md, numbers arrive as numbers, and times as text in one
-form whose order is that of time. Every statement of cookbook.md and every block of python.md runs. Both pages and
-schema.md are looked for in FOLDER, else in docs beside or above this file. The database is only read.
+form whose order is that of time. Every statement of questions.sql and every Python script in `examples` runs. These files
+and schema.md are searched in FOLDER, else in `docs` and `examples` next to or above this file. The database is only read.
 
 With --parquet, a folder that `armwatch export --parquet` has made of the same database: pyarrow, polars and DuckDB find
-in each file the values of the view, with the types and units of schema.md. Blocks of python.md that read PARQUET run.
+in each file the values of the view, with the types and units of schema.md. Scripts that read PARQUET run.
 With --history, a folder of `armwatch export --parquet --by-month`, DuckDB, polars and DataFusion find the values of each
-view that is divided, and blocks that read HISTORY run.
+view that is divided, and scripts that read HISTORY run.
 
 Ends with 0, with 1 and a sentence for each thing that is wrong, or with 2 where nothing could be checked.
 requirements.txt has the tools.
@@ -20,20 +20,20 @@ import asyncio
 import collections
 import contextlib
 import datetime
-import io
 import json
 import os
 import pathlib
 import re
 import sqlite3
+import subprocess
 import sys
 import time
 
-TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "parquet", "history", "cookbook", "python")
+TOOLS = ("sqlite3", "pandas", "polars", "connectorx", "duckdb", "datasette", "parquet", "history", "questions", "python")
 TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 # Columns of text that hold a time, by their names.
 TIME_COLUMN = re.compile(r"(.*_)?at$|shelved_until$|expected_by$")
-# A statement of the cookbook that takes longer is of no use on a page that is loaded again and again.
+# A statement of questions.sql that takes longer is of no use on a page that is loaded again and again.
 SLOWEST_S = 0.5
 # connectorx takes the type of a computed column from its first row.
 FIRST_ROW_IS_NULL = "Cannot infer type from null"
@@ -367,49 +367,52 @@ def as_in_sqlite(value):
     return value.isoformat() if isinstance(value, datetime.date) else value
 
 
-def check_cookbook(database, page):
+def check_questions(database, file):
     connection = connect(database)
     public = set(views_of(connection))
-    entries = re.findall(r"^### ([^\n]+)$.+?^```sql$(.+?)^```$", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    entries = re.findall(r"^-- ## ([^\n]+)$(.+?;)$", file.read_text(encoding="utf-8"), flags=re.M | re.S)
     if len(entries) < 20:
-        wrong("cookbook", f"{page.name} has {len(entries)} statements only")
+        wrong("questions", f"{file.name} has {len(entries)} statements only")
     for question, statement in entries:
         own = set(re.findall(r"(\w+) AS (?:(?:NOT )?MATERIALIZED )?\(", statement))
         for table in set(re.findall(r"(?:FROM|JOIN)\s+(\w+)", statement)) - own - public:
-            wrong("cookbook", f'"{question}" reads {table}, which is no view')
+            wrong("questions", f'"{question}" reads {table}, which is no view')
         begin = time.perf_counter()
         try:
             connection.execute(statement).fetchall()
         except sqlite3.Error as error:
-            wrong("cookbook", f'"{question}" fails: {error}')
+            wrong("questions", f'"{question}" fails: {error}')
         if (seconds := time.perf_counter() - begin) > SLOWEST_S:
             # a machine may be slow: said, and no fault
-            print(f'cookbook: "{question}" takes {seconds:.2f} s, more than {SLOWEST_S} s')
+            print(f'questions: "{question}" takes {seconds:.2f} s, more than {SLOWEST_S} s')
     connection.close()
 
 
-def check_python(database, page, folders):
+def check_python(database, folder, folders):
+    """Each script, whose second line of text is its call, with the database or the folder that it reads."""
     import duckdb
 
     if not load_sqlite_of_duckdb(duckdb):
         return
-    given = {"DATABASE": database} | {name: folder for name, folder in folders.items() if folder}
-    missing = [name for name, folder in folders.items() if not folder]
-    text = page.read_text(encoding="utf-8")
-    for block in re.finditer(r"^```python$\n(.+?)^```$", text, flags=re.M | re.S):
-        if re.match(r"[A-Z]+ =", block[1]) or any(name in block[1] for name in missing):
-            continue
-        line = text.count("\n", 0, block.start()) + 1
-        try:
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(compile(block[1], page.name, "exec"), dict(given))
-        except Exception as error:
-            wrong("python", f"the block at line {line} of {page.name} fails: {type(error).__name__}: {brief(error)}")
+    given = {"DATABASE": database} | folders
+    scripts = sorted(folder.glob("*.py"))
+    if len(scripts) < 6:
+        wrong("python", f"{folder} has {len(scripts)} scripts only")
+    for script in scripts:
+        call = re.search(r"^    python3 (\w+\.py) ([A-Z]+)$", script.read_text(encoding="utf-8"), flags=re.M)
+        if call is None or call[1] != script.name or call[2] not in given:
+            wrong("python", f"{script.name} does not state its call")
+        elif given[call[2]]:
+            done = subprocess.run([sys.executable, script, given[call[2]]], capture_output=True, text=True)
+            if done.returncode or not done.stdout:
+                last = (done.stderr.strip().splitlines() or ["it prints nothing"])[-1]
+                wrong("python", f"{script.name} fails: {brief(last)}")
 
 
 def documentation(asked):
     here = pathlib.Path(__file__).resolve().parent
-    near = [pathlib.Path(asked)] if asked else [here, *(folder / "docs" for folder in (here, *here.parents))]
+    above = [folder / name for folder in (here, *here.parents) for name in ("docs", "examples")]
+    near = [pathlib.Path(asked)] if asked else [here, *above]
     return lambda name: next((folder / name for folder in near if (folder / name).is_file()), None)
 
 
@@ -418,7 +421,7 @@ def main():
     parser.add_argument("database")
     parser.add_argument("--parquet", help="folder of an export of this database as Parquet")
     parser.add_argument("--history", help="folder of an export of this database as Parquet by month")
-    parser.add_argument("--docs", help="folder of schema.md, cookbook.md and python.md")
+    parser.add_argument("--docs", help="folder of schema.md, questions.sql and the scripts")
     parser.add_argument("--tool", action="append", choices=TOOLS, help="only this one; may be repeated")
     arguments = parser.parse_args()
     database = os.path.abspath(arguments.database)
@@ -439,13 +442,13 @@ def main():
     for tool in arguments.tool or [tool for tool in TOOLS if folders.get(tool.upper(), "none asked for")]:
         before = len(problems)
         try:
-            if tool in ("cookbook", "python"):
-                if (found := page(f"{tool}.md")) is None:
-                    wrong(tool, f"{tool}.md is not to be found; name its folder with --docs")
-                elif tool == "cookbook":
-                    check_cookbook(database, found)
+            if tool in ("questions", "python"):
+                if (found := page("questions.sql")) is None:
+                    wrong(tool, "questions.sql is not to be found; name its folder with --docs")
+                elif tool == "questions":
+                    check_questions(database, found)
                 else:
-                    check_python(database, found, folders)
+                    check_python(database, found.parent, folders)
             elif tool.upper() in folders:
                 globals()[f"check_{tool}"](database, schema, folders[tool.upper()])
             else:

@@ -40,7 +40,7 @@ const FIRST_START: &str = "2020-01-01T00:00:00Z";
 #[command(after_help = "\
 Fills a new database in a temporary folder with a history that nobody recorded, six joints a robot, and prints how long
 the questions take that conclusions of one robot ask, and its detectors, the first time and once all that they find is
-stored (the median of five conclusions, and the slowest), and the shipped queries: those of docs/cookbook.md, of dashboards/ with their defaults, and the panels for Grafana
+stored (the median of five conclusions, and the slowest), and the shipped queries: those of examples/questions.sql, of dashboards/ with their defaults, and the panels for Grafana
 over the last 90 days, each about one robot where it names one. A thousand tests of 24 cycles, 144,000 joint-cycles, take
 130 MB and some seconds to make.
 
@@ -288,7 +288,7 @@ fn report(
     output::line(&output::table(&["shipped queries, the slowest", "first_ms", "then_ms"], &rows));
     let number = |p95: Option<f64>| p95.map_or_else(|| "-".to_owned(), |p95| format!("{p95:.1}"));
     let mut rows = Vec::new();
-    for collection in ["cookbook", "dashboards", "Grafana"] {
+    for collection in ["questions", "dashboards", "Grafana"] {
         let of: Vec<&Asked> = all.iter().copied().filter(|asked| asked.collection == collection).collect();
         rows.push(vec![collection.to_owned(), of.len().to_string(), number(p95(&of))]);
     }

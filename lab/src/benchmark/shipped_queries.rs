@@ -1,4 +1,4 @@
-//! The queries that people are shown, as statements about the first robot of a synthetic history: those of the cookbook, of
+//! The shipped queries, as statements about the first robot of a synthetic history: those of `examples/questions.sql`, of
 //! `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
 
 use armwatch::cli::context::CliError;
@@ -6,7 +6,7 @@ use armwatch::cli::context::CliError;
 /// A collection, and its files with their text.
 type Files = (&'static str, &'static [(&'static str, &'static str)]);
 
-const COOKBOOK: &str = include_str!("../../../docs/cookbook.md");
+const QUESTIONS: &str = include_str!("../../../examples/questions.sql");
 
 macro_rules! dashboards {
     ($($name:literal),*) => {
@@ -55,10 +55,10 @@ pub(super) struct ShippedQuery {
 
 /// All of them, about the robot of this name; `until` is the end of its history, RFC 3339.
 pub(super) fn shipped_queries(robot: &str, until: jiff::Timestamp) -> Result<Vec<ShippedQuery>, CliError> {
-    let mut found: Vec<ShippedQuery> = questions(COOKBOOK)
+    let mut found: Vec<ShippedQuery> = questions(QUESTIONS)
         .into_iter()
         .map(|(name, statement)| ShippedQuery {
-            collection: "cookbook",
+            collection: "questions",
             name: name.to_owned(),
             statement: statement.replace("'Middle'", &format!("'{robot}'")),
         })
@@ -86,23 +86,10 @@ pub(super) fn shipped_queries(robot: &str, until: jiff::Timestamp) -> Result<Vec
     Ok(found)
 }
 
-/// Headings with the statement below each.
+/// Questions, which are comments that begin with `-- ##`, with the statement below each.
 fn questions(text: &str) -> Vec<(&str, &str)> {
-    let mut heading = "";
-    let mut found = Vec::new();
-    let mut rest = text;
-    while let Some((line, after)) = rest.split_once('\n') {
-        rest = after;
-        if let Some(words) = line.strip_prefix("### ") {
-            heading = words;
-        } else if line == "```sql"
-            && let Some((statement, after)) = after.split_once("\n```")
-        {
-            found.push((heading, statement));
-            rest = after;
-        }
-    }
-    found
+    let sections = text.split("\n-- ## ").skip(1);
+    sections.filter_map(|section| section.split_once(";\n")?.0.split_once('\n')).collect()
 }
 
 /// The statement with NULL in place of each parameter `:name`.
@@ -150,16 +137,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_statement_of_the_cookbook_is_found_with_its_question() {
-        let found = questions(COOKBOOK);
-        assert_eq!(found.len(), COOKBOOK.matches("\n```sql\n").count());
+    fn each_statement_is_found_with_its_question() {
+        let found = questions(QUESTIONS);
+        assert_eq!(found.len(), QUESTIONS.matches(";\n").count());
         assert!(found.iter().all(|(question, statement)| !question.is_empty() && statement.contains("FROM")));
     }
 
     #[test]
     fn no_parameter_and_no_macro_is_left() {
         let found = shipped_queries("S001", jiff::Timestamp::UNIX_EPOCH).expect("queries");
-        for collection in ["cookbook", "dashboards", "Grafana"] {
+        for collection in ["questions", "dashboards", "Grafana"] {
             assert!(found.iter().filter(|query| query.collection == collection).count() >= 9, "{collection}");
         }
         for ShippedQuery { name, statement, .. } in &found {

@@ -1,35 +1,23 @@
-# Questions and answers in SQL
+-- Questions to the public views (docs/schema.md), one SQLite statement per question, sorted by reader. Statements have no
+-- parameters: change the robot, run or number of days in the text. dashboards/ has longer queries with parameters.
+--
+--     sqlite3 -readonly -box armwatch.db          paste a statement, or .read this file
+--     armwatch sql "SELECT ..."                   one statement
+--
+-- Views do not use the clock. Statements that depend on today use 'now'; for an archived database, replace it with a day
+-- such as '2026-02-01'. Times are text that sorts in time order, so >= and ORDER BY work.
 
-Each section answers one question with one SQLite statement over the public views ([schema.md](schema.md)). Statements
-have no parameters: change the robot, run or number of days in the text. [dashboards](../dashboards/README.md) has longer
-queries with parameters, for `armwatch sql --param`, Grafana and Datasette.
+-- # For the technician
 
-```console
-$ armwatch sql "SELECT robot, joint, status, reason FROM fleet_health WHERE status <> 'ok'"
-$ sqlite3 -readonly -box armwatch.db
-```
-
-Views do not use the clock. Statements that depend on today use `'now'`; for an archived database, replace it with a day
-such as `'2026-02-01'`. Times are text that sorts in time order, so `>=` and `ORDER BY` work.
-
-## For the technician
-
-### What is wrong now?
-
-Alarms that are neither resolved nor false, worst first.
-
-```sql
+-- ## What is wrong now?
+-- Alarms that are neither resolved nor false, worst first.
 SELECT anomaly_id, robot, joint, severity, state, kind, onset_at, last_seen_at, message
 FROM anomalies
 WHERE state NOT IN ('resolved', 'false_alarm')
 ORDER BY CASE severity WHEN 'critical' THEN 0 WHEN 'warning' THEN 1 ELSE 2 END, last_seen_at DESC;
-```
 
-### Which robots need attention?
-
-Robots with a joint that is neither `ok` nor `learning`.
-
-```sql
+-- ## Which robots need attention?
+-- Robots with a joint that is neither ok nor learning.
 SELECT robot,
        max(last_run_at) AS last_run_at,
        group_concat(CASE WHEN status = 'critical' THEN joint END, ', ') AS critical_joints,
@@ -42,14 +30,10 @@ GROUP BY robot
 ORDER BY count(CASE WHEN status = 'critical' THEN 1 END) DESC,
          count(CASE WHEN status = 'warning' THEN 1 END) DESC,
          robot;
-```
 
-### What got worse this month?
-
-Rise of the friction index over the 30 days before the robot's latest test, if it exceeds twice the combined standard
-error; 0.1 is 10 % of the baseline friction.
-
-```sql
+-- ## What got worse this month?
+-- Rise of the friction index over the 30 days before the robot's latest test, if it exceeds twice the combined standard
+-- error; 0.1 is 10 % of the baseline friction.
 WITH fleet AS (
     SELECT robot, max(last_run_at) AS latest_at FROM fleet_health GROUP BY robot
 ),
@@ -81,35 +65,23 @@ WHERE last.friction_index > first.friction_index
       > 4 * (first.friction_index_std_error * first.friction_index_std_error
              + last.friction_index_std_error * last.friction_index_std_error)
 ORDER BY rise DESC;
-```
 
-### Which joints will reach the critical limit within 90 days?
-
-Forecast with its 80 % interval.
-
-```sql
+-- ## Which joints will reach the critical limit within 90 days?
+-- Forecast with its 80 % interval.
 SELECT robot, joint, friction_index, trend, critical_by, critical_by_lower, critical_by_upper
 FROM fleet_health
 WHERE critical_by BETWEEN date('now') AND date('now', '+90 days')
 ORDER BY critical_by;
-```
 
-### Which joints are on their way to a limit?
-
-`critical_by` is NULL if the limit is passed or beyond the forecast horizon.
-
-```sql
+-- ## Which joints are on their way to a limit?
+-- critical_by is NULL if the limit is passed or beyond the forecast horizon.
 SELECT robot, joint, status, friction_index, trend, warning_by, critical_by
 FROM fleet_health
 WHERE trend IN ('rising', 'falling')
 ORDER BY critical_by IS NULL, critical_by, warning_by IS NULL, warning_by;
-```
 
-### Which robots have sent no test for a week?
-
-By the start of the latest complete test; includes robots without one.
-
-```sql
+-- ## Which robots have sent no test for a week?
+-- By the start of the latest complete test; includes robots without one.
 SELECT robot,
        max(CASE WHEN status = 'complete' AND kind = 'test' THEN started_at END) AS last_test_at,
        round(julianday('now')
@@ -118,14 +90,10 @@ FROM runs
 GROUP BY robot
 HAVING last_test_at IS NULL OR last_test_at < strftime('%Y-%m-%dT%H:%M:%fZ', 'now', '-7 days')
 ORDER BY last_test_at;
-```
 
-### What did the repair change?
-
-Mean friction after each maintenance divided by mean friction before it, over up to three tests on either side at equal
-speed, direction and cycle. The friction index cannot show this, because maintenance resets it.
-
-```sql
+-- ## What did the repair change?
+-- Mean friction after each maintenance divided by mean friction before it, over up to three tests on either side at equal
+-- speed, direction and cycle. The friction index cannot show this, because maintenance resets it.
 WITH side AS (
     SELECT maintenance_log.maintenance_id, maintenance_log.robot, maintenance_log.joint, maintenance_log.at,
            maintenance_log.what, test.run_id,
@@ -159,13 +127,9 @@ JOIN maintenance_log USING (maintenance_id)
 WHERE point.before_nm > 0 AND point.after_nm IS NOT NULL
 GROUP BY maintenance_log.maintenance_id, point.joint
 ORDER BY maintenance_log.at DESC, point.joint;
-```
 
-### When did it begin, and which test showed it first?
-
-Exports of onset, first and latest test of each alarm that is neither resolved nor false.
-
-```sql
+-- ## When did it begin, and which test showed it first?
+-- Exports of onset, first and latest test of each alarm that is neither resolved nor false.
 SELECT anomalies.anomaly_id, anomalies.robot, anomalies.joint, anomalies.kind,
        anomalies.onset_at, began.source_name AS began_with,
        anomalies.first_seen_at, shown.source_name AS first_shown_by,
@@ -176,20 +140,14 @@ LEFT JOIN runs AS shown ON shown.run_id = anomalies.run_id
 LEFT JOIN runs AS latest ON latest.run_id = anomalies.last_run_id
 WHERE anomalies.state NOT IN ('resolved', 'false_alarm')
 ORDER BY anomalies.onset_at;
-```
 
-### What happened to alarm 1?
-
-```sql
+-- ## What happened to alarm 1?
 SELECT at, what, severity, value, message, who, why
 FROM anomaly_history
 WHERE anomaly_id = 1
 ORDER BY anomaly_event_id;
-```
 
-### Which cycles were refused, and why?
-
-```sql
+-- ## Which cycles were refused, and why?
 SELECT cycles.robot, cycles.reason, count(*) AS refused_cycles, count(DISTINCT cycles.run_id) AS tests,
        max(cycles.started_at) AS last_at
 FROM cycles
@@ -197,24 +155,17 @@ CROSS JOIN runs ON runs.run_id = cycles.run_id
 WHERE cycles.status = 'refused' AND runs.kind = 'test' AND runs.status = 'complete'
 GROUP BY cycles.robot, cycles.reason
 ORDER BY refused_cycles DESC, last_at DESC;
-```
 
-### Which exports are in quarantine, and where is the fault?
-
-```sql
+-- ## Which exports are in quarantine, and where is the fault?
 SELECT run_id, robot, source_path, problem, line, column_name, value, remedy, tries, first_at
 FROM quarantine
 WHERE state = 'open'
 ORDER BY first_at DESC;
-```
 
-## For the robotics engineer
+-- # For the robotics engineer
 
-### How did friction of one joint develop?
-
-Friction index of joint 3 of Middle with its 95 % interval; 1 is the baseline.
-
-```sql
+-- ## How did friction of one joint develop?
+-- Friction index of joint 3 of Middle with its 95 % interval; 1 is the baseline.
 SELECT started_at, run_id,
        round(friction_index, 4) AS friction_index,
        round(friction_index - 1.96 * friction_index_std_error, 4) AS interval_low,
@@ -223,13 +174,9 @@ SELECT started_at, run_id,
 FROM friction_index
 WHERE robot = 'Middle' AND joint = 3
 ORDER BY started_at;
-```
 
-### How noisy is each joint's friction index?
-
-Standard deviation of Middle's index from test to test, without slow trends, and the stated standard error.
-
-```sql
+-- ## How noisy is each joint's friction index?
+-- Standard deviation of Middle's index from test to test, without slow trends, and the stated standard error.
 WITH step AS (
     SELECT robot, joint, friction_index_std_error,
            friction_index - lag(friction_index) OVER (PARTITION BY joint ORDER BY started_at, run_id) AS change
@@ -245,13 +192,9 @@ FROM step
 GROUP BY robot, joint
 HAVING count(change) >= 3
 ORDER BY scatter DESC;
-```
 
-### Which arms differ from their twins?
-
-Warm friction at 60 % of each joint's largest speed, compared with the mean of the other arms of its model.
-
-```sql
+-- ## Which arms differ from their twins?
+-- Warm friction at 60 % of each joint's largest speed, compared with the mean of the other arms of its model.
 WITH arm AS (
     SELECT robot,
            (SELECT model FROM runs
@@ -276,14 +219,10 @@ SELECT model, robot, joint,
 FROM level
 WHERE others >= 2
 ORDER BY abs(warm_nm * others / sum_of_others_nm - 1) DESC;
-```
 
-### How did RMSD develop?
-
-Mean moving relative RMSD of Middle's excitation stages over the 90 days before its latest test, and its change since the
-first of these tests.
-
-```sql
+-- ## How did RMSD develop?
+-- Mean moving relative RMSD of Middle's excitation stages over the 90 days before its latest test, and its change since the
+-- first of these tests.
 WITH span AS (
     SELECT strftime('%Y-%m-%dT%H:%M:%fZ', max(last_run_at), '-90 days') AS since FROM fleet_health WHERE robot = 'Middle'
 ),
@@ -304,13 +243,9 @@ SELECT robot, joint, started_at, run_id,
        round(rmsd - first_value(rmsd) OVER (PARTITION BY joint ORDER BY started_at, run_id), 4) AS change
 FROM of_test
 ORDER BY joint, started_at;
-```
 
-### Which stage does the model explain worst?
-
-Middle's latest five tests. A high RMSD in one stage points to an effect that the model lacks.
-
-```sql
+-- ## Which stage does the model explain worst?
+-- Middle's latest five tests. A high RMSD in one stage points to an effect that the model lacks.
 WITH latest AS (
     SELECT run_id, robot FROM runs
     WHERE robot = 'Middle' AND status = 'complete' AND kind = 'test'
@@ -326,13 +261,9 @@ CROSS JOIN cycle_rmsd ON cycle_rmsd.run_id = latest.run_id
 WHERE cycle_rmsd.verification = 'self' AND cycle_rmsd.stage <> 'all'
 GROUP BY cycle_rmsd.joint, cycle_rmsd.stage
 ORDER BY cycle_rmsd.joint, moving_relative_rmsd DESC;
-```
 
-### How high is friction at 60 % speed, cold and warm?
-
-Mean of both directions in the first and last cycle of each robot's latest complete test.
-
-```sql
+-- ## How high is friction at 60 % speed, cold and warm?
+-- Mean of both directions in the first and last cycle of each robot's latest complete test.
 WITH latest AS (
     SELECT (SELECT run_id FROM runs
             WHERE runs.robot = fleet.robot AND status = 'complete' AND kind = 'test'
@@ -360,13 +291,9 @@ SELECT robot, joint, started_at,
 FROM point
 GROUP BY robot, joint, started_at
 ORDER BY robot, joint;
-```
 
-### How long does warming up take?
-
-Time constants, and minutes of motion until 5 % of the slow part is left (three time constants).
-
-```sql
+-- ## How long does warming up take?
+-- Time constants, and minutes of motion until 5 % of the slow part is left (three time constants).
 SELECT DISTINCT robot, joint,
        round(slow_min, 1) AS slow_min,
        round(slow_std_error_min, 1) AS slow_std_error_min,
@@ -377,11 +304,8 @@ SELECT DISTINCT robot, joint,
        runs
 FROM friction_map
 ORDER BY robot, joint;
-```
 
-### How does friction depend on speed?
-
-```sql
+-- ## How does friction depend on speed?
 SELECT robot, joint, speed_fraction,
        round(warm_nm, 3) AS warm_nm,
        round(warm_nm + cold_nm, 3) AS cold_nm,
@@ -389,14 +313,10 @@ SELECT robot, joint, speed_fraction,
 FROM friction_map
 WHERE robot = 'Middle'
 ORDER BY joint, speed_fraction;
-```
 
-### Which parameters changed most since the first five tests?
-
-Middle's latest test against its first five, in multiples of their mean absolute deviation, without the cold cycles
-1 to 5.
-
-```sql
+-- ## Which parameters changed most since the first five tests?
+-- Middle's latest test against its first five, in multiples of their mean absolute deviation, without the cold cycles
+-- 1 to 5.
 WITH test AS (
     SELECT * FROM (SELECT run_id, robot, 'first' AS which FROM runs
                    WHERE robot = 'Middle' AND status = 'complete' AND kind = 'test'
@@ -437,13 +357,9 @@ JOIN spread USING (joint, parameter)
 WHERE of_test.which = 'latest'
 ORDER BY multiples_of_deviation DESC
 LIMIT 20;
-```
 
-### Which parameters does the motion not show?
-
-Standard errors above half the value in most cycles of Middle's latest five tests.
-
-```sql
+-- ## Which parameters does the motion not show?
+-- Standard errors above half the value in most cycles of Middle's latest five tests.
 WITH latest AS (
     SELECT run_id, robot FROM runs
     WHERE robot = 'Middle' AND status = 'complete' AND kind = 'test'
@@ -459,14 +375,10 @@ CROSS JOIN cycle_parameters ON cycle_parameters.run_id = latest.run_id
 GROUP BY latest.robot, cycle_parameters.joint, cycle_parameters.parameter, cycle_parameters.unit
 HAVING share_of_cycles > 0.5
 ORDER BY share_of_cycles DESC, cycle_parameters.joint;
-```
 
-### Does the torque signal of a joint drift?
-
-Plateau torque that does not change sign with the motion, in the first and latest test. A change is a torque offset or a
-load.
-
-```sql
+-- ## Does the torque signal of a joint drift?
+-- Plateau torque that does not change sign with the motion, in the first and latest test. A change is a torque offset or a
+-- load.
 WITH test AS (
     SELECT (SELECT run_id FROM runs
             WHERE runs.robot = fleet.robot AND status = 'complete' AND kind = 'test'
@@ -493,13 +405,9 @@ SELECT first.robot, first.joint,
 FROM first
 JOIN latest ON latest.first_run_id = first.run_id AND latest.joint = first.joint
 ORDER BY abs(latest.offset_nm - first.offset_nm) DESC;
-```
 
-### Does friction follow the temperature?
-
-By cycle in Middle's latest 30 tests, if motor temperatures are recorded.
-
-```sql
+-- ## Does friction follow the temperature?
+-- By cycle in Middle's latest 30 tests, if motor temperatures are recorded.
 WITH test AS (
     SELECT run_id, started_at FROM runs
     WHERE robot = 'Middle' AND status = 'complete' AND kind = 'test'
@@ -516,13 +424,9 @@ CROSS JOIN friction_points ON friction_points.run_id = temperatures.run_id
 WHERE temperatures.sensor = 'motor'
 GROUP BY temperatures.robot, temperatures.run_id, temperatures.cycle, temperatures.joint
 ORDER BY temperatures.joint, test.started_at, temperatures.cycle;
-```
 
-### How does production compare with the test?
-
-Excess friction over the reference test and fit of its parameters, in each robot's latest 200 production logs.
-
-```sql
+-- ## How does production compare with the test?
+-- Excess friction over the reference test and fit of its parameters, in each robot's latest 200 production logs.
 WITH log AS (
     SELECT run_id
     FROM (SELECT DISTINCT robot FROM fleet_health) AS fleet
@@ -540,13 +444,9 @@ SELECT robot, joint, started_at, log.run_id, reference_run_id, windows,
        round(moving_relative_rmsd / nullif(test_relative_rmsd, 0), 2) AS times_the_test
 FROM log CROSS JOIN production_trend ON production_trend.run_id = log.run_id
 ORDER BY robot, joint, started_at;
-```
 
-### Which production windows fit the test worst?
-
-The 20 largest deviations in the latest 30 days of each robot.
-
-```sql
+-- ## Which production windows fit the test worst?
+-- The 20 largest deviations in the latest 30 days of each robot.
 WITH log AS (
     SELECT run_id
     FROM (SELECT DISTINCT robot FROM fleet_health) AS fleet
@@ -564,13 +464,10 @@ FROM log CROSS JOIN production_checks ON production_checks.run_id = log.run_id
 WHERE joint IS NOT NULL
 ORDER BY moving_relative_rmsd DESC
 LIMIT 20;
-```
 
-## For the data engineer
+-- # For the data engineer
 
-### How many false alarms were there by kind?
-
-```sql
+-- ## How many false alarms were there by kind?
 SELECT kind,
        count(*) AS episodes,
        count(CASE WHEN state = 'false_alarm' THEN 1 END) AS false_alarms,
@@ -578,13 +475,9 @@ SELECT kind,
 FROM anomalies
 GROUP BY kind
 ORDER BY false_alarms DESC, kind;
-```
 
-### How long do alarms wait for an answer?
-
-Hours from opening to the first action of a person, by severity. Alarms without an action are counted but not averaged.
-
-```sql
+-- ## How long do alarms wait for an answer?
+-- Hours from opening to the first action of a person, by severity. Alarms without an action are counted but not averaged.
 WITH opened AS (
     SELECT anomaly_id, severity, min(at) AS at
     FROM anomaly_history
@@ -603,13 +496,9 @@ FROM opened
 LEFT JOIN acted USING (anomaly_id)
 GROUP BY opened.severity
 ORDER BY opened.severity;
-```
 
-### How many tests arrive each week, and how many give a result?
-
-The latest four weeks by start of the test.
-
-```sql
+-- ## How many tests arrive each week, and how many give a result?
+-- The latest four weeks by start of the test.
 WITH span AS (
     SELECT strftime('%Y-%m-%dT%H:%M:%fZ', max(started_at), '-28 days') AS since FROM runs
 ),
@@ -631,26 +520,18 @@ SELECT strftime('%Y-%W', started_at) AS week,
 FROM counted
 GROUP BY week
 ORDER BY week;
-```
 
-### Which cycles have remarks?
-
-The latest 50 cycles with a remark or doubt.
-
-```sql
+-- ## Which cycles have remarks?
+-- The latest 50 cycles with a remark or doubt.
 SELECT robot, run_id, cycle, started_at, status, remarks
 FROM cycles
 WHERE remarks IS NOT NULL OR status = 'doubtful'
 ORDER BY started_at DESC
 LIMIT 50;
-```
 
-### Which complete tests have no friction index?
-
-Joints of each robot's latest test with friction points but no index: too few cycles, no baseline yet, or points that do
-not show wear.
-
-```sql
+-- ## Which complete tests have no friction index?
+-- Joints of each robot's latest test with friction points but no index: too few cycles, no baseline yet, or points that do
+-- not show wear.
 WITH latest AS (
     SELECT (SELECT run_id FROM runs
             WHERE runs.robot = fleet.robot AND status = 'complete' AND kind = 'test'
@@ -667,13 +548,9 @@ FROM of_test
 WHERE NOT EXISTS (SELECT 1 FROM friction_index
                   WHERE friction_index.run_id = of_test.run_id AND friction_index.joint = of_test.joint)
 ORDER BY of_test.robot, of_test.joint;
-```
 
-### Did the recording change?
-
-Robots whose complete tests differ in sample rate or number of cycles.
-
-```sql
+-- ## Did the recording change?
+-- Robots whose complete tests differ in sample rate or number of cycles.
 SELECT robot,
        count(*) AS tests,
        min(sample_rate_hz) AS lowest_rate_hz,
@@ -686,11 +563,8 @@ WHERE status = 'complete' AND kind = 'test'
 GROUP BY robot
 HAVING max(sample_rate_hz) - min(sample_rate_hz) > 0.01 * max(sample_rate_hz) OR min(cycles) <> max(cycles)
 ORDER BY robot;
-```
 
-### Which baseline does each joint have?
-
-```sql
+-- ## Which baseline does each joint have?
 SELECT robot, joint, epoch, cause, begins_at,
        count(*) AS tests,
        min(started_at) AS first_test_at,
@@ -699,33 +573,22 @@ SELECT robot, joint, epoch, cause, begins_at,
 FROM baselines
 GROUP BY robot, joint, epoch, cause, begins_at
 ORDER BY robot, joint, epoch;
-```
 
-### Which alarms did not reach their receiver?
-
-```sql
+-- ## Which alarms did not reach their receiver?
 SELECT route, state, robot, joint, what, severity, due_at, attempts, attempted_at, error
 FROM deliveries
 WHERE state IN ('pending', 'failed')
 ORDER BY due_at;
-```
 
-### Which robots have no new conclusions?
-
-Robots whose analysis fails.
-
-```sql
+-- ## Which robots have no new conclusions?
+-- Robots whose analysis fails.
 SELECT robot, first_at AS since, last_at AS latest_attempt, tries, reason
 FROM conclusion_faults
 ORDER BY first_at;
-```
 
-### Everything about a test, one row per joint
-
-Friction and RMSD of Middle's complete tests in the 90 days before its latest test, for training or plots. For all robots
-and years, use [`armwatch export --parquet DIR --by-month`](python.md#years-of-many-robots) and a columnar engine.
-
-```sql
+-- ## Everything about a test, one row per joint
+-- Friction and RMSD of Middle's complete tests in the 90 days before its latest test, for training or plots. For all robots
+-- and years, use armwatch export --parquet DIR --by-month and a columnar engine.
 WITH test AS (
     SELECT run_id, robot, started_at FROM runs
     WHERE robot = 'Middle' AND status = 'complete' AND kind = 'test'
@@ -758,4 +621,3 @@ JOIN rmsd USING (run_id)
 LEFT JOIN friction ON friction.run_id = rmsd.run_id AND friction.joint = rmsd.joint
 LEFT JOIN compared ON compared.run_id = rmsd.run_id AND compared.joint = rmsd.joint
 ORDER BY test.started_at, rmsd.joint;
-```
