@@ -1,12 +1,12 @@
-//! What is written about the database holds: `docs/schema.md` names its views and columns, and the
-//! queries in `dashboards/` run and answer what they say.
+//! Tests of the documents: `docs/schema.md` names the views and columns of the database, links have targets, and the
+//! queries in `dashboards/` and `examples/` run and answer their questions.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::support::{REFERENCE_NAME, Workshop, text};
+use crate::support::{REFERENCE_NAME, Workshop, example_questions, text};
 
 /// Figures that SQL and the program compute from the same stored numbers differ by rounding only.
 const ROUNDING: f64 = 1e-9;
@@ -285,19 +285,109 @@ fn a_corrected_export_is_told_from_an_open_one(workshop: &Workshop) {
     assert_eq!(quarantine.ask(workshop, "robot", &[("unresolved", "1")], "NULL"), ["Bad"]);
 }
 
-/// Every statement of the cookbook, as `armwatch sql` takes it.
+/// Every statement of `examples/questions.sql`, as `armwatch sql` takes it.
 #[test]
-fn every_question_of_the_cookbook_is_answered() {
+fn every_example_question_is_answered() {
     let workshop = fleet();
-    let cookbook = std::fs::read_to_string(repository("docs/cookbook.md")).expect("the cookbook");
-    let statements: Vec<&str> =
-        cookbook.split("```sql\n").skip(1).filter_map(|part| Some(part.split_once("```")?.0)).collect();
-    assert!(statements.len() >= 20, "{} statements", statements.len());
+    let questions = example_questions();
+    assert!(questions.len() >= 20, "{} statements", questions.len());
     let mut answered = 0;
-    for statement in statements {
-        let rows = workshop.stdout(&["sql", statement, "--json"], 0);
+    for (_, statement) in questions {
+        let rows = workshop.stdout(&["sql", "--json", "--", &statement], 0);
         answered += usize::from(!rows.trim().is_empty());
     }
     // a small fleet has no repairs and no logs of work
     assert!(answered >= 10, "{answered} have rows");
+}
+
+/// Files below a folder of the repository with one of these endings.
+fn files_below(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![repository(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+            if path.is_dir() && !path.ends_with("target") {
+                folders.push(path);
+            } else if endings.contains(&ending) {
+                found.push(path);
+            }
+        }
+    }
+    found
+}
+
+/// Lines of a page outside its fenced blocks.
+fn lines_of_text(page: &Path) -> Vec<String> {
+    let text = fs::read_to_string(page).expect("a page");
+    let mut is_code = false;
+    let mut lines = Vec::new();
+    for line in text.lines() {
+        let is_fence = line.trim_start().starts_with("```");
+        is_code ^= is_fence;
+        if !is_code && !is_fence {
+            lines.push(line.to_owned());
+        }
+    }
+    lines
+}
+
+/// Anchors of the headings of a page, as GitHub makes them.
+fn anchors(page: &Path) -> BTreeSet<String> {
+    let link = regex::Regex::new(r"\[([^\]]*)\]\([^)]*\)").expect("a pattern");
+    let lines = lines_of_text(page);
+    let titles =
+        lines.iter().filter(|line| line.starts_with('#')).map(|line| line.trim_start_matches('#').trim());
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    let mut found = BTreeSet::new();
+    for title in titles {
+        let plain = link.replace_all(title, "$1").to_lowercase().replace(' ', "-");
+        let anchor: String = plain.chars().filter(|c| c.is_alphanumeric() || "-_".contains(*c)).collect();
+        let count = counts.entry(anchor.clone()).or_default();
+        found.insert(if *count == 0 { anchor } else { format!("{anchor}-{count}") });
+        *count += 1;
+    }
+    found
+}
+
+#[test]
+fn every_link_of_the_documents_has_a_target() {
+    let mut pages: Vec<PathBuf> = ["README", "ARCHITECTURE", "CHANGELOG", "CONTRIBUTING", "SECURITY"]
+        .map(|name| repository(&format!("{name}.md")))
+        .to_vec();
+    for folder in ["docs", "dashboards", "fuzz", "tests", "crates"] {
+        pages.extend(files_below(folder, &["md"]));
+    }
+    let code = regex::Regex::new("`[^`]*`").expect("a pattern");
+    let link = regex::Regex::new(r"\]\(([^)\s#:]*)(?:#([^)\s]+))?\)").expect("a pattern");
+    let mut missing = Vec::new();
+    for page in pages {
+        for line in lines_of_text(&page) {
+            for found in link.captures_iter(&code.replace_all(&line, "")) {
+                let target = if found[1].is_empty() { page.clone() } else { page.with_file_name(&found[1]) };
+                let is_there = target.exists()
+                    && found.get(2).is_none_or(|anchor| anchors(&target).contains(anchor.as_str()));
+                if !is_there {
+                    missing.push(format!("{}: {}", page.display(), &found[0]));
+                }
+            }
+        }
+    }
+    assert!(missing.is_empty(), "links without a target:\n{}", missing.join("\n"));
+}
+
+/// Help texts, messages, comments and settings name documents that exist.
+#[test]
+fn every_document_that_the_sources_name_exists() {
+    let named = regex::Regex::new(r"docs/[a-z_/-]+\.md").expect("a pattern");
+    let mut missing = Vec::new();
+    for folder in ["src", "crates", "lab", "config", "packaging", "examples", "dashboards", "tests"] {
+        for file in files_below(folder, &["rs", "toml", "sql", "py", "service", "conf"]) {
+            let text = fs::read_to_string(&file).expect("text");
+            let absent = named.find_iter(&text).filter(|name| !repository(name.as_str()).exists());
+            missing.extend(absent.map(|name| format!("{}: {}", file.display(), name.as_str())));
+        }
+    }
+    assert!(missing.is_empty(), "documents that do not exist:\n{}", missing.join("\n"));
 }
