@@ -12,7 +12,8 @@ fn every_shipped_robot_passes_its_check() {
     let mut robots = 0;
     for entry in fs::read_dir(folder).expect("robots") {
         let path = entry.expect("an entry").path();
-        workshop.stdout(&["robot", "check", path.to_str().expect("a path")], 0);
+        let out = workshop.stdout(&["robot", "check", path.to_str().expect("a path")], 0);
+        assert!(out.lines().count() > 30, "{out}");
         robots += 1;
     }
     assert!(robots >= 2, "{robots}");

@@ -55,7 +55,7 @@ pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8
     if global.json {
         output::json(&as_value(&robot, &checked, agreement.as_ref()));
     } else {
-        output::line(&checked.to_string());
+        output::block(&checked.to_string());
         robot.remarks.iter().for_each(|remark| output::line(&format!("remark: {remark}")));
         if let Some(agreement) = &agreement {
             output::line(&agreement_text(agreement));
