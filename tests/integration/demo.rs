@@ -143,6 +143,31 @@ fn commands_and_queries_of_the_readme_answer() {
     }
 }
 
+/// Every command of the tutorial, except the demo itself, runs in the folder of a demo that has ended.
+#[test]
+#[ignore = "needs the database of a demo that has ended"]
+fn commands_of_the_first_alarm_answer() {
+    let Some(workshop) = shown() else { return };
+    let tutorial = page("docs/first-alarm.md");
+    let commands = commands(&tutorial);
+    assert!(commands.len() >= 14, "{commands:?}");
+    for command in commands.iter().filter(|command| command[0] != "demo") {
+        if command[..2] == ["alerts", "test"] {
+            let path = workshop.path("config/armwatch.toml");
+            let config = fs::read_to_string(&path).expect("the configuration of config init");
+            fs::write(path, config + "\n" + &blocks(&tutorial, "toml").concat()).expect("written");
+        }
+        let arguments: Vec<&str> = command.iter().map(String::as_str).collect();
+        let output = workshop.run(&arguments);
+        let (out, err) = (text(&output.stdout), text(&output.stderr));
+        assert_eq!(output.status.code(), Some(0), "armwatch {arguments:?}\n{out}\n{err}");
+    }
+    assert!(workshop.path("sent.json").exists());
+    let status =
+        workshop.stdout(&["sql", "SELECT status FROM fleet_health WHERE robot = 'Middle' AND joint = 3"], 0);
+    assert!(status.contains("learning"), "{status}");
+}
+
 /// Questions that may have no rows on the demo's database, and why: nothing that the demo plants answers them.
 const EMPTY: [(&str, &str); 14] = [
     (
