@@ -34,11 +34,11 @@ Watches the folders of the configuration, takes exports cycle by cycle while the
 when they have settled, and keeps going until SIGTERM or SIGINT; then it finishes the cycles in hand and
 stops. Killed at any moment, it continues after the last stored cycle. SIGHUP reads the configuration again;
 one with problems is logged, and the earlier one stays. With [serve] in the configuration
-it takes exports over HTTP too, see docs/upload.md:
+it takes exports over HTTP too, see docs/api.md:
   curl -T R00_20260105_0847.csv.gz -H \"Authorization: Bearer $TOKEN\" \\
        http://127.0.0.1:8650/v1/exports/
 
-Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/fleet.md."
+Several daemons may share a database on a PostgreSQL server, each with a name of its own, see docs/operations.md."
 )]
 pub(super) struct RunArgs {
     /// Name of this daemon among several on a database of a server, instead of the configuration's

@@ -113,7 +113,7 @@ fn cluster(config: &Config, found: &mut Preflight) {
     };
     if settings.host.is_some() && config.database_file().is_some() {
         let problem = "has no effect: a database in a file has one daemon";
-        remark("cluster.host", problem, "several share one on a PostgreSQL server, see docs/fleet.md");
+        remark("cluster.host", problem, "several share one on a PostgreSQL server, see docs/operations.md");
     }
     if settings.host.is_none() && !settings.shared_folders.is_empty() {
         let problem = "has no effect without a name of this daemon";

@@ -218,7 +218,7 @@ fn noise(mut robot: Robot, factors: &[f64]) -> Robot {
 }
 
 /// `cargo test --test integration -- --ignored --nocapture cross_errors_of_ordinary_and_weighted` prints the table of
-/// docs/estimators.md.
+/// docs/evidence/method.md.
 #[test]
 #[ignore = "a table for the documentation: half a minute"]
 fn cross_errors_of_ordinary_and_weighted_estimates() {

@@ -243,7 +243,7 @@ fn sound_recordings_of_many_arms_are_taken() {
     assert_taken(0..60);
 }
 
-/// `cargo test --test integration -- --ignored --nocapture sound_recordings` prints the table of docs/estimators.md.
+/// `cargo test --test integration -- --ignored --nocapture sound_recordings` prints the table of docs/evidence/method.md.
 #[test]
 #[ignore = "minutes: 1,200 recordings"]
 fn sound_recordings_of_twelve_hundred_are_taken() {

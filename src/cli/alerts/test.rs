@@ -19,7 +19,7 @@ Examples:
 
 Sends one message at once, whatever filters, quiet hours and limits the routes have; it names the robot TEST and says
 that it is a try. Its key is that of the database, which has to be there: `armwatch run` or `armwatch ingest` makes it.
-docs/delivery.md has an example of every receiver. The exit status is 74 if one was not reached.")]
+docs/alarms.md has an example of every receiver. The exit status is 74 if one was not reached.")]
 pub(super) struct TestArgs {
     /// Names of routes [default: all]
     #[arg(value_name = "ROUTE")]

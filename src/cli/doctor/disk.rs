@@ -55,7 +55,7 @@ fn judged(what: &str, place: &Path, room: (u64, u64), inodes: (u64, u64)) -> Fin
         100.0 * share(room),
         100.0 * share(inodes)
     );
-    let remedy = "free space, or make it larger; docs/operations.md, What is kept";
+    let remedy = "free space, or make it larger; docs/operations.md, Retention";
     if room.0 < NEEDED_BYTES || share(inodes) < 0.01 {
         Finding::problem(CHECK, said, remedy)
     } else if share(room) < LITTLE || share(inodes) < LITTLE {

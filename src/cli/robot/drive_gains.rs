@@ -27,7 +27,7 @@ Record the same test twice, without and with a load whose mass and centre are kn
 configuration. What is needed was stored with the cycles: no export is read. The true gain of a joint is the
 one in the description times the correction. A joint on which the load does not show gets a reason and no
 number. The load is rigidly attached; its frame is [tool] of the description, or without one the frame of the
-last joint. Exit status 1 if no joint has an answer. See docs/torque-sources.md.")]
+last joint. Exit status 1 if no joint has an answer. See docs/exports.md.")]
 pub(in crate::cli) struct DriveGainsArgs {
     /// Run without the load; may be given several times
     #[arg(long = "without", value_name = "RUN", required = true)]

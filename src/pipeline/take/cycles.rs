@@ -366,7 +366,7 @@ impl RowCutter {
             ),
             (_, None) => (
                 "the stage signal goes back to an earlier stage too often".to_owned(),
-                "check which values mean which stage under [stage] of the layout; docs/stage-signals.md shows how to read \
+                "check which values mean which stage under [stage] of the layout; docs/exports.md shows how to read \
                  a signal that flickers",
             ),
         };

@@ -1,7 +1,7 @@
 //! Where the stage of a row comes from: the section `[stage]` of a layout.
 //!
 //! A kind of stage signal is one file, which implements [`StageKind`]. Besides that, it has its variant, its key and
-//! its row in [`StageSource::kind`] here, and its row in `docs/stage-signals.md`.
+//! its row in [`StageSource::kind`] here, and its row in `docs/exports.md`.
 
 pub(crate) mod kind;
 mod lists;

@@ -7,7 +7,7 @@
 //! above what the logs behind earlier tests had ([`EarlierTests`]): then the median of those is, from the first log on. A
 //! log is out if the EWMA of the difference from the baseline reaches 0.15 of the test's friction, or 4 standard
 //! deviations of the EWMA if that is more. It is critical from 0.30 on ([`LIMITS`]). Less friction is never
-//! out. Section "Watched between tests" of docs/production-logs.md counts false alarms and logs until wear is
+//! out. Section "Causes in production logs" of docs/evidence/method.md counts false alarms and logs until wear is
 //! found with these limits.
 //!
 //! Where it is known what causes explain of a log ([`causes`](super::causes)), its friction is what is left of the

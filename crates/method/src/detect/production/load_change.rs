@@ -5,7 +5,7 @@
 //! baseline is the median of the first [`LEARNING_LOGS`] logs after the last test. A log is out from 1.5
 //! times the baseline on ([`LOAD_RATIO`]), and from 0.02 above the baseline at least ([`LOAD_CHANGE`]). It is
 //! never more than worth knowing (`info`), since another tool or program has the same effect. Section
-//! "Watched between tests" of docs/production-logs.md counts the loads that were found with these limits.
+//! "Causes in production logs" of docs/evidence/method.md counts the loads that were found with these limits.
 
 use super::causes::LogCauses;
 use super::series::{JointLogs, LEARNING_LOGS, unexplained};
