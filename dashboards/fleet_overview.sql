@@ -1,10 +1,10 @@
--- Which robots need attention, and when was each last tested? One row a robot, worst first. Logs of production are no
--- tests, and exports that a person has dismissed are not counted.
+-- Which robots need attention, and when was the latest test of each? One row per robot, worst first. Production logs are no
+-- tests. Dismissed exports do not count.
 --
--- worst_joint is the joint whose status decides the robot's, and reason says why; friction_index and
--- moving_relative_rmsd are the largest over the joints, which need not be that joint.
+-- worst_joint is the joint whose status decides the robot's, with its reason; friction_index and moving_relative_rmsd are
+-- the largest values over the joints, possibly of another joint.
 --
---   :robot   only this robot; all if left out
+--   :robot   only this robot; default: all
 WITH joint AS (
     SELECT *,
            CASE status

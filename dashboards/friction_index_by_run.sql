@@ -1,12 +1,12 @@
--- How does the friction index of each joint develop over the runs of a robot? It is friction against the
--- joint's own baseline at equal speed and equal thermal state, 1 = unchanged, with its 95 % interval: the
--- index of the view friction_index, of `armwatch friction --index`, of detectors and of fleet_health.
+-- How does the friction index of each joint develop over the runs of a robot? It is friction divided by the joint's own
+-- baseline at equal speed and thermal state, 1 = unchanged, with its 95 % interval. Detectors, fleet_health and
+-- `armwatch friction --index` use the same index.
 --
--- A run without a row has no index: a single cycle, too few runs for a friction map, or points that
--- tell nothing of wear. warm_friction_by_run.sql has what stands for it there.
+-- A run without a row has no index: a single cycle, too few runs for a friction map, or points that do not show wear. For
+-- such runs, use warm_friction_by_run.sql.
 --
---   :robot   a robot; the one tested last if left out
---   :joint   only this joint; all if left out
+--   :robot   a robot; default: the one tested last
+--   :joint   only this joint; default: all
 WITH chosen AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot,

@@ -1,14 +1,13 @@
--- How does friction depend on speed, and how does that curve sink from the cold to the warm arm?
--- One row a joint, cycle and speed level; a curve is the rows of one joint and cycle, in the order
--- of speed, and curves come cold to hot.
+-- How does friction depend on speed, and how does the curve fall from the cold to the warm arm? One row per joint, cycle and
+-- speed level. A curve is the rows of one joint and cycle, by speed; curves are ordered from cold to hot.
 --
--- friction_nm is the mean of both directions' magnitudes, so that a torque offset cancels; it is
--- NULL where one direction has no plateau.
+-- friction_nm is the mean magnitude of both directions, so that a torque offset cancels. It is NULL if one direction has no
+-- plateau.
 --
---   :robot    a robot; the one tested last if left out
---   :run_id   one of its runs; the last complete one that has such rows if left out
---   :joint    only this joint; all if left out
---   :cycle    only this cycle; all if left out
+--   :robot    a robot; default: the one tested last
+--   :run_id   one of its runs; default: the last complete one with such rows
+--   :joint    only this joint; default: all
+--   :cycle    only this cycle; default: all
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot

@@ -1,13 +1,13 @@
--- How does friction fall while the arm warms up, and does the fitted curve follow it? One row a
--- friction point, with the run's fit a + b exp(-t/t1) + c exp(-t/t2) at the same minute.
+-- How does friction fall while the arm warms up, and does the fitted curve follow it? One row per friction point, with the
+-- run's fit a + b exp(-t/t1) + c exp(-t/t2) at the same minute.
 --
--- exp() is an option of SQLite that many builds lack. Its place is taken by the sixteenth power of
--- a rational approximation to exp(-t/16), good to 1e-11 of b and c.
+-- Many builds of SQLite lack exp(). The sixteenth power of a rational approximation to exp(-t/16) replaces it, accurate to
+-- 1e-11 of b and c.
 --
---   :robot            a robot; the one tested last if left out
---   :run_id           one of its runs; the last complete one that has such rows if left out
---   :joint            only this joint; all if left out
---   :speed_fraction   speed level; 0.6 if left out
+--   :robot            a robot; default: the one tested last
+--   :run_id           one of its runs; default: the last complete one with such rows
+--   :joint            only this joint; default: all
+--   :speed_fraction   speed level; default: 0.6
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot

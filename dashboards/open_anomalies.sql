@@ -1,11 +1,10 @@
--- What is wrong now, and since when? Anomalies that the latest runs still show, worst first;
--- acknowledged and shelved ones are known to somebody, not gone.
+-- Which anomalies do the latest runs show, and since when? Worst first, with acknowledged and shelved ones.
 --
--- score and threshold are in one scale, so times_threshold tells how far out a joint is.
+-- score and threshold have the same scale; times_threshold is their ratio.
 --
---   :robot           only this robot; all if left out
---   :severity        info, warning or critical: only this severity; all if left out
---   :with_resolved   1: the resolved ones and false alarms too
+--   :robot           only this robot; default: all
+--   :severity        info, warning or critical; default: all
+--   :with_resolved   1: also resolved ones and false alarms
 SELECT severity,
        robot,
        joint,

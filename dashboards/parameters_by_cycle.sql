@@ -1,12 +1,11 @@
--- What values do the dynamic parameters take from cycle to cycle, and how sure are they? The band
--- low..high is the 95 % interval.
+-- How large are the dynamic parameters from cycle to cycle, and how certain are they? The band low..high is the 95 % interval.
 --
--- A parameter is a base parameter: grouping is the sum that its value stands for.
+-- A parameter is a base parameter; grouping is the sum of link parameters that it is.
 --
---   :robot       a robot; the one tested last if left out
---   :run_id      one of its runs; the last complete one that has such rows if left out
---   :joint       only this joint; all if left out
---   :parameter   only this parameter, such as mPx, Izz, f1 or I_m; all if left out
+--   :robot       a robot; default: the one tested last
+--   :run_id      one of its runs; default: the last complete one with such rows
+--   :joint       only this joint; default: all
+--   :parameter   only this parameter, such as mPx, Izz, f1 or I_m; default: all
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot

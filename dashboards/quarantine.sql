@@ -1,10 +1,9 @@
--- Which exports were not understood, why and where, and are they stored meanwhile?
+-- Which exports were refused, with reason and place, and are they stored by now?
 --
--- stored_run_id is the run that a corrected export became, under the same file name: the row here only
--- remembers the faulty content.
+-- stored_run_id is the run of the corrected export under the same file name; the row here records the faulty content.
 --
---   :robot        only this robot; all if left out
---   :unresolved   1: only exports that are not stored meanwhile
+--   :robot        only this robot; default: all
+--   :unresolved   1: only exports that are not stored yet
 SELECT quarantine.robot,
        runs.started_at,
        run_id,

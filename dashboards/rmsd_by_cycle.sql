@@ -1,11 +1,11 @@
--- How well does the identified model explain the torque of each joint in each cycle? relative_rmsd
--- is the deviation as a fraction of the measured torque's RMS, over the rows in which the joint
--- moves; mark says where it passes 10 % or 15 %, the shipped limits of the accuracy detector.
+-- How well does the identified model explain the torque of each joint in each cycle? relative_rmsd is the deviation as a
+-- fraction of the RMS of the measured torque, over the rows in which the joint moves. mark shows values above 10 % and 15 %,
+-- the shipped limits of the accuracy detector.
 --
---   :robot    a robot; the one tested last if left out
---   :run_id   one of its runs; the last complete one that has such rows if left out
---   :joint    only this joint; all if left out
---   :stage    excitation, friction, warming or all; excitation if left out
+--   :robot    a robot; default: the one tested last
+--   :run_id   one of its runs; default: the last complete one with such rows
+--   :joint    only this joint; default: all
+--   :stage    excitation, friction, warming or all; default: excitation
 WITH robot AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' AND kind <> 'production' ORDER BY started_at DESC LIMIT 1)) AS robot

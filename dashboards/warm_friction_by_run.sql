@@ -1,18 +1,16 @@
--- How does warm friction of each joint develop over the runs of a robot, for runs and robots without a
--- friction index? warm_friction_ratio is warm friction against the joint's own baseline, 1 = unchanged.
--- It is not the friction index, which friction_index_by_run.sql shows: that compares at equal thermal
--- state and scatters less.
+-- How does warm friction of each joint develop, for runs and robots without a friction index? warm_friction_ratio is warm
+-- friction divided by the joint's own baseline, 1 = unchanged. The friction index (friction_index_by_run.sql) compares at
+-- equal thermal state and scatters less.
 --
--- Warm friction is the mean over both directions of the friction on the plateaus nearest the
--- reference speed, in the last third of a run's cycles. The baseline is the median of the joint's
--- first runs; a ratio is only given for runs that were about as warm as these (time of the warm
--- points within 25 %). This is what detectors and fleet_health go by where a joint has no row in the
--- view friction_index.
+-- Warm friction is the mean over both directions of the friction on the plateaus nearest the reference speed, in the last
+-- third of a run's cycles. The baseline is the median of the joint's first runs. A ratio is given only for runs that were
+-- about as warm as these (time of the warm points within 25 %). Detectors and fleet_health use it for a joint without a row
+-- in the view friction_index.
 --
---   :robot            a robot; the one tested last if left out
---   :joint            only this joint; all if left out
---   :speed_fraction   reference speed, as in the configuration; 0.6 if left out
---   :baseline_runs    runs of the baseline, as in the configuration; 5 if left out
+--   :robot            a robot; default: the one tested last
+--   :joint            only this joint; default: all
+--   :speed_fraction   reference speed, as in the configuration; default: 0.6
+--   :baseline_runs    runs of the baseline, as in the configuration; default: 5
 WITH chosen AS (
     SELECT coalesce(nullif(:robot, ''),
                     (SELECT robot FROM runs WHERE status = 'complete' ORDER BY started_at DESC LIMIT 1)) AS robot,
@@ -47,13 +45,13 @@ run AS (
     FROM by_direction
     GROUP BY started_at, run_id, joint, speed_fraction
 ),
--- Runs compare at one speed only: that of the joint's first run.
+-- runs are compared at one speed, that of the joint's first run
 warm AS (
     SELECT *, row_number() OVER (PARTITION BY joint ORDER BY started_at, run_id) AS place
     FROM run
     WHERE abs(speed_fraction - first_fraction) < 1e-6
 ),
--- SQLite has no median: of the sorted values, the middle one or the mean of the middle two.
+-- SQLite has no median: the middle one of the sorted values, or the mean of the middle two
 first_run AS (
     SELECT warm.joint, warm.torque_nm, warm.minute,
            row_number() OVER (PARTITION BY warm.joint ORDER BY warm.torque_nm) AS torque_place,
