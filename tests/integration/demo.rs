@@ -152,7 +152,7 @@ fn commands_of_the_first_alarm_answer() {
     let commands = commands(&tutorial);
     assert!(commands.len() >= 14, "{commands:?}");
     for command in commands.iter().filter(|command| command[0] != "demo") {
-        if command[..2] == ["alerts", "test"] {
+        if command.iter().take(2).eq(["alerts", "test"]) {
             let path = workshop.path("config/armwatch.toml");
             let config = fs::read_to_string(&path).expect("the configuration of config init");
             fs::write(path, config + "\n" + &blocks(&tutorial, "toml").concat()).expect("written");
