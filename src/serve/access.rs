@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
+use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
@@ -58,6 +58,9 @@ pub enum AccessError {
 #[derive(Debug)]
 pub struct Access {
     tokens: Vec<Token>,
+    /// Name of the cookie with the token of a browser. It contains the port, because cookies of a host are shared by
+    /// all its ports.
+    cookie: String,
 }
 
 struct Token {
@@ -106,7 +109,29 @@ impl Access {
         if tokens.is_empty() && !settings.listen.ip().is_loopback() {
             return Err(AccessError::Open(settings.listen));
         }
-        Ok(Self { tokens })
+        Ok(Self { tokens, cookie: format!("armwatch_{}", settings.listen.port()) })
+    }
+
+    /// The header that makes a browser send `token` with each request, for 90 days with `keep`, else until it is
+    /// closed. Scripts cannot read the cookie, and browsers do not send it with requests of other sites.
+    ///
+    /// # Errors
+    /// 401 for a token that is none.
+    pub fn log_in(&self, token: &str, keep: bool, is_secure: bool) -> Result<String, Refusal> {
+        let token = token.trim();
+        self.token_of(token.as_bytes())?;
+        let age = if keep { "; Max-Age=7776000" } else { "" };
+        Ok(self.cookie_of(token, age, is_secure))
+    }
+
+    /// The header that makes a browser forget its token.
+    pub fn log_out(&self, is_secure: bool) -> String {
+        self.cookie_of("", "; Max-Age=0", is_secure)
+    }
+
+    fn cookie_of(&self, value: &str, age: &str, is_secure: bool) -> String {
+        let secure = if is_secure { "; Secure" } else { "" };
+        format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{age}{secure}", self.cookie)
     }
 
     /// Whether a request may do what `scope` allows. Without a token, requests that name this machine may read and
@@ -116,9 +141,7 @@ impl Access {
     /// 401 without a token or with one that is none, 403 with one of other scopes, from a page of another address, and
     /// where there is no token at all.
     pub fn check_for(&self, scope: Scope, headers: &HeaderMap) -> Result<(), Refusal> {
-        if !is_of_own_page(headers) {
-            return Err(Refusal::of_other_page());
-        }
+        Self::check_own_page(headers)?;
         if self.tokens.is_empty() {
             return match scope {
                 _ if !names_this_machine(headers) => Err(Refusal::forbidden()),
@@ -130,6 +153,14 @@ impl Access {
         if held.scopes.contains(&scope) { Ok(()) } else { Err(Refusal::out_of_scope(&held.name, scope)) }
     }
 
+    /// Refuses requests of pages at another address.
+    ///
+    /// # Errors
+    /// 403.
+    pub fn check_own_page(headers: &HeaderMap) -> Result<(), Refusal> {
+        if is_of_own_page(headers) { Ok(()) } else { Err(Refusal::of_other_page(headers)) }
+    }
+
     /// Name of the token of a request; empty without one.
     pub fn token_name(&self, headers: &HeaderMap) -> &str {
         self.held(headers).map_or("", |token| &token.name)
@@ -137,7 +168,11 @@ impl Access {
 
     /// The token of a request.
     fn held(&self, headers: &HeaderMap) -> Result<&Token, Refusal> {
-        let given = bearer(headers).filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?;
+        let given = bearer(headers).or_else(|| cookie(headers, &self.cookie));
+        self.token_of(given.filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?)
+    }
+
+    fn token_of(&self, given: &[u8]) -> Result<&Token, Refusal> {
         let given = of_bytes(given);
         // all are compared, so that the time says nothing of which it is
         let mut held = None;
@@ -195,6 +230,13 @@ fn bearer(headers: &HeaderMap) -> Option<&[u8]> {
     let value = headers.get(AUTHORIZATION)?.as_bytes();
     let (scheme, token) = value.split_at_checked("bearer ".len())?;
     scheme.eq_ignore_ascii_case(b"bearer ").then(|| token.trim_ascii())
+}
+
+/// The value of a cookie.
+fn cookie<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a [u8]> {
+    let all = headers.get_all(COOKIE).into_iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = all.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(found, _)| *found == name).map(|(_, value)| value.as_bytes())
 }
 
 /// Whether two hashes are equal, in a time that does not depend on where they differ.
@@ -269,7 +311,7 @@ mod tests {
 
     #[test]
     fn what_changes_something_needs_a_token_and_no_other_page_asks() {
-        let open = Access { tokens: Vec::new() };
+        let open = Access { tokens: Vec::new(), cookie: "armwatch_8650".into() };
         let mut own = headers("host", "127.0.0.1:8650");
         assert!(open.check_for(Scope::Read, &own).is_ok() && open.check_for(Scope::Act, &own).is_err());
         own.insert("origin", "http://127.0.0.1:8650".parse().unwrap());
@@ -278,7 +320,10 @@ mod tests {
             own.insert("origin", other.parse().unwrap());
             assert!(open.check_for(Scope::Read, &own).is_err(), "{other}");
         }
-        let closed = Access { tokens: vec![token("all", b"0123456789abcdef", &Scope::ALL)] };
+        let closed = Access {
+            tokens: vec![token("all", b"0123456789abcdef", &Scope::ALL)],
+            cookie: "armwatch_8650".into(),
+        };
         let mut told = headers("authorization", "Bearer 0123456789abcdef");
         assert!(closed.check_for(Scope::Act, &told).is_ok());
         told.insert("host", "arm.example".parse().unwrap());
@@ -297,6 +342,7 @@ mod tests {
                 token("all", b"0123456789abcdef", &Scope::ALL),
                 token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
             ],
+            cookie: "armwatch_8650".into(),
         };
         let said = |given: &str, scope| {
             let answer = access.check_for(scope, &headers("authorization", given));
@@ -309,6 +355,34 @@ mod tests {
         let (status, wrong) = said("Bearer another-token-0123", Scope::Read).unwrap_err();
         let (other, missing) = said("Bearer ", Scope::Read).unwrap_err();
         assert!((status, other) == (401, 401) && wrong != missing, "{wrong}, {missing}");
+    }
+
+    #[test]
+    fn a_browser_that_has_logged_in_sends_its_token_as_a_cookie() {
+        let access = Access {
+            tokens: vec![token("all", b"0123456789abcdef", &[Scope::Read])],
+            cookie: "armwatch_8650".into(),
+        };
+        let set = access.log_in(" 0123456789abcdef\n", true, true).unwrap();
+        assert_eq!(
+            set,
+            "armwatch_8650=0123456789abcdef; Path=/; HttpOnly; SameSite=Strict; Max-Age=7776000; Secure"
+        );
+        let sent = headers("cookie", "theme=dark; armwatch_8650=0123456789abcdef; armwatch_8651=other");
+        assert!(access.check_for(Scope::Read, &sent).is_ok());
+        assert_eq!(access.check_for(Scope::Act, &sent).unwrap_err().status, 403);
+        for other in ["armwatch_8651=0123456789abcdef", "armwatch_8650=", "armwatch_8650=0123456789abcdeg"] {
+            assert_eq!(access.check_for(Scope::Read, &headers("cookie", other)).unwrap_err().status, 401);
+        }
+        assert!(access.log_in("0123456789abcde", false, false).is_err());
+        assert!(
+            access.log_out(false).starts_with("armwatch_8650=; ")
+                && access.log_out(false).contains("Max-Age=0")
+        );
+        let mut foreign = sent;
+        foreign.insert("host", "arm.example".parse().unwrap());
+        foreign.insert("origin", "https://evil.example".parse().unwrap());
+        assert_eq!(access.check_for(Scope::Read, &foreign).unwrap_err().status, 403);
     }
 
     #[test]
@@ -339,7 +413,7 @@ mod tests {
 
     #[test]
     fn without_a_token_only_this_machine_is_named() {
-        let access = Access { tokens: Vec::new() };
+        let access = Access { tokens: Vec::new(), cookie: "armwatch_8650".into() };
         for host in ["localhost", "localhost:8650", "127.0.0.1:8650", "[::1]:8650", "[::1]"] {
             assert!(access.check_for(Scope::Read, &headers("host", host)).is_ok(), "{host}");
         }
