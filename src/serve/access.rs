@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use axum::http::HeaderMap;
 use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN};
+use axum::http::{HeaderMap, HeaderValue};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
@@ -61,6 +61,8 @@ pub struct Access {
     /// Name of the cookie with the token of a browser. It contains the port, because cookies of a host are shared by
     /// all its ports.
     cookie: String,
+    /// Where browsers open the dashboard, if a proxy gives it another address.
+    public_url: Option<String>,
 }
 
 struct Token {
@@ -109,7 +111,11 @@ impl Access {
         if tokens.is_empty() && !settings.listen.ip().is_loopback() {
             return Err(AccessError::Open(settings.listen));
         }
-        Ok(Self { tokens, cookie: format!("armwatch_{}", settings.listen.port()) })
+        Ok(Self {
+            tokens,
+            cookie: format!("armwatch_{}", settings.listen.port()),
+            public_url: settings.public_url.clone(),
+        })
     }
 
     /// The header that makes a browser send `token` with each request, for 90 days with `keep`, else until it is
@@ -141,7 +147,7 @@ impl Access {
     /// 401 without a token or with one that is none, 403 with one of other scopes, from a page of another address, and
     /// where there is no token at all.
     pub fn check_for(&self, scope: Scope, headers: &HeaderMap) -> Result<(), Refusal> {
-        Self::check_own_page(headers)?;
+        self.check_own_page(headers)?;
         if self.tokens.is_empty() {
             return match scope {
                 _ if !names_this_machine(headers) => Err(Refusal::forbidden()),
@@ -157,8 +163,12 @@ impl Access {
     ///
     /// # Errors
     /// 403.
-    pub fn check_own_page(headers: &HeaderMap) -> Result<(), Refusal> {
-        if is_of_own_page(headers) { Ok(()) } else { Err(Refusal::of_other_page(headers)) }
+    pub fn check_own_page(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        if is_of_own_page(headers, self.public_url.as_deref()) {
+            Ok(())
+        } else {
+            Err(Refusal::of_other_page(headers))
+        }
     }
 
     /// Name of the token of a request; empty without one.
@@ -244,12 +254,22 @@ fn is_same(a: &ContentHash, b: &ContentHash) -> bool {
     a.0.ct_eq(&b.0).into()
 }
 
-/// Whether a request comes from no page, or from one of this server: a browser says where its page is from.
-fn is_of_own_page(headers: &HeaderMap) -> bool {
-    let Some(origin) = headers.get(ORIGIN) else { return true };
+/// Returns true for a request of no page, or of a page of this server at `public_url` or the Host of the request.
+///
+/// Browsers say so themselves in `Sec-Fetch-Site`, which no page can set and which passes proxies that change the Host,
+/// but only over TLS and on this machine. Otherwise the Origin of the page must be the address that was asked.
+fn is_of_own_page(headers: &HeaderMap, public_url: Option<&str>) -> bool {
+    if let Some(site) = headers.get("sec-fetch-site") {
+        return site == "same-origin" || site == "none";
+    }
+    let Some(origin) = headers.get(ORIGIN).map(HeaderValue::to_str) else { return true };
+    let Ok(Some((scheme, place))) = origin.map(|origin| origin.split_once("://")) else { return false };
     let host = headers.get(HOST).and_then(|host| host.to_str().ok());
-    let origin = origin.to_str().ok().and_then(|origin| origin.split_once("://"));
-    origin.is_some_and(|(_, place)| host.is_some_and(|host| host.eq_ignore_ascii_case(place)))
+    let is_public = public_url.is_some_and(|url| {
+        let rest = url.strip_prefix(scheme).and_then(|rest| rest.strip_prefix("://"));
+        rest.and_then(|rest| rest.split('/').next()).is_some_and(|of| of.eq_ignore_ascii_case(place))
+    });
+    is_public || host.is_some_and(|host| host.eq_ignore_ascii_case(place))
 }
 
 fn names_this_machine(headers: &HeaderMap) -> bool {
@@ -267,7 +287,13 @@ mod tests {
     use super::*;
 
     fn settings(listen: &str, token_file: Option<PathBuf>) -> ServeSettings {
-        ServeSettings { listen: listen.parse().unwrap(), token_file, upload: None }
+        ServeSettings {
+            listen: listen.parse().unwrap(),
+            token_file,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            upload: None,
+        }
     }
 
     fn headers(name: &'static str, value: &str) -> HeaderMap {
@@ -311,7 +337,7 @@ mod tests {
 
     #[test]
     fn what_changes_something_needs_a_token_and_no_other_page_asks() {
-        let open = Access { tokens: Vec::new(), cookie: "armwatch_8650".into() };
+        let open = access(Vec::new());
         let mut own = headers("host", "127.0.0.1:8650");
         assert!(open.check_for(Scope::Read, &own).is_ok() && open.check_for(Scope::Act, &own).is_err());
         own.insert("origin", "http://127.0.0.1:8650".parse().unwrap());
@@ -320,15 +346,48 @@ mod tests {
             own.insert("origin", other.parse().unwrap());
             assert!(open.check_for(Scope::Read, &own).is_err(), "{other}");
         }
-        let closed = Access {
-            tokens: vec![token("all", b"0123456789abcdef", &Scope::ALL)],
-            cookie: "armwatch_8650".into(),
-        };
+        let closed = access(vec![token("all", b"0123456789abcdef", &Scope::ALL)]);
         let mut told = headers("authorization", "Bearer 0123456789abcdef");
         assert!(closed.check_for(Scope::Act, &told).is_ok());
         told.insert("host", "arm.example".parse().unwrap());
         told.insert("origin", "https://evil.example".parse().unwrap());
         assert!(closed.check_for(Scope::Act, &told).is_err());
+    }
+
+    fn access(tokens: Vec<Token>) -> Access {
+        Access { tokens, cookie: "armwatch_8650".into(), public_url: None }
+    }
+
+    #[test]
+    fn a_page_behind_a_proxy_is_told_from_a_foreign_one() {
+        let of = |pairs: &[(&'static str, &str)]| {
+            let mut all = HeaderMap::new();
+            for (name, value) in pairs {
+                all.insert(*name, value.parse().unwrap());
+            }
+            all
+        };
+        let url = Some("https://plant.example/armwatch/");
+        let (own, foreign) = ("https://plant.example", "https://evil.example");
+        // nginx without settings puts its own view of the upstream into Host
+        for (site, origin, with_url, expected) in [
+            (Some("same-origin"), own, None, true),
+            (Some("cross-site"), own, url, false),
+            (Some("same-site"), foreign, url, false),
+            (None, own, url, true),
+            (None, own, None, false),
+            (None, "http://plant.example", url, false),
+            (None, "https://plant.example:444", url, false),
+            (None, foreign, url, false),
+            (None, "null", url, false),
+        ] {
+            let mut sent = of(&[("host", "127.0.0.1:8650"), ("origin", origin)]);
+            if let Some(site) = site {
+                sent.insert("sec-fetch-site", site.parse().unwrap());
+            }
+            assert_eq!(is_of_own_page(&sent, with_url), expected, "{site:?} {origin} {with_url:?}");
+        }
+        assert!(is_of_own_page(&of(&[("host", "plant.example"), ("origin", own)]), None));
     }
 
     fn token(name: &str, text: &[u8], scopes: &[Scope]) -> Token {
@@ -337,13 +396,10 @@ mod tests {
 
     #[test]
     fn a_token_does_what_its_scopes_say_and_each_refusal_says_why() {
-        let access = Access {
-            tokens: vec![
-                token("all", b"0123456789abcdef", &Scope::ALL),
-                token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
-            ],
-            cookie: "armwatch_8650".into(),
-        };
+        let access = access(vec![
+            token("all", b"0123456789abcdef", &Scope::ALL),
+            token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
+        ]);
         let said = |given: &str, scope| {
             let answer = access.check_for(scope, &headers("authorization", given));
             answer.map_err(|refusal| (refusal.status.as_u16(), refusal.sentence))
@@ -359,10 +415,7 @@ mod tests {
 
     #[test]
     fn a_browser_that_has_logged_in_sends_its_token_as_a_cookie() {
-        let access = Access {
-            tokens: vec![token("all", b"0123456789abcdef", &[Scope::Read])],
-            cookie: "armwatch_8650".into(),
-        };
+        let access = access(vec![token("all", b"0123456789abcdef", &[Scope::Read])]);
         let set = access.log_in(" 0123456789abcdef\n", true, true).unwrap();
         assert_eq!(
             set,
@@ -413,7 +466,7 @@ mod tests {
 
     #[test]
     fn without_a_token_only_this_machine_is_named() {
-        let access = Access { tokens: Vec::new(), cookie: "armwatch_8650".into() };
+        let access = access(Vec::new());
         for host in ["localhost", "localhost:8650", "127.0.0.1:8650", "[::1]:8650", "[::1]"] {
             assert!(access.check_for(Scope::Read, &headers("host", host)).is_ok(), "{host}");
         }

@@ -168,7 +168,13 @@ async fn dashboard(
     file.and_then(|mut file| file.write_all(token.as_bytes())).map_err(|error| failed(&token_file, error))?;
     for port in [PORT, 0] {
         let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let settings = ServeSettings { listen, token_file: Some(token_file.clone()), upload: None };
+        let settings = ServeSettings {
+            listen,
+            token_file: Some(token_file.clone()),
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            upload: None,
+        };
         let started =
             serve::start(&settings, configs.clone(), store.clone(), metrics.clone(), stop.clone()).await;
         match started {

@@ -12,7 +12,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::serve::access::{Access, Scope};
+use crate::serve::access::Scope;
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_config::shown_database;
@@ -86,7 +86,7 @@ pub async fn log_in(
     headers: HeaderMap,
     login: Result<axum::Json<Login>, JsonRejection>,
 ) -> Result<impl IntoResponse, Refusal> {
-    Access::check_own_page(&headers)?;
+    shared.access.check_own_page(&headers)?;
     let example = r#"{"token": "0123456789abcdef", "keep": true}"#;
     let axum::Json(login) = login.map_err(|rejection| Refusal::of_json(&rejection, example))?;
     let cookie = shared.access.log_in(&login.token, login.keep, is_secure(&headers))?;
@@ -102,7 +102,7 @@ pub async fn log_out(
     State(shared): State<Arc<Shared>>,
     headers: HeaderMap,
 ) -> Result<impl IntoResponse, Refusal> {
-    Access::check_own_page(&headers)?;
+    shared.access.check_own_page(&headers)?;
     Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, shared.access.log_out(is_secure(&headers)))]))
 }
 
