@@ -71,7 +71,7 @@ use answer::{BODY_BYTES, Refusal};
 use armwatch_config::{ClientSettings, Config, ServeSettings};
 use armwatch_store::Store;
 use connections::{CONNECTIONS, Connections, Place};
-use network::Network;
+use network::{Network, Proxies};
 use rates::Rates;
 use shared::{STATEMENTS, Uploads};
 use unread_answers::UnreadAnswers;
@@ -167,6 +167,7 @@ pub async fn start(
     stop: CancellationToken,
 ) -> Result<Server, ServeError> {
     let clients = config.borrow().clients.clone();
+    let proxies = Proxies::new(&settings.trusted_proxies);
     let access = Access::new(settings, &clients)?;
     access::warn_if_open(settings, &clients);
     let uploads = match &settings.upload {
@@ -188,6 +189,7 @@ pub async fn start(
         access,
         uploads,
         rates: Rates::new(clients.requests_per_s),
+        proxies: proxies.clone(),
         unread: UnreadAnswers::default(),
         statements: Arc::new(Semaphore::new(STATEMENTS)),
         replays: Arc::new(Semaphore::new(1)),
@@ -201,7 +203,7 @@ pub async fn start(
     });
     let cleaning = Arc::clone(&shared);
     let task = tokio::spawn(async move {
-        let accepting = accept(listener, router(shared), stop);
+        let accepting = accept(listener, router(shared), proxies, stop);
         tokio::join!(accepting, upload::clean(&cleaning), api::watch(&cleaning));
     });
     Ok(Server { address, task })
@@ -246,6 +248,7 @@ async fn bounded(State(shared): State<Arc<Shared>>, request: Request, next: Next
     let path = request.uri().path();
     let costs = path.starts_with("/v1/") || path == "/metrics";
     let network = request.extensions().get::<Network>().copied();
+    let network = network.map(|peer| shared.proxies.client(peer, request.headers()));
     if costs
         && let Some(network) = network
         && let Err(wait) = shared.rates.count(network, Instant::now())
@@ -286,9 +289,9 @@ async fn explained(answer: Response) -> Response {
     }
 }
 
-async fn accept(listener: TcpListener, router: Router, stop: CancellationToken) {
+async fn accept(listener: TcpListener, router: Router, proxies: Proxies, stop: CancellationToken) {
     let sockets = Arc::new(Semaphore::new(CONNECTIONS + CLOSING));
-    let places = Connections::new();
+    let places = Connections::new(proxies);
     let mut connections = JoinSet::new();
     loop {
         let socket = tokio::select! {

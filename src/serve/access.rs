@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use axum::http::HeaderMap;
-use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
+use axum::http::header::{AUTHORIZATION, COOKIE, HOST, ORIGIN};
+use axum::http::{HeaderMap, HeaderValue};
 use subtle::ConstantTimeEq;
 
 use super::answer::Refusal;
@@ -58,6 +58,11 @@ pub enum AccessError {
 #[derive(Debug)]
 pub struct Access {
     tokens: Vec<Token>,
+    /// Name of the cookie with the token of a browser. It contains the port, because cookies of a host are shared by
+    /// all its ports.
+    cookie: String,
+    /// Where browsers open the dashboard, if a proxy gives it another address.
+    public_url: Option<String>,
 }
 
 struct Token {
@@ -106,7 +111,33 @@ impl Access {
         if tokens.is_empty() && !settings.listen.ip().is_loopback() {
             return Err(AccessError::Open(settings.listen));
         }
-        Ok(Self { tokens })
+        Ok(Self {
+            tokens,
+            cookie: format!("armwatch_{}", settings.listen.port()),
+            public_url: settings.public_url.clone(),
+        })
+    }
+
+    /// The header that makes a browser send `token` with each request, for 90 days with `keep`, else until it is
+    /// closed. Scripts cannot read the cookie, and browsers do not send it with requests of other sites.
+    ///
+    /// # Errors
+    /// 401 for a token that is none.
+    pub fn log_in(&self, token: &str, keep: bool, is_secure: bool) -> Result<String, Refusal> {
+        let token = token.trim();
+        self.token_of(token.as_bytes())?;
+        let age = if keep { "; Max-Age=7776000" } else { "" };
+        Ok(self.cookie_of(token, age, is_secure))
+    }
+
+    /// The header that makes a browser forget its token.
+    pub fn log_out(&self, is_secure: bool) -> String {
+        self.cookie_of("", "; Max-Age=0", is_secure)
+    }
+
+    fn cookie_of(&self, value: &str, age: &str, is_secure: bool) -> String {
+        let secure = if is_secure { "; Secure" } else { "" };
+        format!("{}={value}; Path=/; HttpOnly; SameSite=Strict{age}{secure}", self.cookie)
     }
 
     /// Whether a request may do what `scope` allows. Without a token, requests that name this machine may read and
@@ -116,9 +147,7 @@ impl Access {
     /// 401 without a token or with one that is none, 403 with one of other scopes, from a page of another address, and
     /// where there is no token at all.
     pub fn check_for(&self, scope: Scope, headers: &HeaderMap) -> Result<(), Refusal> {
-        if !is_of_own_page(headers) {
-            return Err(Refusal::of_other_page());
-        }
+        self.check_own_page(headers)?;
         if self.tokens.is_empty() {
             return match scope {
                 _ if !names_this_machine(headers) => Err(Refusal::forbidden()),
@@ -130,6 +159,18 @@ impl Access {
         if held.scopes.contains(&scope) { Ok(()) } else { Err(Refusal::out_of_scope(&held.name, scope)) }
     }
 
+    /// Refuses requests of pages at another address.
+    ///
+    /// # Errors
+    /// 403.
+    pub fn check_own_page(&self, headers: &HeaderMap) -> Result<(), Refusal> {
+        if is_of_own_page(headers, self.public_url.as_deref()) {
+            Ok(())
+        } else {
+            Err(Refusal::of_other_page(headers))
+        }
+    }
+
     /// Name of the token of a request; empty without one.
     pub fn token_name(&self, headers: &HeaderMap) -> &str {
         self.held(headers).map_or("", |token| &token.name)
@@ -137,7 +178,11 @@ impl Access {
 
     /// The token of a request.
     fn held(&self, headers: &HeaderMap) -> Result<&Token, Refusal> {
-        let given = bearer(headers).filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?;
+        let given = bearer(headers).or_else(|| cookie(headers, &self.cookie));
+        self.token_of(given.filter(|given| !given.is_empty()).ok_or_else(Refusal::unauthorized)?)
+    }
+
+    fn token_of(&self, given: &[u8]) -> Result<&Token, Refusal> {
         let given = of_bytes(given);
         // all are compared, so that the time says nothing of which it is
         let mut held = None;
@@ -197,17 +242,34 @@ fn bearer(headers: &HeaderMap) -> Option<&[u8]> {
     scheme.eq_ignore_ascii_case(b"bearer ").then(|| token.trim_ascii())
 }
 
+/// The value of a cookie.
+fn cookie<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a [u8]> {
+    let all = headers.get_all(COOKIE).into_iter().filter_map(|value| value.to_str().ok());
+    let mut pairs = all.flat_map(|value| value.split(';')).filter_map(|pair| pair.trim().split_once('='));
+    pairs.find(|(found, _)| *found == name).map(|(_, value)| value.as_bytes())
+}
+
 /// Whether two hashes are equal, in a time that does not depend on where they differ.
 fn is_same(a: &ContentHash, b: &ContentHash) -> bool {
     a.0.ct_eq(&b.0).into()
 }
 
-/// Whether a request comes from no page, or from one of this server: a browser says where its page is from.
-fn is_of_own_page(headers: &HeaderMap) -> bool {
-    let Some(origin) = headers.get(ORIGIN) else { return true };
+/// Returns true for a request of no page, or of a page of this server at `public_url` or the Host of the request.
+///
+/// Browsers say so themselves in `Sec-Fetch-Site`, which no page can set and which passes proxies that change the Host,
+/// but only over TLS and on this machine. Otherwise the Origin of the page must be the address that was asked.
+fn is_of_own_page(headers: &HeaderMap, public_url: Option<&str>) -> bool {
+    if let Some(site) = headers.get("sec-fetch-site") {
+        return site == "same-origin" || site == "none";
+    }
+    let Some(origin) = headers.get(ORIGIN).map(HeaderValue::to_str) else { return true };
+    let Ok(Some((scheme, place))) = origin.map(|origin| origin.split_once("://")) else { return false };
     let host = headers.get(HOST).and_then(|host| host.to_str().ok());
-    let origin = origin.to_str().ok().and_then(|origin| origin.split_once("://"));
-    origin.is_some_and(|(_, place)| host.is_some_and(|host| host.eq_ignore_ascii_case(place)))
+    let is_public = public_url.is_some_and(|url| {
+        let rest = url.strip_prefix(scheme).and_then(|rest| rest.strip_prefix("://"));
+        rest.and_then(|rest| rest.split('/').next()).is_some_and(|of| of.eq_ignore_ascii_case(place))
+    });
+    is_public || host.is_some_and(|host| host.eq_ignore_ascii_case(place))
 }
 
 fn names_this_machine(headers: &HeaderMap) -> bool {
@@ -225,7 +287,13 @@ mod tests {
     use super::*;
 
     fn settings(listen: &str, token_file: Option<PathBuf>) -> ServeSettings {
-        ServeSettings { listen: listen.parse().unwrap(), token_file, upload: None }
+        ServeSettings {
+            listen: listen.parse().unwrap(),
+            token_file,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            upload: None,
+        }
     }
 
     fn headers(name: &'static str, value: &str) -> HeaderMap {
@@ -269,7 +337,7 @@ mod tests {
 
     #[test]
     fn what_changes_something_needs_a_token_and_no_other_page_asks() {
-        let open = Access { tokens: Vec::new() };
+        let open = access(Vec::new());
         let mut own = headers("host", "127.0.0.1:8650");
         assert!(open.check_for(Scope::Read, &own).is_ok() && open.check_for(Scope::Act, &own).is_err());
         own.insert("origin", "http://127.0.0.1:8650".parse().unwrap());
@@ -278,12 +346,48 @@ mod tests {
             own.insert("origin", other.parse().unwrap());
             assert!(open.check_for(Scope::Read, &own).is_err(), "{other}");
         }
-        let closed = Access { tokens: vec![token("all", b"0123456789abcdef", &Scope::ALL)] };
+        let closed = access(vec![token("all", b"0123456789abcdef", &Scope::ALL)]);
         let mut told = headers("authorization", "Bearer 0123456789abcdef");
         assert!(closed.check_for(Scope::Act, &told).is_ok());
         told.insert("host", "arm.example".parse().unwrap());
         told.insert("origin", "https://evil.example".parse().unwrap());
         assert!(closed.check_for(Scope::Act, &told).is_err());
+    }
+
+    fn access(tokens: Vec<Token>) -> Access {
+        Access { tokens, cookie: "armwatch_8650".into(), public_url: None }
+    }
+
+    #[test]
+    fn a_page_behind_a_proxy_is_told_from_a_foreign_one() {
+        let of = |pairs: &[(&'static str, &str)]| {
+            let mut all = HeaderMap::new();
+            for (name, value) in pairs {
+                all.insert(*name, value.parse().unwrap());
+            }
+            all
+        };
+        let url = Some("https://plant.example/armwatch/");
+        let (own, foreign) = ("https://plant.example", "https://evil.example");
+        // nginx without settings puts its own view of the upstream into Host
+        for (site, origin, with_url, expected) in [
+            (Some("same-origin"), own, None, true),
+            (Some("cross-site"), own, url, false),
+            (Some("same-site"), foreign, url, false),
+            (None, own, url, true),
+            (None, own, None, false),
+            (None, "http://plant.example", url, false),
+            (None, "https://plant.example:444", url, false),
+            (None, foreign, url, false),
+            (None, "null", url, false),
+        ] {
+            let mut sent = of(&[("host", "127.0.0.1:8650"), ("origin", origin)]);
+            if let Some(site) = site {
+                sent.insert("sec-fetch-site", site.parse().unwrap());
+            }
+            assert_eq!(is_of_own_page(&sent, with_url), expected, "{site:?} {origin} {with_url:?}");
+        }
+        assert!(is_of_own_page(&of(&[("host", "plant.example"), ("origin", own)]), None));
     }
 
     fn token(name: &str, text: &[u8], scopes: &[Scope]) -> Token {
@@ -292,12 +396,10 @@ mod tests {
 
     #[test]
     fn a_token_does_what_its_scopes_say_and_each_refusal_says_why() {
-        let access = Access {
-            tokens: vec![
-                token("all", b"0123456789abcdef", &Scope::ALL),
-                token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
-            ],
-        };
+        let access = access(vec![
+            token("all", b"0123456789abcdef", &Scope::ALL),
+            token("cell 3", b"fedcba9876543210", &[Scope::Upload]),
+        ]);
         let said = |given: &str, scope| {
             let answer = access.check_for(scope, &headers("authorization", given));
             answer.map_err(|refusal| (refusal.status.as_u16(), refusal.sentence))
@@ -309,6 +411,31 @@ mod tests {
         let (status, wrong) = said("Bearer another-token-0123", Scope::Read).unwrap_err();
         let (other, missing) = said("Bearer ", Scope::Read).unwrap_err();
         assert!((status, other) == (401, 401) && wrong != missing, "{wrong}, {missing}");
+    }
+
+    #[test]
+    fn a_browser_that_has_logged_in_sends_its_token_as_a_cookie() {
+        let access = access(vec![token("all", b"0123456789abcdef", &[Scope::Read])]);
+        let set = access.log_in(" 0123456789abcdef\n", true, true).unwrap();
+        assert_eq!(
+            set,
+            "armwatch_8650=0123456789abcdef; Path=/; HttpOnly; SameSite=Strict; Max-Age=7776000; Secure"
+        );
+        let sent = headers("cookie", "theme=dark; armwatch_8650=0123456789abcdef; armwatch_8651=other");
+        assert!(access.check_for(Scope::Read, &sent).is_ok());
+        assert_eq!(access.check_for(Scope::Act, &sent).unwrap_err().status, 403);
+        for other in ["armwatch_8651=0123456789abcdef", "armwatch_8650=", "armwatch_8650=0123456789abcdeg"] {
+            assert_eq!(access.check_for(Scope::Read, &headers("cookie", other)).unwrap_err().status, 401);
+        }
+        assert!(access.log_in("0123456789abcde", false, false).is_err());
+        assert!(
+            access.log_out(false).starts_with("armwatch_8650=; ")
+                && access.log_out(false).contains("Max-Age=0")
+        );
+        let mut foreign = sent;
+        foreign.insert("host", "arm.example".parse().unwrap());
+        foreign.insert("origin", "https://evil.example".parse().unwrap());
+        assert_eq!(access.check_for(Scope::Read, &foreign).unwrap_err().status, 403);
     }
 
     #[test]
@@ -339,7 +466,7 @@ mod tests {
 
     #[test]
     fn without_a_token_only_this_machine_is_named() {
-        let access = Access { tokens: Vec::new() };
+        let access = access(Vec::new());
         for host in ["localhost", "localhost:8650", "127.0.0.1:8650", "[::1]:8650", "[::1]"] {
             assert!(access.check_for(Scope::Read, &headers("host", host)).is_ok(), "{host}");
         }

@@ -1,8 +1,8 @@
 //! Answers: JSON, and refusals that say what to do.
 
 use axum::extract::rejection::{BytesRejection, JsonRejection};
-use axum::http::header::{CONNECTION, CONTENT_TYPE, RETRY_AFTER, WWW_AUTHENTICATE};
-use axum::http::{HeaderName, HeaderValue, StatusCode};
+use axum::http::header::{CONNECTION, CONTENT_TYPE, HOST, ORIGIN, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use utoipa::{IntoResponses, ToSchema};
@@ -173,8 +173,18 @@ impl Refusal {
     }
 
     /// A page of another server.
-    pub fn of_other_page() -> Self {
-        Self::new(StatusCode::FORBIDDEN, "requests of pages from another address are not answered")
+    pub fn of_other_page(headers: &HeaderMap) -> Self {
+        let named = |name| {
+            let value: Option<&HeaderValue> = headers.get(name);
+            value.map_or_else(|| "missing".into(), |value| value.as_bytes().escape_ascii().to_string())
+        };
+        let sentence = format!(
+            "the page that sent this request is at another address: Origin is {}, Host is {}. A reverse proxy must \
+             pass on the browser's Host with its port; in nginx: proxy_set_header Host $http_host",
+            named(ORIGIN),
+            named(HOST)
+        );
+        Self::new(StatusCode::FORBIDDEN, sentence)
     }
 
     /// The daemon has no token, and the request would change something.

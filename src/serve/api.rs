@@ -26,7 +26,7 @@ pub(super) use events::watch;
 /// The addresses under `/v1/` besides those of exports.
 pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
     OpenApiRouter::new()
-        .routes(routes!(session::session))
+        .routes(routes!(session::session, session::log_in, session::log_out))
         .routes(routes!(fleet::fleet))
         .routes(routes!(rows::views))
         .routes(routes!(rows::of_view))
@@ -35,6 +35,8 @@ pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .routes(routes!(events::events))
         .routes(routes!(act::on_anomaly))
         .routes(routes!(act::maintenance))
+        .routes(routes!(act::delete_maintenance))
         .routes(routes!(act::retry))
+        .routes(routes!(act::dismiss))
         .layer(Extension(Arc::<fleet::Kept>::default()))
 }

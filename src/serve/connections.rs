@@ -10,12 +10,13 @@ use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
-use super::network::Network;
+use super::network::{Network, Proxies};
 
 /// Connections at once. Each holds a socket, its buffers in the kernel, and at most one request's headers.
 pub(super) const CONNECTIONS: usize = 256;
 
-/// The share of one network. Programs of this machine may have all connections, because a proxy serves many clients.
+/// The share of one network. Programs of this machine and trusted proxies may have all connections, because a proxy
+/// serves many clients.
 const CONNECTIONS_OF_ONE: usize = CONNECTIONS / 4;
 
 /// A connection is not closed for another one within this time after it moved: its request may be on the way.
@@ -24,6 +25,7 @@ const SPARED: Duration = Duration::from_millis(250);
 /// Open connections. Clones share them.
 #[derive(Debug, Clone)]
 pub(super) struct Connections {
+    proxies: Proxies,
     began: Instant,
     open: Arc<Mutex<Open>>,
 }
@@ -61,8 +63,8 @@ pub(super) struct Answering(Arc<Progress>);
 
 impl Connections {
     /// None yet.
-    pub(super) fn new() -> Self {
-        Self { began: Instant::now(), open: Arc::default() }
+    pub(super) fn new(proxies: Proxies) -> Self {
+        Self { proxies, began: Instant::now(), open: Arc::default() }
     }
 
     /// Gives a new connection a place. If all places are taken, another connection ends.
@@ -75,7 +77,8 @@ impl Connections {
             evicted: CancellationToken::new(),
         });
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(victim) = open.victim(network, ms(self.began.elapsed()))
+        if let Some(victim) =
+            open.victim(network, self.proxies.serves_many(network), ms(self.began.elapsed()))
             && let Some(evicted) = open.by_number.remove(&victim)
         {
             tracing::debug!(network = %evicted.network, "closed a connection to make room");
@@ -90,7 +93,7 @@ impl Connections {
 
 impl Open {
     /// The connection that ends if `network` opens another one at `now`; `None` while there is room.
-    fn victim(&self, network: Network, now: u64) -> Option<u64> {
+    fn victim(&self, network: Network, serves_many: bool, now: u64) -> Option<u64> {
         let mut counts: HashMap<Network, usize> = HashMap::new();
         for progress in self.by_number.values() {
             *counts.entry(progress.network).or_default() += 1;
@@ -98,7 +101,7 @@ impl Open {
         let own = counts.get(&network).copied().unwrap_or(0);
         let most = counts.values().copied().max().unwrap_or(0);
         let is_crowded = |of: Network| counts.get(&of) == Some(&most);
-        let gives_way: &dyn Fn(Network) -> bool = if own >= CONNECTIONS_OF_ONE && !network.is_loopback() {
+        let gives_way: &dyn Fn(Network) -> bool = if own >= CONNECTIONS_OF_ONE && !serves_many {
             &|of| of == network
         } else if self.by_number.len() >= CONNECTIONS {
             &is_crowded
@@ -169,7 +172,7 @@ mod tests {
     /// Connections that began long ago, so that none is spared.
     fn old() -> Connections {
         let began = Instant::now().checked_sub(Duration::from_secs(3600)).expect("an hour of running time");
-        Connections { began, open: Arc::default() }
+        Connections { proxies: Proxies::default(), began, open: Arc::default() }
     }
 
     #[test]

@@ -1,6 +1,9 @@
 //! The client behind an address, for limits that hold per client.
 
 use std::net::{IpAddr, Ipv6Addr};
+use std::sync::Arc;
+
+use axum::http::HeaderMap;
 
 /// One client: an IPv4 address, or an IPv6 network of 64 bits. An IPv4-mapped IPv6 address counts as its IPv4 address.
 /// `::1` counts alone.
@@ -32,9 +35,70 @@ impl std::fmt::Display for Network {
     }
 }
 
+/// Reverse proxies that name the client of each request.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Proxies(Arc<[IpAddr]>);
+
+impl Proxies {
+    /// These addresses.
+    pub(super) fn new(addresses: &[IpAddr]) -> Self {
+        Self(addresses.iter().map(IpAddr::to_canonical).collect())
+    }
+
+    /// Returns true for this machine and for a proxy, whose connections are those of many clients.
+    pub(super) fn serves_many(&self, network: Network) -> bool {
+        network.is_loopback() || self.has(network)
+    }
+
+    fn has(&self, network: Network) -> bool {
+        self.0.iter().any(|address| Network::of(*address) == network)
+    }
+
+    /// The client of a request that `peer` sent: the last address in `X-Forwarded-For` that is no proxy. What stands
+    /// before it, the client may have invented.
+    pub(super) fn client(&self, peer: Network, headers: &HeaderMap) -> Network {
+        if !self.has(peer) {
+            return peer;
+        }
+        let lines: Vec<&str> =
+            headers.get_all("x-forwarded-for").iter().filter_map(|line| line.to_str().ok()).collect();
+        let mut named = lines.iter().rev().flat_map(|line| line.rsplit(','));
+        let mut client = peer;
+        while self.has(client) {
+            match named.next().and_then(|address| address.trim().parse().ok()) {
+                Some(address) => client = Network::of(address),
+                None => break,
+            }
+        }
+        client
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_trusted_proxy_names_the_client_and_no_other_sender_does() {
+        let proxies = Proxies::new(&["127.0.0.1".parse().unwrap(), "10.0.0.9".parse().unwrap()]);
+        let of = |text: &str| Network::of(text.parse().unwrap());
+        for (peer, forwarded, client) in [
+            ("127.0.0.1", &["192.0.2.7"][..], "192.0.2.7"),
+            ("127.0.0.1", &["6.6.6.6, 192.0.2.7, 10.0.0.9"], "192.0.2.7"),
+            ("10.0.0.9", &["6.6.6.6", "2001:db8::7"], "2001:db8::7"),
+            ("127.0.0.1", &["nonsense"], "127.0.0.1"),
+            ("127.0.0.1", &[], "127.0.0.1"),
+            ("192.0.2.8", &["127.0.0.1"], "192.0.2.8"),
+        ] {
+            let mut headers = HeaderMap::new();
+            for line in forwarded {
+                headers.append("x-forwarded-for", line.parse().unwrap());
+            }
+            assert_eq!(proxies.client(of(peer), &headers), of(client), "{peer} {forwarded:?}");
+        }
+        assert!(proxies.serves_many(of("10.0.0.9")) && proxies.serves_many(of("::1")));
+        assert!(!proxies.serves_many(of("10.0.0.8")));
+    }
 
     #[test]
     fn an_address_of_version_4_and_a_network_of_version_6_are_one_client() {

@@ -39,6 +39,7 @@ macro_rules! assets {
 static ASSETS: &[Asset] = &assets![
     "actions.js",
     "alarm.js",
+    "alarms.js",
     "api.js",
     "cycle.js",
     "dialog.js",
@@ -64,6 +65,7 @@ static ASSETS: &[Asset] = &assets![
     "uPlot.iife.min.js",
     "uPlot.min.css",
     "uplot.LICENSE",
+    "wall.js",
 ];
 
 /// The page and its files.

@@ -10,6 +10,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::access::Access;
 use super::answer::Refusal;
+use super::network::Proxies;
 use super::rates::Rates;
 use super::reserve::Reserve;
 use super::spool::Spool;
@@ -27,6 +28,8 @@ pub(super) struct Shared {
     pub(super) uploads: Option<Uploads>,
     /// Requests by network.
     pub(super) rates: Rates,
+    /// Reverse proxies that name the client.
+    pub(super) proxies: Proxies,
     /// Large answers that clients have not read yet.
     pub(super) unread: UnreadAnswers,
     /// Turns of statements of people and programs: their work takes cores from the pipeline.

@@ -120,14 +120,14 @@ mod tests {
 
     use super::*;
     use crate::serve::connections::Connections;
-    use crate::serve::network::Network;
+    use crate::serve::network::{Network, Proxies};
 
     const STALL: Duration = Duration::from_millis(400);
 
     /// A stream with a small buffer, and its client's side.
     fn watched() -> (WatchedStream<DuplexStream>, DuplexStream) {
         let (stream, client) = duplex(64);
-        let place = Connections::new().enter(Network::of([10, 0, 0, 1].into()));
+        let place = Connections::new(Proxies::default()).enter(Network::of([10, 0, 0, 1].into()));
         (WatchedStream::new(stream, Arc::clone(&place.progress), STALL), client)
     }
 

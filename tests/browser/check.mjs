@@ -11,7 +11,7 @@ const { values: options, positionals: [base = "http://127.0.0.1:8750/", out = "s
   options: { token: { type: "string" }, act: { type: "boolean" }, budget: { type: "string" }, only: { type: "string" }, pages: { type: "string" } },
 });
 const AXE = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-const LOOKS = [["light", 1280, "light"], ["dark", 1280, "dark"], ["phone", 390, "light"], ["phone-dark", 360, "dark"]];
+const LOOKS = [["light", 1280, "light"], ["dark", 1280, "dark"], ["phone", 390, "light"], ["phone-dark", 320, "dark"]];
 const SETTLE_MS = 60_000;
 
 let failures = 0;
@@ -28,8 +28,11 @@ const ask = async (path) => {
 const fleet = await ask("v1/fleet");
 const run = (await ask("v1/views/runs?status=complete&order=-run_id&limit=1")).rows[0];
 const alarm = fleet.anomalies[0];
-const pages = [["fleet", "#/"], ["ingest", "#/ingest"]];
-if (fleet.robots.length) pages.push(["robot", `#/robot/${encodeURIComponent(alarm?.robot ?? fleet.robots[0].robot)}`]);
+const pages = [["fleet", "#/"], ["wall", "#/wall"], ["alarms", "#/alarms?state=all"], ["ingest", "#/ingest"]];
+if (fleet.robots.length) {
+  const robot = `#/robot/${encodeURIComponent(alarm?.robot ?? fleet.robots[0].robot)}`;
+  pages.push(["robot", robot], ["robot-runs", `${robot}?tab=runs`], ["robot-engineering", `${robot}?tab=engineering`]);
+}
 if (alarm) pages.push(["alarm", `#/alarm/${alarm.anomaly_id}`]);
 const whole = fleet.anomalies.find((one) => one.joint === null);
 if (whole) pages.push(["alarm-of-the-arm", `#/alarm/${whole.anomaly_id}`]);
@@ -65,7 +68,7 @@ async function open(hash, { width = 1280, scheme = "light", token = options.toke
 async function settle(page) {
   await page.waitForSelector("main h1", { timeout: SETTLE_MS, polling: 50 });
   const loaded = await page.waitForFunction(() => {
-    const waiting = [...document.querySelectorAll(".page-note")].find((one) => one.textContent === "Loading");
+    const waiting = [...document.querySelectorAll(".page-note")].find((one) => one.textContent === "Loading" && one.offsetParent !== null);
     waiting?.scrollIntoView({ block: "center" });
     return !waiting;
   }, { timeout: SETTLE_MS, polling: 50 }).catch(() => null);

@@ -1,6 +1,6 @@
 //! `[serve]`: the HTTP side of the daemon.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -84,6 +84,11 @@ pub struct ServeSettings {
     pub listen: SocketAddr,
     /// File with the token that clients must know; without it, the environment may give one.
     pub token_file: Option<PathBuf>,
+    /// Address at which browsers reach the dashboard, such as `https://plant.example/armwatch/`, where it is another one
+    /// than `listen`; it ends with a slash.
+    pub public_url: Option<String>,
+    /// Addresses of reverse proxies whose `X-Forwarded-For` says which client sent a request.
+    pub trusted_proxies: Vec<IpAddr>,
     /// Uploads, where they are taken.
     pub upload: Option<UploadSettings>,
 }
@@ -121,13 +126,27 @@ pub(super) fn read_serve(table: Option<&Table<'_>>) -> Option<(Option<ServeSetti
         None => DEFAULT_LISTEN.parse().ok(),
     };
     let token_file = table.text_or("token_file", "");
+    let public_url = match table.optional("public_url") {
+        Some(value) => read_public_url(&value).map(Some),
+        None => Some(None),
+    };
+    let trusted_proxies = match table.optional("trusted_proxies") {
+        Some(value) => read_proxies(&value),
+        None => Some(Vec::new()),
+    };
     let upload = match table.table("upload") {
         Some(table) => read_upload(&table).map(Some),
         None => Some(None),
     };
     let token_file = token_file?;
     let token_file = (!token_file.is_empty()).then(|| PathBuf::from(token_file));
-    let serve = ServeSettings { listen: listen?, token_file, upload: upload? };
+    let serve = ServeSettings {
+        listen: listen?,
+        token_file,
+        public_url: public_url?,
+        trusted_proxies: trusted_proxies?,
+        upload: upload?,
+    };
     Some((Some(serve), ClientSettings { tokens: tokens?, requests_per_s: requests_per_s? }))
 }
 
@@ -177,6 +196,33 @@ fn read_scopes(value: &Value<'_>) -> Option<Vec<Scope>> {
         scopes.dedup();
         scopes
     })
+}
+
+fn read_public_url(value: &Value<'_>) -> Option<String> {
+    let text = value.text()?;
+    let place = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://"));
+    let is_address = place.is_some_and(|place| {
+        !place.is_empty()
+            && !place.starts_with(['/', ':'])
+            && place.bytes().all(|byte| byte.is_ascii_graphic() && !b"?#@\"\\<>".contains(&byte))
+    });
+    if !is_address {
+        let hint = "write the address that people open, such as \"https://plant.example/armwatch/\"";
+        value.refuse("is no address of a page".into(), Some(hint.into()));
+        return None;
+    }
+    Some(format!("{}/", text.trim_end_matches('/')))
+}
+
+fn read_proxies(value: &Value<'_>) -> Option<Vec<IpAddr>> {
+    let read = |item: Value<'_>| {
+        let address = item.text()?.parse().ok();
+        if address.is_none() {
+            item.refuse("is no IP address".into(), Some("write such as \"127.0.0.1\" or \"fd00::7\"".into()));
+        }
+        address
+    };
+    value.items()?.into_iter().map(read).collect::<Vec<_>>().into_iter().collect()
 }
 
 fn read_address(value: &Value<'_>) -> Option<SocketAddr> {

@@ -126,7 +126,12 @@ fn serve(serve: &ServeSettings) -> String {
         ),
         None => "no uploads".to_owned(),
     };
-    format!("{}; {token}; {upload}", serve.listen)
+    let url = serve.public_url.as_ref().map(|url| format!(" as {url}")).unwrap_or_default();
+    let proxies = match serve.trusted_proxies.as_slice() {
+        [] => String::new(),
+        some => format!("; behind {}", some.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+    };
+    format!("{}{url}{proxies}; {token}; {upload}", serve.listen)
 }
 
 fn clients(clients: &ClientSettings) -> String {

@@ -1,4 +1,4 @@
-//! What people do with anomalies: `armwatch alerts ack`, `shelve`, `resolve`, `false-alarm`.
+//! What people do with anomalies: `armwatch alerts ack`, `shelve`, `resolve`, `false-alarm`, `reopen`.
 
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
@@ -10,6 +10,7 @@ use crate::cli::shared::user::user;
 use armwatch_store::{AlarmAction, NotDone, Store, time_in_views};
 
 pub(super) const ACKNOWLEDGE: AlarmAction = AlarmAction::Acknowledge;
+pub(super) const REOPEN: AlarmAction = AlarmAction::Reopen;
 pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
 pub(super) const FALSE_ALARM: AlarmAction = AlarmAction::FalseAlarm;
 

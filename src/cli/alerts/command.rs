@@ -82,8 +82,16 @@ instead. It begins a new baseline and puts earlier alarms into the state mainten
 Examples:
   armwatch alerts false-alarm 4 --why \"other gripper during the test\"
 
-The episode stays closed, also if further tests show it. `armwatch alerts ack` takes that back.")]
+The episode stays closed, also if further tests show it. `armwatch alerts reopen` takes that back.")]
     FalseAlarm(DeedArgs),
+    /// Take an answer back: the alarm is open again
+    #[command(after_help = "\
+Examples:
+  armwatch alerts reopen 4 --why \"resolved by mistake\"
+
+Takes back that the alarm was acknowledged, shelved, resolved, in maintenance or a false alarm. Work that was entered
+stays; `armwatch maintenance --remove` deletes it.")]
+    Reopen(DeedArgs),
     /// Try routes: send a message that says that it is a try
     Test(TestArgs),
 }
@@ -170,6 +178,7 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
             AlertsCommand::Test(args) => test::test(global, &store, &config.alerts, args).await,
             AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref(), now).await,
             AlertsCommand::Ack(args) => act::act(global, &store, &deed(args), act::ACKNOWLEDGE).await,
+            AlertsCommand::Reopen(args) => act::act(global, &store, &deed(args), act::REOPEN).await,
             AlertsCommand::Resolve(args) => act::act(global, &store, &deed(args), act::RESOLVE).await,
             AlertsCommand::FalseAlarm(args) => act::act(global, &store, &deed(args), act::FALSE_ALARM).await,
             AlertsCommand::Shelve(ShelveArgs { deed: args, until, days }) => {

@@ -12,6 +12,8 @@ use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
 use clap::Args;
+use jiff::Timestamp;
+use jiff::civil::Date;
 use serde_json::json;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
@@ -65,6 +67,10 @@ pub(in crate::cli) struct DemoArgs {
     /// Everything random follows from it
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Day of the first tests, such as 2026-01-05 [default: a week ago, so that the last tests are of
+    /// today or yesterday]
+    #[arg(long, value_name = "DATE")]
+    first_day: Option<Date>,
 }
 
 /// The demo at work.
@@ -98,7 +104,11 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
     config.watch.scan_interval = Duration::from_millis(500);
     // some times the pause of a slow writer
     config.watch.settle = Duration::from_millis(300);
-    let arms = fleet::fleet();
+    let arms = match args.first_day {
+        Some(day) => fleet::fleet(day),
+        None => fleet::latest_first_day(Timestamp::now()).and_then(fleet::fleet),
+    };
+    let arms = arms.map_err(|error| CliError::Usage(format!("--first-day: {error}")))?;
     let demo = Arc::new(Demo {
         tests: fleet::schedule(&arms),
         fleet: arms,
@@ -158,7 +168,13 @@ async fn dashboard(
     file.and_then(|mut file| file.write_all(token.as_bytes())).map_err(|error| failed(&token_file, error))?;
     for port in [PORT, 0] {
         let listen = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let settings = ServeSettings { listen, token_file: Some(token_file.clone()), upload: None };
+        let settings = ServeSettings {
+            listen,
+            token_file: Some(token_file.clone()),
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            upload: None,
+        };
         let started =
             serve::start(&settings, configs.clone(), store.clone(), metrics.clone(), stop.clone()).await;
         match started {

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use jiff::civil::Date;
+use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Timestamp};
 use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
@@ -20,8 +22,10 @@ use armwatch_simulate::{SimulationSettings, simulate_run};
 
 /// Cycles of a test: the friction map needs six.
 pub(super) const CYCLES: u32 = 8;
-/// The day before the first one, 2026-01-04T00:00:00Z.
-const DAY_ZERO: Timestamp = Timestamp::constant(1_767_484_800, 0);
+/// Days of the tests.
+const DAYS: i64 = 8;
+/// When all tests of a day have ended, UTC.
+const END_OF_TESTS: SignedDuration = SignedDuration::from_hours(11);
 /// Rows a second, Hz: a short test programme at a low rate, so that the demo is soon over.
 const SAMPLE_RATE_HZ: f64 = 20.0;
 /// Warming in each cycle, s.
@@ -68,6 +72,8 @@ impl Planted {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Arm {
     pub(super) name: &'static str,
+    /// Midnight of the day before the first one, UTC.
+    day_zero: Timestamp,
     /// Time of day of its tests.
     time: SignedDuration,
     /// Days of its tests, from 1, rising.
@@ -83,7 +89,7 @@ impl Arm {
     /// Start of test `test`, from 1.
     pub(super) fn start(&self, test: u32) -> Option<Timestamp> {
         let day = self.days.get(usize::try_from(test.checked_sub(1)?).ok()?)?;
-        Some(DAY_ZERO + SignedDuration::from_hours(24 * i64::from(*day)) + self.time)
+        Some(self.day_zero + SignedDuration::from_hours(24 * i64::from(*day)) + self.time)
     }
 
     /// The test that started at `at`.
@@ -110,13 +116,16 @@ impl Arm {
 }
 
 /// The arms: five tests each to learn, unless the fault shows without; then the fault, and time for it to be found.
-pub(super) fn fleet() -> Vec<Arm> {
+/// They are tested from `first_day` on.
+pub(super) fn fleet(first_day: Date) -> Result<Vec<Arm>, jiff::Error> {
+    let day_zero = first_day.yesterday()?.to_zoned(TimeZone::UTC)?.timestamp();
     let joint = |number: usize| Some(JointIndex::new(number - 1));
     let planted = |kind: FaultKind, joint: Option<JointIndex>, start_run: u32, found_as: AnomalyKind| {
         Some(Planted { fault: Fault { kind, joint, start_run, last_run: None }, kind: found_as })
     };
     let arm = |name, minutes: i64, days, planted| Arm {
         name,
+        day_zero,
         time: SignedDuration::from_mins(8 * 60 + 47 + minutes),
         days,
         planted,
@@ -125,13 +134,19 @@ pub(super) fn fleet() -> Vec<Arm> {
     let step = FaultKind::Step { size: 0.25, cycle: 5 };
     let jitter = FaultKind::Jitter { size: 0.12 };
     let load = FaultKind::Load { mass: 0.8, centre: [0.0; 3] };
-    vec![
+    Ok(vec![
         arm("Left", 0, &[1, 2, 4, 5, 7, 8], None),
         arm("Middle", 20, &[1, 2, 3, 4, 5, 6, 7, 8], planted(wear, joint(3), 6, AnomalyKind::Drift)),
         arm("Right", 40, &[1, 2, 3, 5, 6, 8], planted(load, None, 6, AnomalyKind::Payload)),
         arm("Front", 60, &[1, 3, 4, 6, 7], planted(step, joint(2), 4, AnomalyKind::Step)),
         arm("Rear", 80, &[1, 2, 4, 5, 6, 7], planted(jitter, joint(5), 6, AnomalyKind::Oscillation)),
-    ]
+    ])
+}
+
+/// The first day with which the last tests are of today, or of yesterday where today's would not have ended.
+pub(super) fn latest_first_day(now: Timestamp) -> Result<Date, jiff::Error> {
+    let last_day = (now - END_OF_TESTS).to_zoned(TimeZone::UTC).date();
+    last_day.checked_sub(jiff::Span::new().days(DAYS - 1))
 }
 
 /// Arm and number of every test, in the order of their starts.
@@ -217,13 +232,33 @@ fn as_cli_error(error: SimulateError) -> CliError {
 mod tests {
     use super::*;
 
+    fn arms() -> Vec<Arm> {
+        fleet(jiff::civil::date(2026, 1, 5)).unwrap()
+    }
+
+    #[test]
+    fn the_last_tests_are_the_latest_that_can_have_ended() {
+        for (now, first_day) in [
+            ("2026-11-28T23:00:00Z", "2026-11-21"),
+            ("2026-11-28T11:00:00Z", "2026-11-21"),
+            ("2026-11-28T10:59:59Z", "2026-11-20"),
+        ] {
+            let now: Timestamp = now.parse().unwrap();
+            let day = latest_first_day(now).unwrap();
+            assert_eq!(day.to_string(), first_day);
+            let arms = fleet(day).unwrap();
+            let last = arms.iter().filter_map(|arm| arm.start(arm.tests())).max().unwrap();
+            assert!(last < now && now - last < SignedDuration::from_hours(26), "{last}");
+        }
+    }
+
     #[test]
     fn four_faults_are_planted_after_five_tests_or_inside_one() {
-        let planted: Vec<Planted> = fleet().iter().filter_map(|arm| arm.planted).collect();
+        let planted: Vec<Planted> = arms().iter().filter_map(|arm| arm.planted).collect();
         let mut kinds: Vec<AnomalyKind> = planted.iter().map(|planted| planted.kind).collect();
         kinds.dedup();
         assert_eq!(kinds.len(), 4, "{kinds:?}");
-        for arm in fleet() {
+        for arm in arms() {
             assert!(arm.days.is_sorted_by(|a, b| a < b) && arm.days.first() >= Some(&1), "{arm:?}");
             if let Some(planted) = arm.planted {
                 assert!(planted.test() <= arm.tests(), "{arm:?}");
@@ -233,12 +268,12 @@ mod tests {
                 );
             }
         }
-        assert!(fleet().iter().any(|arm| arm.planted.is_none()));
+        assert!(arms().iter().any(|arm| arm.planted.is_none()));
     }
 
     #[test]
     fn tests_follow_each_other_and_keep_their_numbers() {
-        let tests = schedule(&fleet());
+        let tests = schedule(&arms());
         let starts: Vec<Timestamp> = tests.iter().filter_map(|(arm, test)| arm.start(*test)).collect();
         assert!(starts.len() == tests.len() && starts.is_sorted_by(|a, b| a < b));
         assert_eq!(starts[0].to_string(), "2026-01-05T08:47:00Z");

@@ -236,12 +236,16 @@ fn text(at: Timestamp) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fleet::fleet;
+    use super::super::fleet;
     use super::*;
+
+    fn arms() -> Vec<Arm> {
+        fleet::fleet(jiff::civil::date(2026, 1, 5)).unwrap()
+    }
 
     /// An alarm of an arm, first seen in its test `test`.
     fn alarm(robot: &str, joint: Option<usize>, kind: &str, test: u32) -> Alarm {
-        let fleet = fleet();
+        let fleet = arms();
         let arm = fleet.iter().find(|arm| arm.name == robot).unwrap();
         Alarm {
             anomaly_id: 1 + i64::from(test),
@@ -264,8 +268,8 @@ mod tests {
     }
 
     fn verdict(alarms: &[Alarm]) -> Verdict {
-        let stored = fleet().iter().map(|arm| (arm.name.to_owned(), arm.tests())).collect();
-        Verdict::new(&fleet(), alarms, &stored)
+        let stored = arms().iter().map(|arm| (arm.name.to_owned(), arm.tests())).collect();
+        Verdict::new(&arms(), alarms, &stored)
     }
 
     #[test]
@@ -289,7 +293,7 @@ mod tests {
     #[test]
     fn a_fault_that_was_not_tested_is_not_called_missed() {
         let stored = HashMap::from([("Middle".to_owned(), 5)]);
-        let verdict = Verdict::new(&fleet(), &[], &stored);
+        let verdict = Verdict::new(&arms(), &[], &stored);
         assert!(verdict.answers.iter().all(|answer| answer.cells()[4] == "not tested yet"), "{verdict:?}");
         assert!(!verdict.is_right());
     }

@@ -15,14 +15,20 @@ use crate::serve::access::Scope;
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_model::robot::JointIndex;
-use armwatch_store::{AlarmAction, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views};
+use armwatch_store::{
+    AlarmAction, MaintenanceRow, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views,
+};
 
 /// Most characters of a name or a reason.
 const LONGEST: usize = 1000;
 
 /// Bodies as they are sent, for those who sent another one.
 const DEED_EXAMPLE: &str = r#"{"who": "Lena", "why": "spare part is ordered"}"#;
+const DISMISSAL_EXAMPLE: &str = r#"{"who": "Lena", "why": "a list of parts, not an export"}"#;
 const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint": 3}"#;
+
+/// Where the numbers of quarantined runs are.
+const QUARANTINE_SOURCE: &str = "GET /v1/views/quarantine has the numbers in its column run_id";
 
 /// Who does something with an alarm, and why
 #[derive(Debug, Deserialize, ToSchema)]
@@ -89,7 +95,7 @@ pub struct Noted {
     post, path = "/v1/anomalies/{id}/{action}", tag = "Actions", operation_id = "answerAnomaly",
     params(
         ("id" = i64, Path, description = "Its anomaly_id"),
-        ("action" = String, Path, description = "acknowledge, shelve, resolve or false-alarm", pattern = "^(acknowledge|shelve|resolve|false-alarm)$"),
+        ("action" = String, Path, description = "acknowledge, shelve, resolve, false-alarm or reopen, which takes an earlier answer back", pattern = "^(acknowledge|shelve|resolve|false-alarm|reopen)$"),
     ),
     request_body = Deed,
     responses(
@@ -117,11 +123,16 @@ pub async fn on_anomaly(
     let action = match (action.as_str(), until) {
         ("acknowledge", _) => AlarmAction::Acknowledge,
         ("resolve", _) => AlarmAction::Resolve,
+        ("reopen", _) => AlarmAction::Reopen,
         ("false-alarm", _) => AlarmAction::FalseAlarm,
         ("shelve", Some(until)) if until > Timestamp::now() => AlarmAction::Shelve(until),
-        ("shelve", _) => return Err(bad("give until, a time that lies ahead, such as 2099-01-07T06:00:00Z")),
+        ("shelve", _) => {
+            return Err(bad(
+                "until is missing or in the past; give a time in the future, such as 2099-01-07T06:00:00Z",
+            ));
+        }
         _ => {
-            let actions = "acknowledge, shelve, resolve and false-alarm";
+            let actions = "acknowledge, shelve, resolve, false-alarm and reopen";
             return Err(Refusal::new(
                 StatusCode::NOT_FOUND,
                 format!("there is no action {action}; there are {actions}"),
@@ -170,7 +181,7 @@ pub async fn maintenance(
     let now = Timestamp::now();
     let at = at.unwrap_or(now);
     if at > now {
-        return Err(bad("at lies ahead; enter work once it is done"));
+        return Err(bad("the time of the work is in the future; enter work after it is finished"));
     }
     let failed = |error| Refusal::internal(&error);
     let unknown = || {
@@ -203,6 +214,79 @@ pub async fn maintenance(
     Ok((StatusCode::CREATED, Json(entered)))
 }
 
+/// Delete an entry of work
+///
+/// Anomalies that only this entry put into the state maintenance are open again, and the baseline is that of before.
+#[utoipa::path(
+    delete, path = "/v1/maintenance/{id}", tag = "Actions", operation_id = "deleteWork",
+    params(("id" = i64, Path, description = "Its maintenance_id")),
+    responses(
+        (status = 200, description = "The entry as it was", body = Entered),
+        (status = 400, description = "The number is none", body = Problem),
+        (status = 404, description = "No such entry", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
+pub async fn delete_maintenance(
+    State(shared): State<Arc<Shared>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Json<Entered>, Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
+    let source = "GET /v1/views/maintenance_log has the numbers in its column maintenance_id";
+    let maintenance_id = number(&id, "entry of work", source)?;
+    let removed = shared.store.remove_maintenance(maintenance_id).await;
+    let Some(MaintenanceRow { robot, work, .. }) = removed.map_err(|error| Refusal::internal(&error))? else {
+        let sentence = format!("there is no entry of work {maintenance_id}; {source}");
+        return Err(Refusal::new(StatusCode::NOT_FOUND, sentence));
+    };
+    tracing::info!(maintenance_id, robot, what = work.what, "deleted an entry of work over HTTP");
+    let joint = work.joint.map(JointIndex::number);
+    let at = time_in_views(work.at);
+    Ok(Json(Entered { maintenance_id, robot, joint, at, what: work.what, who: work.who }))
+}
+
+/// Dismiss an export in quarantine
+///
+/// Nothing is to be done about it, for example because it is not an export. A retry takes that back.
+#[utoipa::path(
+    post, path = "/v1/quarantine/{run_id}/dismiss", tag = "Actions", operation_id = "dismiss",
+    params(("run_id" = i64, Path, description = "Its run")),
+    request_body = Deed,
+    responses(
+        (status = 200, description = "The export is no longer counted as a problem", body = Noted),
+        (status = 400, description = "The number is none, or the body lacks who or why", body = Problem),
+        (status = 409, description = "The run is not in quarantine, or it is dismissed already", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
+pub async fn dismiss(
+    State(shared): State<Arc<Shared>>,
+    Path(run_id): Path<String>,
+    headers: HeaderMap,
+    deed: Result<axum::Json<Deed>, JsonRejection>,
+) -> Result<Json<Noted>, Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
+    let run_id = number(&run_id, "run", QUARANTINE_SOURCE)?;
+    let Deed { who, why, .. } = body(deed, DISMISSAL_EXAMPLE)?;
+    let who = named(&who)?;
+    let why = bounded(&why.unwrap_or_default(), "why")?;
+    if why.is_empty() {
+        return Err(bad("why is missing; say why nothing is to be done, such as \"not an export\""));
+    }
+    if !shared.store.dismiss(run_id, &who, &why).await.map_err(|error| Refusal::internal(&error))? {
+        return Err(not_in_quarantine(run_id));
+    }
+    Ok(Json(Noted { run_id, outcome: "it is dismissed; a retry takes that back" }))
+}
+
+fn not_in_quarantine(run_id: i64) -> Refusal {
+    let sentence = format!("run {run_id} is not in quarantine; GET /v1/views/quarantine lists what is");
+    Refusal::new(StatusCode::CONFLICT, sentence)
+}
+
 /// Have an export in quarantine read again
 #[utoipa::path(
     post, path = "/v1/quarantine/{run_id}/retry", tag = "Actions", operation_id = "retry",
@@ -221,11 +305,11 @@ pub async fn retry(
     headers: HeaderMap,
 ) -> Result<(StatusCode, Json<Noted>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
-    let run_id = number(&run_id, "run", "GET /v1/views/quarantine has the numbers in its column run_id")?;
+    let run_id = number(&run_id, "run", QUARANTINE_SOURCE)?;
     if !shared.store.ask_retry(run_id).await.map_err(|error| Refusal::internal(&error))? {
-        let sentence = format!("run {run_id} is not in quarantine; GET /v1/views/quarantine lists what is");
-        return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+        return Err(not_in_quarantine(run_id));
     }
+    shared.store.withdraw_dismissal(run_id).await.map_err(|error| Refusal::internal(&error))?;
     Ok((StatusCode::ACCEPTED, Json(Noted { run_id, outcome: "it is read again at the next scan" })))
 }
 

@@ -41,6 +41,8 @@ pub struct Fleet {
     anomalies: Vec<Row>,
     /// Exports that are being read
     live: Vec<LiveExport>,
+    /// Folders in which new exports are found, as the configuration names them
+    watched: Vec<String>,
 }
 
 /// How many there are
@@ -174,11 +176,12 @@ pub async fn fleet(
         drift_warning_fraction: config.detect.drift_warning,
         drift_critical_fraction: config.detect.drift_critical,
     };
+    fleet.watched = config.watch.folders.iter().map(|folder| folder.display().to_string()).collect();
     fleet.now = time_in_views(Timestamp::now());
     Ok(Json(fleet))
 }
 
-/// The fleet as it is stored; time and limits are left open.
+/// The fleet as it is stored, without what the configuration and the clock say.
 async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
     let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
     let (counts, read, mut anomalies, live) =
@@ -200,7 +203,7 @@ async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
         open_infos: sum(|robot| robot.open_infos),
     };
     let limits = FleetLimits { drift_warning_fraction: 0.0, drift_critical_fraction: 0.0 };
-    Ok(Fleet { now: String::new(), counts, limits, robots, anomalies, live })
+    Ok(Fleet { now: String::new(), counts, limits, robots, anomalies, live, watched: Vec::new() })
 }
 
 /// Open anomalies.

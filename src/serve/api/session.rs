@@ -4,13 +4,16 @@ use std::path::Path;
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::HeaderMap;
+use axum::extract::rejection::JsonRejection;
+use axum::http::header::{ORIGIN, SET_COOKIE};
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::IntoResponse;
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::serve::access::Scope;
-use crate::serve::answer::Json;
+use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_config::shown_database;
 use armwatch_store::time_in_views;
@@ -53,6 +56,59 @@ pub async fn session(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> J
         may_act: may(Scope::Act),
         may_upload: may(Scope::Upload) && shared.uploads.is_some(),
     })
+}
+
+/// A token, in exchange for a cookie
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Login {
+    /// The token
+    token: String,
+    /// Whether the browser keeps it for 90 days; else until it is closed
+    #[serde(default)]
+    keep: bool,
+}
+
+/// Log a browser in
+///
+/// Gives a cookie that scripts cannot read. The browser sends it with each request, in place of the token.
+#[utoipa::path(
+    post, path = "/v1/session", tag = "Daemon", operation_id = "logIn",
+    request_body = Login,
+    responses(
+        (status = 204, description = "The cookie is set"),
+        (status = 400, description = "The body lacks the token, or has an unknown field", body = Problem),
+        Refused,
+    ),
+)]
+pub async fn log_in(
+    State(shared): State<Arc<Shared>>,
+    headers: HeaderMap,
+    login: Result<axum::Json<Login>, JsonRejection>,
+) -> Result<impl IntoResponse, Refusal> {
+    shared.access.check_own_page(&headers)?;
+    let example = r#"{"token": "0123456789abcdef", "keep": true}"#;
+    let axum::Json(login) = login.map_err(|rejection| Refusal::of_json(&rejection, example))?;
+    let cookie = shared.access.log_in(&login.token, login.keep, is_secure(&headers))?;
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, cookie)]))
+}
+
+/// Log a browser out
+#[utoipa::path(
+    delete, path = "/v1/session", tag = "Daemon", operation_id = "logOut",
+    responses((status = 204, description = "The cookie is deleted"), Refused),
+)]
+pub async fn log_out(
+    State(shared): State<Arc<Shared>>,
+    headers: HeaderMap,
+) -> Result<impl IntoResponse, Refusal> {
+    shared.access.check_own_page(&headers)?;
+    Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, shared.access.log_out(is_secure(&headers)))]))
+}
+
+/// Whether the page came over TLS, which the Origin says also behind a proxy.
+fn is_secure(headers: &HeaderMap) -> bool {
+    headers.get(ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }
 
 /// Name of the database, without the folder or the server that it lies on.

@@ -1,4 +1,4 @@
-import { askAction, askMaintenance } from "./actions.js";
+import { actionButton, possibleActions, whyNot, workButton } from "./actions.js";
 import { get, view } from "./api.js";
 import { h } from "./dom.js";
 import { ago, clauses, finding, isNumber, likelihood, moment, percent, sentence } from "./format.js";
@@ -7,10 +7,10 @@ import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
 import { figure, limitAndScore, quantityName } from "./quantities.js";
-import { badge, jointName, kindName, stateName } from "./status.js";
+import { aboutFriction, badge, jointName, kindName, stateName } from "./status.js";
 
 const EVENTS = {
-  opened: "Opened", worse: "Worse", corrected: "Corrected to another kind", ended: "Ended: later tests no longer show it", reopened: "Opened again",
+  opened: "Opened", worse: "Worse", corrected: "Corrected to another kind", ended: "Ended: later tests no longer show it", reopened: "Reopened",
   withdrawn: "Withdrawn", unshelved: "No longer shelved", acknowledged: "Acknowledged", shelved: "Shelved", maintenance: "Work entered: in maintenance",
   resolved: "Resolved", false_alarm: "Marked as a false alarm", overdue: "Overdue",
 };
@@ -54,7 +54,6 @@ export function mount({ main, argument, title }) {
       if (!one) return [h("h1", { tabindex: -1 }, `There is no alarm ${argument}`), empty("It was withdrawn, or the number is wrong.", h("p", null, h("a", { href: "#/" }, "Show the fleet")))];
       title(`${one.robot} ${jointName(one.joint)}: ${kindName(one.kind)}`);
       const onset = one.onset_at ?? one.first_seen_at;
-      const act = (name, text, main_) => h("button", { type: "button", class: main_ ? "primary" : null, "data-key": name, onclick: () => askAction(name, one, soon) }, text);
       return [
         h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, "Fleet"), " / ", h("a", { href: robotLink(one.robot, one.joint), "data-key": "robot" }, one.robot), ` / alarm ${one.anomaly_id}`),
         h("h1", { tabindex: -1 }, `${one.robot}, ${jointName(one.joint)}: ${kindName(one.kind).toLowerCase()}`),
@@ -65,8 +64,9 @@ export function mount({ main, argument, title }) {
         h("p", { class: "lead" }, finding(one.message), "."),
         more(one.message).map((text) => h("p", { class: "muted" }, text)),
         h("div", { class: "actions", role: "group", "aria-label": "Actions" },
-          h("button", { type: "button", class: "primary", "data-key": "work", onclick: () => askMaintenance(one, joints, soon) }, "Work was done"),
-          act("acknowledge", "Acknowledge"), act("shelve", "Shelve until"), act("resolve", "Resolve"), act("false-alarm", "False alarm")),
+          possibleActions(one).map((name) => actionButton(name, one, soon)),
+          one.ended || one.state === "false_alarm" ? null : workButton(one, joints, soon)),
+        whyNot(),
       ];
     },
   });
@@ -108,7 +108,7 @@ export function mount({ main, argument, title }) {
       if (one.joint === null) return empty("This anomaly concerns the whole arm, so that no single joint's curve shows it.", h("p", null, h("a", { href: robotLink(one.robot), "data-key": "all" }, `Show all joints of ${one.robot}`)));
       const drawn = limitsOf({ limits }, [one], one.joint);
       return [
-        ["friction_index", "warm_friction_nm", "excitation_friction_nm"].includes(one.quantity) ? null
+        aboutFriction(one.quantity) ? null
           : h("p", { class: "part-note" }, `The alarm is about the ${quantityName(one.quantity, one.kind)}. The curve is the friction index of the joint, for comparison.`),
         indexPlot({ rows, joint: one.joint, limits: drawn, marks, title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
         drawn.length ? h("p", { class: "part-note" }, "The limit is that of the index smoothed over the tests; points are single tests.") : null,

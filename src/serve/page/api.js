@@ -4,13 +4,13 @@ const KEY = "armwatch.token";
 let refused = false;
 let asking = null;
 
+// The token of a link, for this tab. Who logs in has a cookie, which scripts cannot read.
 function token() {
-  try { return sessionStorage.getItem(KEY); } catch { return token.kept ?? null; }
+  try { return sessionStorage.getItem(KEY); } catch { return null; }
 }
 
-function keep(text) {
-  token.kept = text;
-  try { sessionStorage.setItem(KEY, text); } catch { /* Without storage the token holds until the page is left. */ }
+function forget() {
+  try { sessionStorage.removeItem(KEY); } catch { /* Nothing was kept. */ }
 }
 
 /** An answer that is not what was asked for, with the server's sentence. */
@@ -47,23 +47,47 @@ async function send(path, options) {
 }
 
 async function request(path, options = {}) {
-  const wrong = () => token() !== null;
   let answer = await send(path, options);
   while (answer.status === 401) {
     const sentence = (await failure(answer)).message;
     if (refused) throw new Failure(`A token is needed: ${sentence}`, 401);
-    asking ??= askToken(wrong()).finally(() => { asking = null; });
-    const entered = await asking;
-    if (!entered) {
+    if (!await logIn()) {
       refused = true;
       throw new Failure("The daemon needs a token. Press “Try again” to enter it.", 401);
     }
-    keep(entered);
-    dispatchEvent(new Event("tokenentered"));
     answer = await send(path, options);
   }
   if (!answer.ok) throw await failure(answer);
   return answer.status === 204 ? null : answer.json();
+}
+
+/** What this browser may do; null until the daemon has said so. */
+export let rights = null;
+
+export async function readRights() {
+  const session = await get("v1/session");
+  rights = { act: session.may_act, loggedIn: session.needs_token && session.may_read, needsToken: session.needs_token };
+  return session;
+}
+
+/** Exchanges a token for a cookie. Gives false where the person cancels. */
+export function logIn() {
+  asking ??= askToken(async (values) => {
+    forget();
+    const answer = await send("v1/session", { method: "POST", body: JSON.stringify({ token: values.token, keep: values.keep === "yes" }), headers: { "Content-Type": "application/json" } });
+    if (!answer.ok) throw await failure(answer);
+    refused = false;
+  }).then((done) => {
+    if (done) dispatchEvent(new Event("rightschanged"));
+    return done;
+  }).finally(() => { asking = null; });
+  return asking;
+}
+
+export async function logOut() {
+  forget();
+  await request("v1/session", { method: "DELETE" });
+  dispatchEvent(new Event("rightschanged"));
 }
 
 export function mayAskAgain() {
@@ -88,4 +112,9 @@ export async function view(name, query = {}, signal) {
 export function post(path, body) {
   mayAskAgain();
   return request(path, { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+}
+
+export function remove(path) {
+  mayAskAgain();
+  return request(path, { method: "DELETE" });
 }

@@ -55,7 +55,15 @@ export function ask({ title, intro, ...rest }) {
     let done = false;
     const heading = `d${++number}`;
     const close = () => dialog.close();
-    const dialog = h("dialog", { "aria-labelledby": heading, onclose: () => { dialog.remove(); resolve(done); } },
+    // "Back" closes a dialog, so that it never lies over another page.
+    history.pushState({ ...history.state, dialog: true }, "");
+    addEventListener("popstate", close);
+    const dialog = h("dialog", { "aria-labelledby": heading, onclose: () => {
+      removeEventListener("popstate", close);
+      if (history.state?.dialog) history.back();
+      dialog.remove();
+      resolve(done);
+    } },
       h("h2", { id: heading }, title), intro ? h("p", { class: "muted" }, intro) : null,
       form({ ...rest, cancel: close, onsubmit: async (values) => { await rest.onsubmit(values); done = true; close(); } }));
     document.body.append(dialog);
@@ -65,15 +73,14 @@ export function ask({ title, intro, ...rest }) {
   });
 }
 
-export async function askToken(wrong) {
-  let entered = null;
-  await ask({
-    title: "Token",
-    intro: wrong ? "The daemon does not accept the token that was entered. Enter the token in the file that serve.token_file names."
-      : "The daemon asks for its token. It is in the file that serve.token_file names.",
-    fields: [{ name: "token", label: "Token", type: "password", required: true, hint: "This browser tab keeps it until it is closed." }],
-    submit: "Use this token",
-    onsubmit: async (values) => { entered = values.token.trim(); },
-  });
-  return entered;
-}
+/** Asks for a token; `use` tries it. Gives true when it was accepted. */
+export const askToken = (use) => ask({
+  title: "Log in",
+  intro: "Enter the token that the operator of armwatch gave you. On the daemon's machine, it is in the file that serve.token_file names.",
+  fields: [
+    { name: "token", label: "Token", type: "password", required: true },
+    { name: "keep", label: "Stay logged in", chosen: true, options: [["", "until the browser is closed"], ["yes", "for 90 days"]] },
+  ],
+  submit: "Log in",
+  onsubmit: use,
+});

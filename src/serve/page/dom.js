@@ -60,15 +60,36 @@ export function replace(node, ...children) {
 }
 
 /** A table in a box of its own that scrolls sideways on narrow screens. */
-export function table({ caption, showCaption, columns, rows, key }) {
+export function table({ caption, showCaption, columns, rows, key, tall }) {
   const head = h("tr", null, columns.map((one) => h("th", { scope: "col", class: one.number ? "number" : null }, one.title)));
   const body = rows.map((row) => h("tr", null, columns.map((one, index) => {
     const content = one.cell(row);
     const props = { class: [one.number && "number", one.wide && "wide"].filter(Boolean).join(" ") || null };
     return index === 0 ? h("th", { scope: "row", ...props }, content) : h("td", props, content);
   })));
-  return h("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": caption, "data-key": key ?? caption },
+  const scroll = h("div", { class: tall ? "scroll tall" : "scroll", tabindex: 0, role: "group", "aria-label": caption, "data-key": key ?? caption },
     h("table", null, h("caption", { class: showCaption ? null : "hidden" }, caption), h("thead", null, head), h("tbody", null, body)));
+  return rows.length && !Array.isArray(rows[0]) ? [scroll, csvButton(caption, rows)] : scroll;
+}
+
+/** A button that saves rows of a view with all their columns, units in the names. */
+function csvButton(caption, rows) {
+  return h("button", { type: "button", class: "quiet", "data-key": `csv/${caption}`, "aria-label": `${caption}: save as CSV`, onclick: () => {
+    const url = URL.createObjectURL(new Blob([csv(rows)], { type: "text/csv;charset=utf-8" }));
+    h("a", { href: url, download: `armwatch ${caption}.csv` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 60_000);
+  } }, "Save as CSV");
+}
+
+function csv(rows) {
+  const names = Object.keys(rows[0]).filter((name) => rows.some((row) => row[name] === null || typeof row[name] !== "object"));
+  const cell = (value) => {
+    if (value === null || value === undefined) return "";
+    // A spreadsheet would compute what begins so.
+    const text = typeof value === "string" && /^[=+@\t\r-]/.test(value) ? `'${value}` : String(value);
+    return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+  };
+  return [names, ...rows.map((row) => names.map((name) => row[name]))].map((row) => row.map(cell).join(",")).join("\r\n");
 }
 
 let announcing;
@@ -79,12 +100,22 @@ export function announce(text) {
   announcing = setTimeout(() => { node.textContent = text; }, 60);
 }
 
-/** A short note at the screen's edge that a screen reader hears too. */
-export function toast(text) {
-  const node = h("p", { class: "toast" }, text);
+/** A short note at the screen's edge that a screen reader hears too. `undo` takes back what it reports. */
+export function toast(text, undo) {
+  const button = undo ? h("button", { type: "button", class: "quiet", onclick: async () => {
+    button.disabled = true;
+    try {
+      await undo();
+      node.remove();
+    } catch (error) {
+      node.replaceChildren(h("span", null, `Not undone: ${error.message}`));
+      announce(`Not undone: ${error.message}`);
+    }
+  } }, "Undo") : null;
+  const node = h("div", { class: "toast" }, h("span", null, text), button);
   document.getElementById("toasts").append(node);
-  announce(text);
-  setTimeout(() => node.remove(), 6000);
+  announce(undo ? `${text} Undo is at the end of the page.` : text);
+  setTimeout(() => node.remove(), undo ? 15_000 : 6000);
 }
 
 export function remembered(key, fallback = "") {

@@ -3,7 +3,7 @@ import { announce, h, hidden, icon, replace } from "./dom.js";
 import { ago, change, count, finding, moment, plural } from "./format.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
-import { badge, jointName, known, rank, STATUSES, stateName } from "./status.js";
+import { aboutFriction, badge, jointName, kindName, kindWord, known, rank, STATUSES, stateName } from "./status.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -13,7 +13,7 @@ const idle = globalThis.requestIdleCallback ? (work) => requestIdleCallback(work
 // Browsers need not lay out far rows of a long list.
 const MANY = 40;
 const names = new Intl.Collator("en", { numeric: true });
-const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
+export const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
   || names.compare(a.robot, b.robot);
 const ORDERS = {
   worst: ["Worst first", worstFirst],
@@ -27,17 +27,37 @@ function furthest(robot) {
 
 export const robotLink = (robot, joint) => `#/robot/${encodeURIComponent(robot)}${joint ? `?joint=${joint}` : ""}`;
 
+const isAlarm = (one) => one.severity !== "info";
+
+/** The alarms of a robot that are not settled, worst first. */
+export const alarmsOf = (anomalies, robot) => anomalies.filter((one) => one.robot === robot && isAlarm(one)).sort((a, b) => rank(a.severity) - rank(b.severity));
+
+/** Since when a robot's status is older than its usual interval between tests; null while it is not. */
+export const staleSince = (robot, now) => (robot.status !== "overdue" && robot.expected_by && Date.parse(robot.expected_by) < now ? robot.expected_by : null);
+
+/** How a joint looks: its status, the number or the word that explains it, and who deals with it. */
+export function jointLook(joint, alarms) {
+  const own = alarms.filter((one) => one.joint === joint.joint);
+  const inAlarm = ["critical", "warning"].includes(joint.status);
+  // An alarm of the whole arm is one mark on the arm, not one on each joint.
+  const ofArm = inAlarm && !own.length && alarms.some((one) => one.joint === null);
+  const answered = inAlarm && own.length && own.every((one) => one.state !== "open") ? stateName(own[0].state) : null;
+  const index = change(joint.friction_index);
+  const cause = inAlarm && own.length && !aboutFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
+  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? "whole arm" : joint.status, value: cause ?? index, index, answered };
+}
+
 /** A joint at a glance, as a link to its figures. */
-export function jointCell(robot, joint, range) {
-  const status = known(joint.status);
-  const value = change(joint.friction_index);
-  const words = [`joint ${joint.joint}: ${joint.status}`, joint.friction_index === null ? "no friction index" : `friction index ${value}`, joint.reason].filter(Boolean);
+export function jointCell(robot, joint, range, alarms = []) {
+  const { status, word, value, index, answered } = jointLook(joint, alarms);
+  const words = [`joint ${joint.joint}: ${word}`, joint.friction_index === null ? "no friction index" : `friction index ${index}`, answered, joint.reason].filter(Boolean);
   const cell = h("a", {
     class: `cell s-${status}`, href: robotLink(robot, joint.joint), title: words.join("\n"), "data-key": `${robot}/${joint.joint}`,
-  }, h("span", { class: "cell-head" }, icon(status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
-    status === "ok" ? hidden(", ok, ") : h("span", { class: "cell-word" }, hidden(", "), joint.status, hidden(", "))),
+  }, h("span", { class: "cell-head" }, icon(status === "arm" ? "info" : status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
+    status === "ok" ? hidden(", ok, ") : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
   h("span", { class: "cell-value" }, value));
   cell.append(spark(joint.history, range));
+  if (answered) cell.append(h("span", { class: "cell-mark" }, answered));
   return cell;
 }
 
@@ -53,23 +73,31 @@ export function alarmRow(one, now) {
       h("span", { class: "alarm-since" }, "since ", moment(onset, "day"), h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
 }
 
-function robotRow(robot, range, now) {
+function robotRow(robot, range, now, alarms) {
+  const stale = staleSince(robot, now);
+  const arm = alarms.filter((one) => one.joint === null);
   const late = robot.joints.some((one) => one.status === "overdue") || robot.status === "overdue";
   const test = robot.last_run_at
     ? h("p", null, "Last test ", moment(robot.last_run_at, "day"), h("span", { class: "muted" }, `, ${ago(robot.last_run_at, now)}`))
     : h("p", null, "No complete test yet");
-  return h("li", { class: "robot-row" },
+  return h("li", { class: stale ? "robot-row is-stale" : "robot-row" },
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
       h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || "model not recognised"),
+        stale ? h("b", { class: "late" }, "stale since ", moment(stale, "day")) : null,
+        arm.map((one) => h("span", null, `${kindName(one.kind)} of the whole arm: ${one.severity}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
         robot.open_infos ? h("span", { class: "muted" }, `${count(robot.open_infos)} worth knowing`) : null),
       test,
       late ? h("p", { class: "late" }, "Test overdue: expected by ", moment(robot.expected_by, "day")) : null),
     robot.joints.length
-      ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range)))
+      ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range, alarms)))
       : h("p", { class: "muted" }, "No joint has a figure yet. The first complete test gives them."));
 }
+
+/** Where an export is to be copied. */
+export const watchedNote = ({ watched }) => h("p", null, "Copy an export of a test into ", watched.length > 1 ? "one of the watched folders: " : "the watched folder: ",
+  watched.map((one, index) => [index ? ", " : "", h("code", null, one)]), ".");
 
 export function mount({ main, query, choose, title }) {
   title("Fleet");
@@ -114,7 +142,7 @@ export function mount({ main, query, choose, title }) {
       h("div", { class: "part-head" }, h("h2", { id: "robots-title" }, "Robots"),
         h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "search" }, "Search"), search), h("span", { class: "pair" }, h("label", { for: "order" }, "Sort by"), sort))),
       chips, found, list,
-      h("p", { class: "part-note" }, "Each cell is a joint: friction at equal speed and warmth against the joint's own baseline, with its latest tests. All curves have one scale.")),
+      h("p", { class: "part-note" }, "Each cell is a joint: friction at equal speed and temperature against the joint's own baseline, with its latest tests. All curves have one scale.")),
   ];
   main.replaceChildren(body);
 
@@ -133,7 +161,12 @@ export function mount({ main, query, choose, title }) {
     const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
     const rest = data.anomalies.filter((one) => !open.includes(one));
     const shown = allAlarms ? open : open.slice(0, FIRST_ALARMS);
-    const none = data.robots.length ? h("p", { class: "calm" }, icon("ok"), "No open alarm.") : null;
+    const answered = rest.filter(isAlarm);
+    const states = [...new Set(answered.map((one) => stateName(one.state)))];
+    const counted = states.map((name) => `${answered.filter((one) => stateName(one.state) === name).length} ${name}`).join(", ");
+    const none = !data.robots.length ? null
+      : answered.length ? h("p", { class: "part-note" }, `No open alarm. ${plural(answered.length, "alarm")} still shown by tests: ${counted}.`)
+        : h("p", { class: "calm" }, icon("ok"), "No open alarm.");
     const late = data.robots.filter((one) => one.status === "overdue" || one.joints.some((joint) => joint.status === "overdue"));
     if (differs("alarms", data.anomalies, allAlarms, late.map((one) => one.robot), data.robots.length, minute)) replace(alarms, data.robots.length || data.anomalies.length ? h("section", { class: "part flush", "aria-labelledby": "alarms-title" },
       h("div", { class: "part-head" }, h("h2", { id: "alarms-title" }, "Open alarms")),
@@ -143,7 +176,7 @@ export function mount({ main, query, choose, title }) {
         drawHead();
       } }, allAlarms ? "Show the first only" : `Show all ${open.length} alarms`) : null,
       rest.length ? h("details", { class: "more", "data-key": "rest" }, h("summary", { "data-key": "rest-summary" },
-        `${plural(rest.length, "anomaly", "anomalies")} that somebody deals with, or for information`),
+        [answered.length ? plural(answered.length, "answered alarm") : null, rest.length > answered.length ? plural(rest.length - answered.length, "informational finding") : null].filter(Boolean).join(" and ")),
       h("ol", { class: "alarms" }, rest.map((one) => alarmRow(one, now)))) : null,
       late.length ? h("p", { class: "late-note" }, icon("overdue"), h("span", null, late.length === 1 ? "1 robot is overdue for its test: " : `${late.length} robots are overdue for their test: `,
         late.slice(0, 4).map((one, index) => [index ? ", " : "", h("a", { href: robotLink(one.robot), "data-key": `late/${one.robot}` }, one.robot)]),
@@ -179,10 +212,11 @@ export function mount({ main, query, choose, title }) {
     const key = list.contains(active) ? active.dataset.key : null;
     const wanted = [];
     const build = (robot) => {
-      const text = `${JSON.stringify(robot)}${range}${Math.floor(now / 3_600_000)}`;
+      const alarms = alarmsOf(data.anomalies, robot.robot);
+      const text = `${JSON.stringify([robot, alarms])}${range}${Math.floor(now / 3_600_000)}`;
       let kept = rows.get(robot.robot);
       if (kept?.text !== text) {
-        kept = { text, node: robotRow(robot, range, now) };
+        kept = { text, node: robotRow(robot, range, now, alarms) };
         rows.set(robot.robot, kept);
       }
       wanted.push(kept.node);
@@ -213,7 +247,7 @@ export function mount({ main, query, choose, title }) {
     if (!data.robots.length && !data.live.length && !data.anomalies.length) {
       drawHead();
       replace(body, content[0], empty(h("h2", null, "No test yet"),
-        h("p", null, "Copy an export of a test into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."),
+        watchedNote(data),
         h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."),
         data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, `${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
       return;

@@ -1,8 +1,9 @@
-import { retryButton } from "./actions.js";
+import { dismissButton, retryButton, whyNot } from "./actions.js";
 import { get, view } from "./api.js";
 import { h, icon } from "./dom.js";
 import { ago, count, moment, plural, sentence } from "./format.js";
 import { empty, part } from "./part.js";
+import { watchedNote } from "./fleet.js";
 import { runTable } from "./robot.js";
 
 const STATES = {
@@ -17,7 +18,7 @@ function fault(one, soon) {
   return h("li", { class: "fault" },
     h("div", { class: "fault-head" },
       h("h3", null, one.source_name),
-      one.state === "open" ? retryButton(one, soon) : h("span", { class: "tag" }, STATES[one.state] ?? one.state)),
+      one.state === "open" ? h("div", { class: "pair" }, retryButton(one, soon), dismissButton(one, soon)) : one.state === "dismissed" ? retryButton(one, soon) : h("span", { class: "tag" }, STATES[one.state] ?? one.state)),
     h("p", { class: "lead" }, sentence(one.problem), "."),
     one.remedy ? h("p", null, h("b", null, "What to do: "), one.remedy, ".") : null,
     one.retry_asked_at ? h("p", { class: "muted" }, "Another attempt was asked for ", ago(one.retry_asked_at), ".") : null,
@@ -66,6 +67,7 @@ export function mount({ main, title }) {
       const open = rows.filter((one) => one.state === "open" || one.state === "reading");
       const settled = rows.filter((one) => !open.includes(one));
       return [
+        open.length ? whyNot() : null,
         open.length ? h("ul", { class: "faults" }, open.map((one) => fault(one, soon))) : h("p", { class: "calm bare-calm" }, icon("ok"), "No export is in quarantine."),
         settled.length ? h("details", { "data-key": "settled" }, h("summary", { "data-key": "settled-summary" }, plural(settled.length, "settled fault")), h("ul", { class: "faults" }, settled.map((one) => fault(one, soon)))) : null,
       ];
@@ -74,9 +76,9 @@ export function mount({ main, title }) {
 
   const runs = part({
     title: "Latest runs",
-    load: async (signal) => (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows,
-    draw: (rows) => (rows.length ? runTable(rows, "The latest 30 runs", true)
-      : empty(h("p", null, "No export was read yet. Copy one into a watched folder: ", h("code", null, "[watch] folders"), " of the configuration names them."), h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."))),
+    load: async (signal) => ({ rows: (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows, fleet: { watched: (await get("v1/fleet", signal)).watched } }),
+    draw: ({ rows, fleet }) => (rows.length ? runTable(rows, "The latest 30 runs", true)
+      : empty(h("p", null, "No export was read yet."), watchedNote(fleet), h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."))),
   });
 
   const parts = [live, stuck, quarantine, runs];

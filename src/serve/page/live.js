@@ -1,6 +1,6 @@
 import { headers } from "./api.js";
 import { announce } from "./dom.js";
-import { plural } from "./format.js";
+import { span } from "./format.js";
 
 // The server says "alive" at once and then every 10 s. After three of them the connection counts as lost: a proxy that
 // buffers answers passes on nothing, not even the status.
@@ -32,7 +32,7 @@ export function follow({ changed, note }) {
     if (document.hidden) return;
     if (connected === null) note("", "");
     else if (connected) note("live", "Live");
-    else note("lost", `Not live; data is ${plural(Math.round((Date.now() - fresh) / 1000), "second")} old`);
+    else note("lost", `Not live; data is ${span((Date.now() - fresh) / 1000)} old`);
   }
 
   async function run() {

@@ -1,10 +1,9 @@
-import { get } from "./api.js";
-import { h, remember } from "./dom.js";
+import { logIn, logOut, readRights, rights } from "./api.js";
+import { h, remember, toast } from "./dom.js";
 import { follow } from "./live.js";
 import { failed, loading } from "./part.js";
 
-
-const PAGES = { "": "fleet", robot: "robot", alarm: "alarm", run: "run", cycle: "cycle", ingest: "ingest" };
+const PAGES = { "": "fleet", wall: "wall", alarms: "alarms", robot: "robot", alarm: "alarm", run: "run", cycle: "cycle", ingest: "ingest" };
 const main = document.getElementById("main");
 const scrolled = new Map();
 let page = null;
@@ -62,8 +61,9 @@ async function show() {
     if (back) scrollTo(0, scrolled.get(at) ?? 0);
     else scrollTo(0, 0);
     if (!first) main.querySelector("h1")?.focus({ preventScroll: true });
-  } catch (error) {
-    main.replaceChildren(failed(error, () => location.reload()));
+  } catch {
+    const error = new Error("This page cannot be loaded: the daemon does not answer. Check that armwatch runs and that this device reaches it.");
+    main.replaceChildren(h("h1", { tabindex: -1 }, "Not loaded"), failed(error, show));
   }
   first = false;
 }
@@ -77,11 +77,17 @@ document.querySelector(".skip").addEventListener("click", (event) => {
 });
 
 const note = document.getElementById("connection");
+const banner = document.getElementById("stale");
 const stream = follow({
   changed: async () => { await page?.refresh(); },
   note: (kind, text) => {
     if (note.textContent !== text) note.textContent = text;
     note.className = `connection ${kind}`;
+    // Stale content must not look like the present state.
+    document.body.classList.toggle("stale", kind === "lost");
+    banner.hidden = kind !== "lost";
+    const words = kind === "lost" ? `${text}. The daemon does not answer, or a proxy holds back its events.` : "";
+    if (banner.textContent !== words) banner.textContent = words;
   },
 });
 
@@ -102,9 +108,30 @@ theme.addEventListener("click", () => {
 systemDark.addEventListener("change", nameTheme);
 nameTheme();
 
-addEventListener("tokenentered", () => stream.reconnect());
-const about = () => get("v1/session").then((session) => {
-  document.getElementById("about").textContent = `armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
-}, () => {});
-// The first page comes before all else that would share its connections.
-show().finally(() => { stream.start(); about(); });
+const login = document.getElementById("login");
+login.addEventListener("click", () => (rights?.loggedIn ? logOut() : logIn()).catch((error) => toast(error.message)));
+
+async function about() {
+  try {
+    const session = await readRights();
+    document.getElementById("about").textContent = `armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
+    login.hidden = !rights.needsToken;
+    login.textContent = rights.loggedIn ? "Log out" : "Log in";
+    login.title = rights.act ? "You may act on alarms." : rights.loggedIn ? "This token may only look." : "";
+  } catch { /* The page shows that the daemon does not answer. */ }
+}
+
+addEventListener("rightschanged", async () => {
+  stream.reconnect();
+  await about();
+  await show();
+});
+// The first page comes before all else that would share its connections. Then the files of the other pages, so that
+// links work while the daemon does not.
+show().finally(async () => {
+  stream.start();
+  const known = rights;
+  await about();
+  if (known === null && !rights?.act) await show();
+  for (const name of new Set(Object.values(PAGES))) await import(`./${name}.js`).catch(() => {});
+});

@@ -1,7 +1,7 @@
-import { maintenanceForm } from "./actions.js";
+import { deleteButton, maintenanceForm } from "./actions.js";
 import { get, view } from "./api.js";
 import { h, icon, replace, table } from "./dom.js";
-import { alarmRow, jointCell, robotLink } from "./fleet.js";
+import { alarmRow, alarmsOf, jointCell, robotLink, staleSince } from "./fleet.js";
 import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, unit } from "./format.js";
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
 import { empty, part } from "./part.js";
@@ -55,7 +55,8 @@ export function mount({ main, argument: robot, query, choose, title }) {
   let headText = null;
   function drawHead(data) {
     whole = data.robots.find((one) => one.robot === robot) ?? null;
-    const text = JSON.stringify([whole, Math.floor(Date.now() / 60_000)]);
+    const stale = whole && staleSince(whole, Date.now());
+    const text = JSON.stringify([whole, alarmsOf(data.anomalies, robot), Math.floor(Date.now() / 60_000)]);
     if (text === headText) return;
     headText = text;
     const crumb = h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, "Fleet"), ` / ${robot}`);
@@ -67,7 +68,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
     const worst = whole.joints.filter((one) => one.status === whole.status);
     const reasons = by(worst.filter((one) => one.reason), "reason");
     replace(head, crumb, h("h1", { tabindex: -1 }, robot),
-      h("p", { class: "head-line" }, badge(whole.status), h("span", null, `Model ${whole.model || "not recognised"}`),
+      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, "stale since ", moment(stale, "day")) : null, h("span", null, `Model ${whole.model || "not recognised"}`),
         h("span", null, "last test ", moment(whole.last_run_at), h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
         whole.expected_by ? h("span", { class: worst.some((one) => one.status === "overdue") ? "late" : "muted" },
           Date.parse(whole.expected_by) < Date.now() ? "next test was expected by " : "next test expected by ", moment(whole.expected_by, "day")) : null),
@@ -75,11 +76,12 @@ export function mount({ main, argument: robot, query, choose, title }) {
       whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, `Joint ${one.joint}: friction is ${one.trend ?? "changing"}. `,
         one.warning_by ? ["A warning is expected by ", moment(one.warning_by, "day"), ". "] : null, one.critical_by ? ["The critical limit is expected by ", moment(one.critical_by, "day"), "."] : null)),
       h("nav", { class: "cells joints", "aria-label": "Joints" }, whole.joints.map((one) => {
-        const cell = jointCell(robot, one, sparkRange([whole]));
+        const cell = jointCell(robot, one, sparkRange([whole]), alarmsOf(data.anomalies, robot));
         if (one.joint === joint) cell.setAttribute("aria-current", "true");
         cell.addEventListener("click", (event) => {
           event.preventDefault();
           setJoint(one.joint);
+          showTab("engineering");
         });
         return cell;
       })));
@@ -126,7 +128,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
   } });
   scale.checked = own;
   const index = part({
-    title: "Friction index over time", note: "Friction of each test against the joint's own baseline, at equal speed and warmth. The band is the 95 % interval.",
+    title: "Friction index over time", note: "Friction of each test against the joint's own baseline, at equal speed and temperature. The band is the 95 % interval.",
     tools: h("div", { class: "tools" }, h("label", { class: "check" }, scale, "A scale of its own for each joint")),
     load: async (signal) => {
       const [rows, anomalies, works, data] = await Promise.all([
@@ -282,16 +284,37 @@ export function mount({ main, argument: robot, query, choose, title }) {
     title: "Maintenance",
     load: async (signal) => (await view("maintenance_log", { robot, order: "-at", limit: 500 }, signal)).rows,
     draw: (rows) => (rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
-      h("div", null, h("p", null, h("b", null, sentence(one.what))), h("p", { class: "muted" }, one.joint === null ? "whole arm" : `joint ${one.joint}`, one.who ? `, ${one.who}` : null)))))
+      h("div", null, h("p", null, h("b", null, sentence(one.what))), h("p", { class: "muted" }, one.joint === null ? "whole arm" : `joint ${one.joint}`, one.who ? `, ${one.who}` : null)), deleteButton(one, () => { refresh().catch(() => {}); }))))
       : h("p", { class: "muted" }, "No work is entered. From work on, a joint is compared with its tests after it.")),
   });
   const workForm = h("section", { class: "part", "aria-labelledby": "enter-work" }, h("div", { class: "part-head" }, h("h2", { id: "enter-work" }, "Enter work done")), h("div", null));
 
   const ofJoint = [frictionSpeed, warmUp, rmsd, parameters, twins];
   const parts = [alarms, index, runs, works, ...ofJoint];
-  main.replaceChildren(head, alarms.element, index.element, detailHead,
-    h("div", { class: "columns" }, frictionSpeed.element, warmUp.element, twins.element, rmsd.element, parameters.element),
-    runs.element, h("div", { class: "columns" }, works.element, workForm));
+  const sections = {
+    now: ["Now", [alarms.element, index.element]],
+    runs: ["Runs and maintenance", [runs.element, h("div", { class: "columns" }, works.element, workForm)]],
+    engineering: ["Engineering", [detailHead, h("div", { class: "columns" }, frictionSpeed.element, warmUp.element, twins.element, rmsd.element, parameters.element)]],
+  };
+  const bodies = new Map(Object.entries(sections).map(([name, [, content]]) => [name, h("div", null, content)]));
+  const tabs = h("nav", { class: "tabs", "aria-label": "Parts of this page" }, Object.entries(sections).map(([name, [text]]) => h("a", {
+    href: `#/robot/${encodeURIComponent(robot)}?tab=${name}`, "data-tab": name, onclick: (event) => {
+      event.preventDefault();
+      showTab(name);
+    },
+  }, text)));
+
+  function showTab(name) {
+    const shown = sections[name] ? name : "now";
+    choose({ tab: shown === "now" ? null : shown });
+    for (const [key, node] of bodies) node.hidden = key !== shown;
+    for (const link of tabs.children) {
+      if (link.dataset.tab === shown) link.setAttribute("aria-current", "page");
+      else link.removeAttribute("aria-current");
+    }
+  }
+  showTab(query.get("tab") ?? (joint ? "engineering" : "now"));
+  main.replaceChildren(head, tabs, ...bodies.values());
 
   async function refresh() {
     asked = null;

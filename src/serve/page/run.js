@@ -99,7 +99,7 @@ export function mount({ main, argument, query, choose, title }) {
       const shared = saidOfAll(rows);
       const known = new Set(shared.map(plain));
       const box = table({
-        caption: `Cycles of run ${id}`, rows,
+        tall: rows.length > ROWS_SHOWN, caption: `Cycles of run ${id}`, rows,
         columns: [
           { title: "Cycle", cell: (one) => h("a", { href: cycleLink(id, one.cycle), "data-key": `cycle${one.cycle}` }, `cycle ${one.cycle}`) }, { title: "Status", cell: cycleStatus }, { title: "Started", cell: (one) => moment(one.started_at) },
           { title: "Duration", number: true, cell: (one) => (isNumber(one.duration_s) ? `${fixed(one.duration_s, 1)} s` : "–") },
@@ -109,7 +109,6 @@ export function mount({ main, argument, query, choose, title }) {
           { title: "Reason and remarks", wide: true, cell: (one) => sentences(one).filter((text) => !known.has(plain(text))).map((text) => h("p", null, text)) },
         ],
       });
-      if (rows.length > ROWS_SHOWN) box.classList.add("tall");
       return [...shared.map((text) => h("p", { class: "part-note" }, `All cycles, with the figures of the first: ${text}`)), box];
     },
   });
@@ -135,8 +134,8 @@ export function mount({ main, argument, query, choose, title }) {
     draw: (rows) => {
       if (!rows.length) return empty("This cycle has no parameters.");
       const places = (one) => digits(one.value, 4);
-      const box = table({
-        caption: `Parameters of cycle ${cycle} of run ${id}`, rows,
+      return table({
+        tall: rows.length > ROWS_SHOWN, caption: `Parameters of cycle ${cycle} of run ${id}`, rows,
         columns: [
           { title: "Parameter", cell: (one) => [`J${one.joint} `, h("b", null, one.parameter)] },
           { title: "Value", number: true, cell: places },
@@ -146,8 +145,6 @@ export function mount({ main, argument, query, choose, title }) {
           { title: "Stands for", wide: true, cell: (one) => one.grouping ?? "" },
         ],
       });
-      if (rows.length > ROWS_SHOWN) box.classList.add("tall");
-      return box;
     },
   });
 

@@ -9,7 +9,7 @@ export const MEANING = {
   learning: "no baseline yet",
   ok: "agrees with the baseline",
 };
-const KINDS = {
+export const KINDS = {
   drift: "Drift of friction", step: "Step of friction", oscillation: "Oscillation", thermal: "Thermal behaviour", payload: "Payload",
   sensor: "Sensor", accuracy: "Accuracy of the model", fleet: "Difference from other arms",
 };
@@ -23,6 +23,10 @@ export const rank = (status) => {
 };
 export const known = (status) => (STATUSES.includes(status) || status === "info" ? status : "unknown");
 export const kindName = (kind) => KINDS[kind] ?? kind ?? "Anomaly";
+/** Whether the friction index of a joint shows what an alarm is about. */
+export const aboutFriction = (quantity) => ["friction_index", "warm_friction_nm", "excitation_friction_nm"].includes(quantity);
+/** A kind in one word, where there is little space. */
+export const kindWord = (kind) => ({ thermal: "warm-up", step: "friction", drift: "friction", fleet: "unlike others" }[kind] ?? kind ?? "anomaly");
 export const stateName = (state) => STATES[state] ?? state ?? "";
 export const jointName = (joint) => (joint === null || joint === undefined ? "whole arm" : `joint ${joint}`);
 

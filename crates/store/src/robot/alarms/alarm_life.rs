@@ -18,6 +18,8 @@ const MOST_DAYS_CRITICAL: i64 = 90;
 /// What a person does with an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlarmAction {
+    /// A person takes an earlier answer back: nobody deals with the alarm now.
+    Reopen,
     /// Says that it is known. Also takes back that it is shelved, in maintenance, resolved or a false alarm.
     Acknowledge,
     /// Wants to hear nothing of it until then, unless its severity rises. A critical one is shelved for 90 days at most.
@@ -35,6 +37,7 @@ impl AlarmAction {
     #[must_use]
     pub fn event(self) -> EventKind {
         match self {
+            Self::Reopen => EventKind::Reopened,
             Self::Acknowledge => EventKind::Acknowledged,
             Self::Shelve(_) => EventKind::Shelved,
             Self::Maintain => EventKind::Maintenance,
@@ -45,6 +48,7 @@ impl AlarmAction {
 
     fn state(self) -> AlarmState {
         match self {
+            Self::Reopen => AlarmState::Open,
             Self::Acknowledge => AlarmState::Acknowledged,
             Self::Shelve(_) => AlarmState::Shelved,
             Self::Maintain => AlarmState::Maintenance,
@@ -58,6 +62,7 @@ impl AlarmAction {
         match self {
             // what ended needs nobody's attention, but may still be called a false alarm
             Self::FalseAlarm => state != AlarmState::FalseAlarm,
+            Self::Reopen => !ended && state != AlarmState::Open,
             Self::Acknowledge => !ended && state != AlarmState::Acknowledged,
             Self::Shelve(_) => !ended && !state.is_closed(),
             Self::Maintain => !ended && !state.is_closed() && state != AlarmState::Maintenance,
@@ -106,7 +111,7 @@ fn standing(state: AlarmState) -> &'static str {
 fn remedy(state: AlarmState, ended: bool) -> &'static str {
     match state {
         _ if ended => "later tests no longer show it, so that nothing is to be done",
-        AlarmState::Resolved | AlarmState::FalseAlarm => "acknowledging it takes that back",
+        AlarmState::Resolved | AlarmState::FalseAlarm => "reopening it takes that back",
         _ => "nothing was changed",
     }
 }
@@ -267,7 +272,10 @@ async fn act(
         match action {
             AlarmAction::Shelve(until) => life.shelved_until = Some(until),
             AlarmAction::Resolve => life.resolved_seen_at = Some(known.last_seen_at),
-            AlarmAction::Acknowledge | AlarmAction::Maintain | AlarmAction::FalseAlarm => {}
+            AlarmAction::Reopen
+            | AlarmAction::Acknowledge
+            | AlarmAction::Maintain
+            | AlarmAction::FalseAlarm => {}
         }
         set_life(&mut *connection, anomaly_id, &life).await?;
         events.push(record(&mut *connection, anomaly_id, action.event(), Some(by)).await?);
