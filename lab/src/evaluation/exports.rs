@@ -170,7 +170,7 @@ fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Option<Alarm> {
     let place = |at: Timestamp| starts.iter().rposition(|start| *start <= at).unwrap_or(0);
     let first = place(row.first_seen_at);
     Some(Alarm {
-        kind: AnomalyKind::ALL.into_iter().find(|kind| kind.name() == row.kind)?,
+        kind: row.kind,
         joint: row.joint,
         first,
         last: place(row.last_seen_at),

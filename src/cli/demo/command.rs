@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use anstyle::{AnsiColor, Style};
 use clap::Args;
+use serde::Serialize;
 use serde_json::json;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
@@ -380,11 +381,15 @@ impl Demo {
     }
 
     fn show_conclusions(&self, concluded: &Concluded) {
+        #[derive(Serialize)]
+        struct AlarmJson<'a> {
+            event: &'static str,
+            #[serde(flatten)]
+            alarm: &'a Alarm,
+        }
         for alarm in concluded.new_anomalies.iter().map(Alarm::from) {
             if self.as_json {
-                let mut value = alarm.as_value();
-                value["event"] = "alarm".into();
-                output::json(&value);
+                output::json(&AlarmJson { event: "alarm", alarm: &alarm });
             } else {
                 self.show_alarm(&alarm);
             }

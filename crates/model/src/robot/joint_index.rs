@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use serde::{Serialize, Serializer};
+
 /// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
 /// from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -9,6 +11,13 @@ pub struct JointIndex(
     // every row of a friction stage has one
     u16,
 );
+
+/// JSON has the number that people read.
+impl Serialize for JointIndex {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(self.number() as u64)
+    }
+}
 
 impl JointIndex {
     /// The joint at `index`, counted from 0 at the base; beyond 65,535, which no chain has, the last one.

@@ -517,7 +517,13 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
 }
 
 async fn states(store: &crate::handle::Store) -> Vec<String> {
-    store.anomalies_after(0).await.expect("anomalies").into_iter().map(|row| row.state).collect()
+    store
+        .anomalies_after(0)
+        .await
+        .expect("anomalies")
+        .into_iter()
+        .map(|row| row.state.name().to_owned())
+        .collect()
 }
 
 async fn acknowledge(store: &crate::handle::Store, anomaly_id: i64) {

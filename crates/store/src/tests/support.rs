@@ -14,6 +14,7 @@ use armwatch_model::analysis::{
     Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueNoise, TorqueRmsd, WarmFriction,
     WarmUpFit, WarmUpModel,
 };
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Onset, Severity};
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 use armwatch_model::run::{ContentHash, RunHeader, RunKind, Stage};
@@ -289,7 +290,7 @@ pub(crate) fn anomaly(joint: JointIndex, first_run_id: i64, severity: Severity) 
     Anomaly {
         joint: Some(joint),
         kind: AnomalyKind::Drift,
-        quantity: "warm friction, Nm",
+        quantity: Quantity::WarmFriction,
         severity,
         score: 6.5,
         threshold: 5.0,

@@ -10,6 +10,7 @@ use super::*;
 use armwatch_model::analysis::friction::CycleFriction;
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use armwatch_model::analysis::{Estimate, JointSummary, RmsdSwing};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use armwatch_model::robot::{ParameterId, ParameterKind};
 
@@ -269,7 +270,8 @@ fn a_joint_that_goes_on_swinging_keeps_its_alarm() {
     let of_arm = |seed: u64| {
         let swings = |_| State { swing: Some((4, 0.12)), ..State::default() };
         let found = alarms(&fleet(25, seed, swings));
-        let of_joint = |of: &&Anomaly| of.kind == AnomalyKind::Oscillation && of.quantity == "friction_swing";
+        let of_joint =
+            |of: &&Anomaly| of.kind == AnomalyKind::Oscillation && of.quantity == Quantity::FrictionSwing;
         found.iter().filter(of_joint).count()
     };
     let episodes: Vec<usize> = (1..=arms).map(of_arm).collect();
@@ -490,7 +492,7 @@ fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
     let mut history = fleet(9, 13, state(0.0));
     answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
     let found = only(&history[..8], AnomalyKind::Accuracy, Some(4));
-    assert_eq!(found.quantity, "unexplained_torque");
+    assert_eq!(found.quantity, Quantity::UnexplainedTorque);
 }
 
 /// A gain of 6 % that moves the parameters along its own direction and leaves three times as much of the joint's torque
@@ -537,7 +539,7 @@ fn play_is_told_from_noise_and_both_at_once_are_one_of_them() {
     let noisy = only(&fleet(9, 9, with(4.0, 2.18)), AnomalyKind::Sensor, Some(4));
     assert!((noisy.value / 4.0 - 1.0).abs() < 0.05 && noisy.message.contains("noise"), "{noisy:?}");
     let loose = only(&fleet(9, 9, with(1.0, 3.0)), AnomalyKind::Accuracy, Some(4));
-    assert_eq!(loose.quantity, "unexplained_torque");
+    assert_eq!(loose.quantity, Quantity::UnexplainedTorque);
     assert!((loose.value / 3.0 - 1.0).abs() < 0.1 && loose.message.contains("play"), "{loose:?}");
     // more than the model may miss, by either: told once
     only(&fleet(9, 9, with(1.0, 9.0)), AnomalyKind::Accuracy, Some(4));

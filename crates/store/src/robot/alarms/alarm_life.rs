@@ -1,6 +1,7 @@
 //! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
 
 use jiff::{SignedDuration, Timestamp};
+use serde::Serialize;
 use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life};
@@ -8,7 +9,7 @@ use super::anomalies::{AnomalyEvent, Person, record};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::{joint, named, time, time_text};
+use crate::values::{in_views, joint, named, time, time_text};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::JointIndex;
 
@@ -112,19 +113,25 @@ fn remedy(state: AlarmState, ended: bool) -> &'static str {
 }
 
 /// A row of the view `anomaly_history`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnomalyHistoryRow {
     /// Database key of the event; later ones have larger keys.
+    #[serde(skip)]
     pub anomaly_event_id: i64,
     /// The anomaly.
+    #[serde(skip)]
     pub anomaly_id: i64,
     /// The individual robot.
+    #[serde(skip)]
     pub robot: String,
     /// The joint; `None` where the cause is the whole arm's.
+    #[serde(skip)]
     pub joint: Option<JointIndex>,
     /// Kind that the anomaly has now, such as `drift`.
+    #[serde(skip)]
     pub kind: String,
     /// When, by the machine's clock.
+    #[serde(serialize_with = "in_views")]
     pub at: Timestamp,
     /// What happened.
     pub what: EventKind,
@@ -145,11 +152,12 @@ pub struct AnomalyHistoryRow {
 }
 
 /// What one complete test says of a joint, as evidence for an anomaly.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SeriesRun {
     /// Database key of the run.
     pub run_id: i64,
     /// Start of the recording.
+    #[serde(serialize_with = "in_views")]
     pub started_at: Timestamp,
     /// The joint.
     pub joint: JointIndex,
