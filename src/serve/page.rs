@@ -81,14 +81,13 @@ fn lists() -> Asset {
         .map(|of| {
             let facts = json!({
                 "label": of.label(), "unit": of.unit(), "value": of.value_form(), "score": of.score_form(),
+                "friction": of.is_of_one_cause(Quantity::FrictionIndex),
             });
             (of.name().to_owned(), facts)
         })
         .collect();
-    let kinds: Map<String, Value> = AnomalyKind::ALL
-        .iter()
-        .map(|of| (of.name().to_owned(), json!({ "label": of.label(), "help": of.help() })))
-        .collect();
+    let kinds: Map<String, Value> =
+        AnomalyKind::ALL.iter().map(|of| (of.name().to_owned(), json!({ "label": of.label() }))).collect();
     let (quantities, kinds) = (Value::Object(quantities), Value::Object(kinds));
     let content = format!("export const QUANTITIES = {quantities};\nexport const KINDS = {kinds};\n");
     Asset { name: LISTS, content: Cow::Owned(content.into_bytes()) }
@@ -222,6 +221,7 @@ mod tests {
         assert_eq!(quantities.len(), Quantity::ALL.len());
         let offset = json!({
             "label": "offset of the torque signal", "unit": "Nm", "value": "with_unit", "score": "with_unit",
+            "friction": false,
         });
         assert_eq!(quantities["torque_offset_nm"], offset);
         let kinds = object(kinds, "export const KINDS = ");

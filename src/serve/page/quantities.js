@@ -19,6 +19,9 @@ const UNKNOWN = { value: "number", score: "number" };
 export const quantityName = (quantity, kind) => (kind === "oscillation" && quantity === "moving_relative_rmsd"
   ? "swing of the relative RMSD from cycle to cycle" : QUANTITIES[quantity]?.label ?? quantity);
 
+/** Whether the quantity is the level of a joint's friction, however it is measured. */
+export const isFriction = (quantity) => QUANTITIES[quantity]?.friction ?? false;
+
 function written(one, use, value) {
   const of = QUANTITIES[one.quantity] ?? UNKNOWN;
   return FORMS[of[use]](value, of.unit);
