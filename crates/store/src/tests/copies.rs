@@ -31,7 +31,7 @@ async fn is_whole(copy: &Path) -> bool {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn copies_to_one_file_at_once_are_each_whole() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 4, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let folder = tempfile::tempdir().expect("a folder");
@@ -54,7 +54,7 @@ async fn copies_to_one_file_at_once_are_each_whole() {
 
 #[tokio::test]
 async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let folder = tempfile::tempdir().expect("a folder");
     let target = folder.path().join("copy.db");
     let two_days_ago = SystemTime::now() - Duration::from_secs(2 * 86_400);
@@ -73,7 +73,7 @@ async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
 #[tokio::test]
 async fn a_backup_of_a_damaged_database_is_refused() {
     const PAGE: usize = 4096;
-    let (source, store) = fresh().await;
+    let (source, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 4, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let folder = tempfile::tempdir().expect("a folder");
@@ -103,7 +103,7 @@ async fn a_backup_of_a_damaged_database_is_refused() {
 /// The copy holds what the database held at one moment, while others write.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
-    let (folder, store) = fresh().await;
+    let (folder, store) = fresh_file().await;
     let writer = store.clone();
     let writing = tokio::spawn(async move {
         for number in 0.. {
