@@ -834,8 +834,8 @@ CREATE TABLE anomaly (
     anomaly_id INTEGER PRIMARY KEY AUTOINCREMENT,
     robot_id INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
     joint INTEGER CHECK (joint >= 1),
-    kind TEXT NOT NULL
-        CHECK (kind IN ('drift', 'oscillation', 'step', 'thermal', 'payload', 'sensor', 'accuracy', 'fleet')),
+    -- Names of the lists `AnomalyKind` and `Quantity` of the program.
+    kind TEXT NOT NULL,
     quantity TEXT NOT NULL,
     severity TEXT NOT NULL CHECK (severity IN ('info', 'warning', 'critical')),
     score REAL,
@@ -889,6 +889,8 @@ CREATE TABLE anomaly_event (
     severity TEXT NOT NULL CHECK (severity IN ('info', 'warning', 'critical')),
     score REAL,
     value REAL,
+    -- The quantity of `value`; NULL in events of versions before 51, which had that of the anomaly.
+    quantity TEXT,
     message TEXT NOT NULL,
     -- The latest run that had shown it then.
     run_id INTEGER REFERENCES run ON DELETE SET NULL,

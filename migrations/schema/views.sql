@@ -529,7 +529,8 @@ SELECT anomaly.anomaly_id,
        anomaly.peak_score,
        anomaly.shelved_until_text AS shelved_until,
        CAST(anomaly.ended AS INTEGER) AS ended,
-       CASE WHEN anomaly.open_run_id IS NULL THEN 0 ELSE 1 END AS provisional
+       CASE WHEN anomaly.open_run_id IS NULL THEN 0 ELSE 1 END AS provisional,
+       unit_of[anomaly.quantity] AS unit
 FROM anomaly
 JOIN robot USING (robot_id)
 WHERE NOT anomaly.withdrawn;
@@ -548,7 +549,9 @@ SELECT anomaly_event.anomaly_event_id,
        anomaly_event.message,
        anomaly_event.who,
        anomaly_event.why,
-       anomaly_event.run_id
+       anomaly_event.run_id,
+       coalesce(anomaly_event.quantity, anomaly.quantity) AS quantity,
+       unit_of[coalesce(anomaly_event.quantity, anomaly.quantity)] AS unit
 FROM anomaly_event
 JOIN anomaly USING (anomaly_id)
 JOIN robot USING (robot_id);

@@ -73,12 +73,18 @@ pub struct AlarmEvent {
     pub told_before: Vec<(String, String)>,
 }
 
-/// Columns of an [`AlarmEvent`] without its series.
+/// Columns of an [`AlarmEvent`] without its series. Score and value are of the quantity then; what the anomaly has of another
+/// quantity now does not compare with them.
 pub(super) const COLUMNS: &str = "
     anomaly_event.anomaly_event_id, anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.at,
-    robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly.quantity, anomaly_event.severity,
-    anomaly_event.message, anomaly_event.score, anomaly.threshold, anomaly_event.value, anomaly.baseline,
-    anomaly.peak_value, anomaly.peak_score, anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
+    robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly_event.severity,
+    coalesce(anomaly_event.quantity, anomaly.quantity) AS quantity,
+    anomaly_event.message, anomaly_event.score, anomaly_event.value,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.threshold END AS threshold,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.baseline END AS baseline,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.peak_value END AS peak_value,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.peak_score END AS peak_score,
+    anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
 /// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.

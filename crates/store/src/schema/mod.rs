@@ -6,6 +6,7 @@
 mod dialect;
 pub(crate) mod on_file;
 mod rebuild;
+mod units;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -56,7 +57,7 @@ impl Schema {
     }
 
     fn from_texts(engine: Dialect, tables: &str, derived: &str, changes: &[(i64, &str)]) -> Self {
-        let mut derived = dialect::statements(derived, engine);
+        let mut derived = dialect::statements(&units::with_units(derived), engine);
         let tables = dialect::statements(tables, engine);
         derived.extend(tables.iter().flat_map(dialect::times_as_text));
         let changes = changes.iter().map(|(version, text)| (*version, dialect::statements(text, engine)));

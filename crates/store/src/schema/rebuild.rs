@@ -10,7 +10,25 @@ use crate::engine::{Dialect, EngineConnection};
 const BEFORE: &str = "before_";
 
 /// Columns that are not copied as they are: table, column, and its value as SQL over the row before.
-const COMPUTED: &[(&str, &str, &str)] = &[];
+const COMPUTED: &[(&str, &str, &str)] = &[
+    // one name had values in several units, which baseline and threshold tell apart; a test without result has no value
+    (
+        "anomaly",
+        "quantity",
+        "CASE
+            WHEN quantity = 'torque_signal' AND value IS NULL THEN 'torque_signal'
+            WHEN quantity = 'torque_signal' AND baseline = 0 THEN 'torque_offset_nm'
+            WHEN quantity = 'torque_signal' AND threshold >= 1 THEN 'torque_noise_ratio'
+            WHEN quantity = 'torque_signal' THEN 'torque_gain_ratio'
+            WHEN quantity = 'production_torque_signal' AND baseline = 0 THEN 'production_torque_offset_nm'
+            WHEN quantity = 'production_torque_signal' THEN 'production_torque_gain_ratio'
+            WHEN kind = 'step' AND baseline = 1 AND quantity IN ('warm_friction_nm', 'excitation_friction_nm')
+                THEN 'friction_jump_ratio'
+            WHEN quantity = 'warm friction, Nm' THEN 'warm_friction_nm'
+            ELSE quantity
+        END",
+    ),
+];
 
 /// What is done with the new rows of a database before a version.
 const AFTERWARDS: &[(i64, &str)] = &[

@@ -348,8 +348,8 @@ async fn write_event(
     why: Option<&str>,
 ) -> Result<AnomalyEvent, sqlx::Error> {
     let anomaly_event_id = sqlx::query_scalar(
-        "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, message, run_id, who, why)
-         SELECT anomaly_id, $2, severity, score, value, message, last_run_id, $3, $4
+        "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, quantity, message, run_id, who, why)
+         SELECT anomaly_id, $2, severity, score, value, quantity, message, last_run_id, $3, $4
          FROM anomaly
          WHERE anomaly_id = $1
          RETURNING anomaly_event_id",
