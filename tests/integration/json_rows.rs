@@ -1,4 +1,4 @@
-//! JSON as a contract: keys and types of what commands print, rows of commands against rows of views, units of anomalies.
+//! JSON as a contract: keys and types of the output of commands, rows of commands compared with rows of views, units of anomalies.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -77,7 +77,7 @@ fn commands_print_the_keys_and_types_of_the_contract() {
     }
 }
 
-/// Rows that a command prints, and the same rows of the view.
+/// The output of a command has the values of the view.
 #[test]
 fn rows_of_commands_are_rows_of_views() {
     let workshop = Workshop::new();
@@ -88,7 +88,7 @@ fn rows_of_commands_are_rows_of_views() {
     };
     let rows = |command: &[&str]| parsed(workshop.stdout(&[command, &["--json"]].concat(), 0));
     let view = |sql: &str| rows(&["sql", sql]);
-    // key of the command and column of the view where they differ; JSON in text is not compared
+    // the key of the command and the column of the view if they differ; JSON in text is not compared
     for (command, sql, renamed, other) in [
         (
             &["alerts", "list", "--all"][..],

@@ -123,7 +123,7 @@ impl Quantity {
         self.facts().label
     }
 
-    /// The history in which it is observed: tests or production.
+    /// Its history: tests or production.
     #[must_use]
     pub const fn history(self) -> RunKind {
         self.facts().history
@@ -135,13 +135,13 @@ impl Quantity {
         self.facts().direction
     }
 
-    /// Form in which people read its values.
+    /// Form of its values for people.
     #[must_use]
     pub const fn value_form(self) -> Form {
         self.facts().value
     }
 
-    /// Form in which people read its scores and limits.
+    /// Form of its scores and limits for people.
     #[must_use]
     pub const fn score_form(self) -> Form {
         self.facts().score
@@ -192,7 +192,7 @@ impl Direction {
     }
 }
 
-/// Form in which people read a value.
+/// Form of a value for people.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Form {

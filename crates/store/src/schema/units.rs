@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use armwatch_model::anomaly::quantity::Quantity;
 
-/// What stands in the text of a view for the unit of a quantity: `unit_of[EXPRESSION]`.
+/// Placeholder for the unit of a quantity in the text of a view: `unit_of[EXPRESSION]`.
 const UNIT_OF: &str = "unit_of[";
 
-/// The text with an expression for each unit.
+/// Replaces the placeholders by expressions.
 pub(super) fn with_units(text: &str) -> String {
     let mut parts = text.split(UNIT_OF);
     let mut found = parts.next().unwrap_or_default().to_owned();

@@ -15,13 +15,13 @@ const DEFAULT_REFRESH_S: f64 = 60.0;
 pub struct AlertmanagerSettings {
     /// Its address, without `/api/v2/alerts`.
     pub url: String,
-    /// Who we are.
+    /// Login to its HTTP server.
     pub login: HttpLogin,
     /// Certificates, PEM, that are trusted in place of the system's.
     pub ca_file: Option<PathBuf>,
     /// Longest time for an answer.
     pub timeout: Duration,
-    /// Time after which open alarms are told again: an Alertmanager that starts anew has forgotten them.
+    /// Time after which open alarms are sent again, because an Alertmanager forgets them at a restart.
     pub refresh: Duration,
 }
 

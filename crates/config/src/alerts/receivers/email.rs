@@ -19,9 +19,9 @@ pub struct EmailSettings {
     pub port: u16,
     /// How it is spoken to.
     pub encryption: Encryption,
-    /// Who we are, where the server asks.
+    /// User and password, if the server requires them.
     pub login: Option<(String, Secret)>,
-    /// Certificates, PEM, that are trusted beside the system's.
+    /// Certificates, PEM, that are trusted in addition to the system's.
     pub ca_file: Option<PathBuf>,
     /// Sender, as `armwatch <armwatch@example.org>`.
     pub from: String,

@@ -23,7 +23,7 @@ trait Receiver: Sized {
     /// Reads the table; `None` after a problem.
     fn read(table: &Table<'_>) -> Option<Self>;
 
-    /// Where messages go, without secrets.
+    /// Target of messages, without secrets.
     fn target(&self) -> String;
 
     /// The secrets that the receiver needs.
@@ -37,7 +37,7 @@ macro_rules! receivers {
     ($($variant:ident $name:literal $settings:ident;)*) => {
         const NAMES: &[&str] = &[$($name),*];
 
-        /// Where messages go.
+        /// Settings of the receiver of a route.
         #[derive(Debug, Clone, PartialEq, Eq)]
         pub enum ReceiverSettings {
             $(#[doc = concat!("`[alerts.route.", $name, "]`.")] $variant($settings),)*
@@ -59,7 +59,7 @@ macro_rules! receivers {
                 }
             }
 
-            /// Where messages go, without secrets.
+            /// Target of messages, without secrets.
             #[must_use]
             pub fn target(&self) -> String {
                 match self {

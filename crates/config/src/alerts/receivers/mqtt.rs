@@ -25,7 +25,7 @@ pub struct MqttSettings {
     pub port: u16,
     /// [`Encryption::Tls`] or [`Encryption::None`].
     pub encryption: Encryption,
-    /// Who we are, where the broker asks.
+    /// User and password, if the broker requires them.
     pub login: Option<(String, Secret)>,
     /// Certificates, PEM, that are trusted in place of the system's.
     pub ca_file: Option<PathBuf>,

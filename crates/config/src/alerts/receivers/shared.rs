@@ -10,7 +10,7 @@ use crate::toml::table::{Table, Value};
 
 const DEFAULT_TIMEOUT_S: f64 = 30.0;
 
-/// Where something stands that is not to be read by everybody.
+/// Place of a secret, which is not in the configuration itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Secret {
     /// A file; its first line.
@@ -28,19 +28,19 @@ impl fmt::Display for Secret {
     }
 }
 
-/// An address; some are secret, since who knows them may write.
+/// An address. Some are secret, because anyone who knows them can write.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
-    /// As it stands in the configuration.
+    /// The address itself.
     Plain(String),
     /// Kept elsewhere.
     Secret(Secret),
 }
 
-/// Who we are to an HTTP server.
+/// Login to an HTTP server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum HttpLogin {
-    /// Nobody.
+    /// No login.
     None,
     /// A bearer token.
     Bearer(Secret),
@@ -94,7 +94,7 @@ pub(super) fn read_url(value: &Value<'_>) -> Option<String> {
     Some(url.to_owned())
 }
 
-/// What stands in `NAME_file` or in the variable that `NAME_env` names.
+/// The secret of `NAME_file` or of the variable that `NAME_env` names.
 pub(super) fn read_secret(table: &Table<'_>, name: &str) -> Option<Option<Secret>> {
     let (file, environment) = (format!("{name}_file"), format!("{name}_env"));
     if let Some(value) = table.optional(name) {

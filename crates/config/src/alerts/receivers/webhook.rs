@@ -12,11 +12,11 @@ use crate::toml::table::Table;
 /// An address that takes webhooks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct WebhookSettings {
-    /// Where to, `http://` or `https://`.
+    /// Its address, `http://` or `https://`.
     pub url: Address,
     /// Key of the signature; `None`: unsigned.
     pub signing_secret: Option<Secret>,
-    /// Who we are.
+    /// Login to its HTTP server.
     pub login: HttpLogin,
     /// Certificates, PEM, that are trusted in place of the system's.
     pub ca_file: Option<PathBuf>,
