@@ -89,6 +89,10 @@ impl Schema {
         connection: &mut EngineConnection,
         found: Option<i64>,
     ) -> Result<(), sqlx::Error> {
+        if self.engine == Dialect::Postgres {
+            // each trigger that goes with its function is a notice, which the driver logs
+            run(connection, "SET LOCAL client_min_messages = warning").await?;
+        }
         match found {
             None => self.make(connection).await?,
             Some(version) if version < SQUASHED => rebuild::rebuild(self, connection, version).await?,
