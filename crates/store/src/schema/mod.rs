@@ -26,7 +26,7 @@ const CHANGES: &[(i64, &str)] = &include!(concat!(env!("OUT_DIR"), "/migrations.
 /// Tables of a new database.
 const TABLES: &str = include_str!("../../../../migrations/schema/tables.sql");
 
-/// What is made of them.
+/// Indexes, triggers and views of those tables.
 const DERIVED: [&str; 3] = [
     include_str!("../../../../migrations/schema/indexes.sql"),
     include_str!("../../../../migrations/schema/triggers.sql"),
@@ -67,7 +67,7 @@ impl Schema {
         self.changes.last().map_or(SQUASHED, |(version, _)| *version)
     }
 
-    /// A hash of the statements that make what holds no data.
+    /// A hash of the statements that make indexes, triggers, views and functions.
     fn fingerprint(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         for statement in &self.derived {
@@ -90,7 +90,7 @@ impl Schema {
         found: Option<i64>,
     ) -> Result<(), sqlx::Error> {
         if self.engine == Dialect::Postgres {
-            // each trigger that goes with its function is a notice, which the driver logs
+            // the server sends a notice for each trigger that it drops with its function, and the driver logs it
             run(connection, "SET LOCAL client_min_messages = warning").await?;
         }
         match found {
@@ -117,7 +117,7 @@ impl Schema {
         Ok(())
     }
 
-    /// Whether nothing is to be done for a database of version `found`.
+    /// Returns true if a database of version `found` needs no change.
     pub(crate) async fn is_applied(
         &self,
         connection: &mut EngineConnection,
