@@ -685,8 +685,8 @@ CREATE TABLE friction_level (
 
 CREATE TABLE run_friction (
     run_id INTEGER PRIMARY KEY REFERENCES run ON DELETE CASCADE,
-    -- BLAKE3 of the sources of its indices: its baselines, the test and the motion before it. Indices of another basis are
-    -- computed again. NULL if no joint has a baseline for the test.
+    -- BLAKE3 of the sources of its indices: its baselines, the test and the motion before it. Indices of another basis
+    -- are computed again. NULL if no joint has a baseline for the test.
     basis BLOB CHECK (length(basis) = 32)
 ) STRICT;
 
@@ -718,11 +718,11 @@ CREATE TABLE friction_baseline (
     -- Ordinal of the joint's epoch by its first test, from 0.
     epoch INTEGER NOT NULL CHECK (epoch >= 0),
     cause TEXT NOT NULL CHECK (cause IN ('first_test', 'maintenance', 'description')),
-    -- No foreign key: what is said of a baseline outlives a wrong entry of maintenance.
+    -- No foreign key: the record of a baseline outlives a wrong entry of maintenance.
     maintenance_id INTEGER,
     begins_at INTEGER NOT NULL,
     basis BLOB NOT NULL CHECK (length(basis) = 32),
-    -- The held map by level, a JSON array of {"speed_fraction", "warm_nm", "cold_nm"}; NULL where there is none.
+    -- The held map by level, a JSON array of {"speed_fraction", "warm_nm", "cold_nm"}; NULL if there is none.
     levels TEXT CHECK (json_valid(levels)),
     -- Why there is no map.
     remark TEXT,
@@ -843,13 +843,13 @@ CREATE TABLE anomaly (
     baseline REAL,
     peak_value REAL,
     peak_score REAL,
-    -- An episode outlives its runs: what people said of it is kept until the history is judged again.
+    -- An episode outlives its runs: its state is kept until the history is judged again.
     first_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_cycle INTEGER CHECK (first_cycle >= 1),
     last_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_seen_at INTEGER NOT NULL,
     last_seen_at INTEGER NOT NULL,
-    -- Where the change most likely began; as first_* where nothing better is known.
+    -- The most likely beginning of the change; as first_* if nothing better is known.
     onset_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     onset_cycle INTEGER CHECK (onset_cycle >= 1),
     onset_at INTEGER,
@@ -861,18 +861,18 @@ CREATE TABLE anomaly (
     -- Until when it is shelved.
     shelved_until INTEGER CHECK (state <> 'shelved' OR shelved_until IS NOT NULL),
     message TEXT NOT NULL,
-    -- Whether later runs no longer show it, whatever people said of it.
+    -- TRUE if later runs no longer show it, in any state.
     ended INTEGER NOT NULL DEFAULT 0 CHECK (ended IN (0, 1)),
     -- Start of the latest run that showed it when a person resolved it: a later one opens it again.
     resolved_seen_at INTEGER CHECK (resolved_seen_at IS NULL OR state = 'resolved'),
-    -- Whether the history has it no longer; `state` then is what people had said, in case it comes back.
+    -- TRUE if the history no longer has it. `state` is kept in case it appears again.
     withdrawn INTEGER NOT NULL DEFAULT 0 CHECK (withdrawn IN (0, 1)),
     open_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_seen_at_text TEXT GENERATED ALWAYS AS (time_text(first_seen_at)) STORED,
     last_seen_at_text TEXT GENERATED ALWAYS AS (time_text(last_seen_at)) STORED,
     onset_at_text TEXT GENERATED ALWAYS AS (time_text(onset_at)) STORED,
     shelved_until_text TEXT GENERATED ALWAYS AS (time_text(shelved_until)) STORED,
-    -- What has settled it; NULL while conclusions look at it.
+    -- The settlement that it belongs to; NULL while conclusions change it.
     settled_history_id INTEGER REFERENCES settled_history ON DELETE SET NULL
 ) STRICT;
 
@@ -891,7 +891,7 @@ CREATE TABLE anomaly_event (
     message TEXT NOT NULL,
     -- The latest run that had shown it then.
     run_id INTEGER REFERENCES run ON DELETE SET NULL,
-    -- The person; NULL where the program did it.
+    -- The person; NULL for the program.
     who TEXT,
     why TEXT,
     at_text TEXT GENERATED ALWAYS AS (time_text(at)) STORED
@@ -902,7 +902,7 @@ CREATE TABLE anomaly_event (
 CREATE TABLE delivery_route (
     delivery_route_id INTEGER PRIMARY KEY AUTOINCREMENT,
     name TEXT NOT NULL UNIQUE,
-    -- Events up to this number have been looked at: they have a row in `delivery`, or the route does not want them.
+    -- Events up to this number have a row in `delivery`, or the route does not want them.
     seen_event_id INTEGER NOT NULL,
     -- Attempts in a row that did not reach the receiver, and when the next one is made; microseconds since 1970.
     failures INTEGER NOT NULL DEFAULT 0 CHECK (failures >= 0),
