@@ -3,7 +3,7 @@
 -- A flag is an INTEGER with `CHECK (name IN (0, 1))`. A time is a number of microseconds since 1970, UTC. A column
 -- `*_text` repeats a time in the form of the views, and the database writes it.
 
--- Version of the tables, and a hash of everything that is made anew for every version: indexes, triggers and views.
+-- Version of the tables, and a hash of indexes, triggers and views, which are made again when it differs.
 CREATE TABLE schema_version (
     only_one INTEGER PRIMARY KEY CHECK (only_one = 1),
     version INTEGER NOT NULL,
@@ -37,12 +37,12 @@ CREATE TABLE model_parameter (
     joint INTEGER NOT NULL CHECK (joint >= 1),
     name TEXT NOT NULL,
     unit TEXT NOT NULL,
-    -- Sum of standard parameters that the base parameter stands for; NULL until described.
+    -- Sum of the standard parameters that the base parameter combines; NULL until described.
     grouping TEXT,
     UNIQUE (robot_model_id, joint, name)
 ) STRICT;
 
--- Programs that write, and what each of them works on.
+-- Programs that write, and the work of each.
 
 -- A program that may write, from its start to its end. Its number is the epoch of its lease.
 CREATE TABLE host_session (
@@ -62,7 +62,7 @@ CREATE TABLE host_session (
     CHECK ((ended_at IS NULL) = (end_reason IS NULL))
 ) STRICT;
 
--- What one session works on and no other may.
+-- Work that one session has claimed.
 CREATE TABLE claim (
     kind TEXT NOT NULL CHECK (kind IN ('export', 'run', 'robot', 'route')),
     subject TEXT NOT NULL,
@@ -81,7 +81,7 @@ CREATE TABLE unanswered_folder (
     PRIMARY KEY (host, folder)
 ) STRICT, WITHOUT ROWID;
 
--- Work whose attempts are counted before they begin, so that what ends the program is not tried for ever.
+-- Work whose attempts are counted before they begin, so that an attempt that ends the program is not repeated for ever.
 CREATE TABLE attempt (
     work TEXT NOT NULL CHECK (work IN ('program', 'export', 'conclusion', 'delivery')),
     -- Host, path, robot or message.
@@ -89,9 +89,9 @@ CREATE TABLE attempt (
     attempts INTEGER NOT NULL CHECK (attempts >= 1),
     -- The process that made the latest attempt, as long as it may still be at it.
     process INTEGER,
-    -- The program that made them: another version begins to count anew.
+    -- The program that made them. Another version starts the count again.
     version TEXT NOT NULL,
-    -- What was to be read: another file, or one of which more cycles are stored by now, begins to count anew.
+    -- The file to read. Another file, or more stored cycles of it, start the count again.
     inode INTEGER NOT NULL DEFAULT 0,
     bytes INTEGER NOT NULL DEFAULT 0,
     cycles INTEGER NOT NULL DEFAULT 0,
@@ -120,11 +120,10 @@ CREATE TABLE run (
     cycles_total INTEGER,
     status TEXT NOT NULL CHECK (status IN ('streaming', 'complete', 'quarantined')),
     reason TEXT,
-    -- Where in the export reading stopped, if it was at a place.
+    -- Place in the export where reading stopped.
     reason_line INTEGER,
     reason_column TEXT,
-    -- Wall time, for people who look for what arrived when. In no view: views of two databases fed
-    -- alike are alike.
+    -- Wall time. No view has it, so that two databases with the same exports have the same views.
     ingested_at INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)),
     growing INTEGER NOT NULL DEFAULT 0 CHECK (growing IN (0, 1)),
     prefix_bytes INTEGER CHECK (prefix_bytes >= 0),
@@ -144,9 +143,9 @@ CREATE TABLE run (
     host_session_id INTEGER REFERENCES host_session,
     -- Such a run is its own successor: whatever leaves out superseded runs leaves it out.
     set_aside TEXT CHECK (set_aside IN ('person', 'implausible_date')),
-    -- Why its start cannot be right, where it cannot.
+    -- Reason why its start cannot be right; NULL if it can.
     date_problem TEXT,
-    -- The start as recorded, where a person has corrected or confirmed it.
+    -- The recorded start, if a person has corrected or confirmed it.
     recorded_start INTEGER,
     recorded_start_text TEXT,
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
@@ -170,7 +169,7 @@ CREATE TABLE resume_point (
 CREATE TABLE fault (
     fault_id INTEGER PRIMARY KEY,
     run_id INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
-    -- Without place and remedy; where there is a value, it goes on after "value is ".
+    -- Without place and remedy. If there is a value, it follows after "value is ".
     problem TEXT NOT NULL,
     -- In the decompressed file: lines from 1, bytes from 0, of the cell or else of the line.
     line INTEGER CHECK (line >= 1),
@@ -225,7 +224,7 @@ CREATE TABLE cycle (
     -- refused: the cycle gave no parameters, for the stated reason.
     status TEXT NOT NULL CHECK (status IN ('complete', 'refused')),
     reason TEXT,
-    -- What a user should know of the data, a sentence a line.
+    -- Remarks about the data for the user, one sentence per line.
     remarks TEXT,
     samples INTEGER,
     condition_number REAL,
@@ -258,13 +257,13 @@ CREATE TABLE joint_residual (
     cycle_id INTEGER NOT NULL REFERENCES cycle ON DELETE CASCADE,
     joint INTEGER NOT NULL CHECK (joint >= 1),
     residual_std_nm REAL,
-    -- Independent rows over the joint's rows, for errors from factors alone. Above 1 where the noise is
-    -- less at the frequencies of the motion than above them.
+    -- Independent rows over the joint's rows, for errors from factors alone. Above 1 if the noise is less at the
+    -- frequencies of the motion than above them.
     independent_share REAL CHECK (independent_share > 0),
     PRIMARY KEY (cycle_id, joint)
 ) STRICT, WITHOUT ROWID;
 
--- Of the excitation stage of cycles with parameters.
+-- Noise in the excitation stage of cycles with parameters.
 CREATE TABLE channel_noise (
     cycle_id INTEGER NOT NULL REFERENCES cycle ON DELETE CASCADE,
     joint INTEGER NOT NULL CHECK (joint >= 1),
@@ -336,7 +335,7 @@ CREATE TABLE friction_point (
     torque_nm REAL NOT NULL,
     std_nm REAL,
     samples INTEGER NOT NULL CHECK (samples >= 0),
-    -- How the load of gravity was taken away.
+    -- How the load of gravity was subtracted.
     gravity TEXT NOT NULL CHECK (gravity IN ('axis_vertical', 'fitted', 'model')),
     PRIMARY KEY (cycle_id, speed_fraction, number)
 ) STRICT, WITHOUT ROWID;
@@ -382,7 +381,7 @@ CREATE TABLE friction_speed_coefficient (
     PRIMARY KEY (friction_speed_fit_id, name)
 ) STRICT, WITHOUT ROWID;
 
--- Factors, from which a cycle is estimated again.
+-- Factors. They suffice to estimate a cycle again.
 
 CREATE TABLE factor_layout (
     factor_layout_id INTEGER PRIMARY KEY,
@@ -402,7 +401,7 @@ CREATE TABLE torque_factor (
     cycle_id INTEGER NOT NULL REFERENCES cycle ON DELETE CASCADE,
     joint INTEGER NOT NULL CHECK (joint >= 1),
     stage TEXT NOT NULL CHECK (stage IN ('excitation', 'friction', 'warming', 'between')),
-    -- Whether the joint moves at its low-speed threshold or faster.
+    -- moving: at the joint's low-speed threshold or faster.
     motion TEXT NOT NULL CHECK (motion IN ('moving', 'slow')),
     rows INTEGER NOT NULL CHECK (rows >= 1),
     -- Upper triangle, column after column, 8-byte little-endian floats; the last column is the torque.
@@ -477,7 +476,7 @@ CREATE TABLE run_joint_summary (
     joint INTEGER NOT NULL CHECK (joint >= 1),
     warm_friction_nm REAL,
     warm_friction_std_error_nm REAL,
-    -- Mean time of the points: runs compare at equal warmth only.
+    -- Mean time of the points: only runs at equal temperature are compared.
     warm_minute REAL,
     warm_speed_fraction REAL,
     -- Median over cycles of the moving relative RMSD of the excitation stage.
@@ -555,7 +554,7 @@ CREATE TABLE parameter_set (
     condition_number REAL,
     scaled_condition_number REAL,
     residual_std_nm REAL,
-    -- As run.ingested_at.
+    -- Wall time.
     saved_at INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)),
     estimator TEXT NOT NULL DEFAULT 'ordinary'
         CHECK (estimator IN ('ordinary', 'weighted', 'per-joint', 'huber', 'prior')),
@@ -584,7 +583,7 @@ CREATE TABLE reestimate (
     name TEXT NOT NULL UNIQUE,
     robot_model_id INTEGER NOT NULL REFERENCES robot_model,
     estimator TEXT NOT NULL CHECK (estimator IN ('ordinary', 'weighted', 'per-joint', 'huber', 'prior')),
-    -- As run.ingested_at.
+    -- Wall time.
     saved_at INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER))
 ) STRICT;
 
@@ -686,8 +685,8 @@ CREATE TABLE friction_level (
 
 CREATE TABLE run_friction (
     run_id INTEGER PRIMARY KEY REFERENCES run ON DELETE CASCADE,
-    -- BLAKE3 of what its indices were computed from: its baselines, itself and the motion before it. Indices of another
-    -- basis are computed anew. NULL where no joint has a baseline for it.
+    -- BLAKE3 of the sources of its indices: its baselines, the test and the motion before it. Indices of another basis
+    -- are computed again. NULL if no joint has a baseline for the test.
     basis BLOB CHECK (length(basis) = 32)
 ) STRICT;
 
@@ -719,11 +718,11 @@ CREATE TABLE friction_baseline (
     -- Ordinal of the joint's epoch by its first test, from 0.
     epoch INTEGER NOT NULL CHECK (epoch >= 0),
     cause TEXT NOT NULL CHECK (cause IN ('first_test', 'maintenance', 'description')),
-    -- No foreign key: what is said of a baseline outlives a wrong entry of maintenance.
+    -- No foreign key: the record of a baseline outlives a wrong entry of maintenance.
     maintenance_id INTEGER,
     begins_at INTEGER NOT NULL,
     basis BLOB NOT NULL CHECK (length(basis) = 32),
-    -- The held map by level, a JSON array of {"speed_fraction", "warm_nm", "cold_nm"}; NULL where there is none.
+    -- The held map by level, a JSON array of {"speed_fraction", "warm_nm", "cold_nm"}; NULL if there is none.
     levels TEXT CHECK (json_valid(levels)),
     -- Why there is no map.
     remark TEXT,
@@ -844,13 +843,13 @@ CREATE TABLE anomaly (
     baseline REAL,
     peak_value REAL,
     peak_score REAL,
-    -- An episode outlives its runs: what people said of it is kept until the history is judged again.
+    -- An episode outlives its runs: its state is kept until the history is judged again.
     first_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_cycle INTEGER CHECK (first_cycle >= 1),
     last_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_seen_at INTEGER NOT NULL,
     last_seen_at INTEGER NOT NULL,
-    -- Where the change most likely began; as first_* where nothing better is known.
+    -- The most likely beginning of the change; as first_* if nothing better is known.
     onset_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     onset_cycle INTEGER CHECK (onset_cycle >= 1),
     onset_at INTEGER,
@@ -862,18 +861,18 @@ CREATE TABLE anomaly (
     -- Until when it is shelved.
     shelved_until INTEGER CHECK (state <> 'shelved' OR shelved_until IS NOT NULL),
     message TEXT NOT NULL,
-    -- Whether later runs no longer show it, whatever people said of it.
+    -- TRUE if later runs no longer show it, in any state.
     ended INTEGER NOT NULL DEFAULT 0 CHECK (ended IN (0, 1)),
     -- Start of the latest run that showed it when a person resolved it: a later one opens it again.
     resolved_seen_at INTEGER CHECK (resolved_seen_at IS NULL OR state = 'resolved'),
-    -- Whether the history has it no longer; `state` then is what people had said, in case it comes back.
+    -- TRUE if the history no longer has it. `state` is kept in case it appears again.
     withdrawn INTEGER NOT NULL DEFAULT 0 CHECK (withdrawn IN (0, 1)),
     open_run_id INTEGER REFERENCES run ON DELETE SET NULL,
     first_seen_at_text TEXT GENERATED ALWAYS AS (time_text(first_seen_at)) STORED,
     last_seen_at_text TEXT GENERATED ALWAYS AS (time_text(last_seen_at)) STORED,
     onset_at_text TEXT GENERATED ALWAYS AS (time_text(onset_at)) STORED,
     shelved_until_text TEXT GENERATED ALWAYS AS (time_text(shelved_until)) STORED,
-    -- What has settled it; NULL while conclusions look at it.
+    -- The settlement that it belongs to; NULL while conclusions change it.
     settled_history_id INTEGER REFERENCES settled_history ON DELETE SET NULL
 ) STRICT;
 
@@ -894,7 +893,7 @@ CREATE TABLE anomaly_event (
     message TEXT NOT NULL,
     -- The latest run that had shown it then.
     run_id INTEGER REFERENCES run ON DELETE SET NULL,
-    -- The person; NULL where the program did it.
+    -- The person; NULL for the program.
     who TEXT,
     why TEXT,
     at_text TEXT GENERATED ALWAYS AS (time_text(at)) STORED
@@ -905,7 +904,7 @@ CREATE TABLE anomaly_event (
 CREATE TABLE delivery_route (
     delivery_route_id INTEGER PRIMARY KEY AUTOINCREMENT,
     name TEXT NOT NULL UNIQUE,
-    -- Events up to this number have been looked at: they have a row in `delivery`, or the route does not want them.
+    -- Events up to this number have a row in `delivery`, or the route does not want them.
     seen_event_id INTEGER NOT NULL,
     -- Attempts in a row that did not reach the receiver, and when the next one is made; microseconds since 1970.
     failures INTEGER NOT NULL DEFAULT 0 CHECK (failures >= 0),

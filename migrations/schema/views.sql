@@ -647,7 +647,7 @@ WITH latest AS (
         LIMIT 1
     )
 ),
--- the newest export that was not understood, where no test is as new
+-- the newest export in quarantine, if no test is as new
 faulty AS (
     SELECT latest.robot_id, run.source_name, run.reason
     FROM latest
@@ -659,7 +659,7 @@ faulty AS (
         LIMIT 1
     )
 ),
--- a growing export of which nothing can be read behind a line
+-- a growing export that cannot be read beyond a line
 blocked AS (
     SELECT latest.robot_id, blocked_files.source_name, blocked_files.message
     FROM latest

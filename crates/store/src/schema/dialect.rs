@@ -7,7 +7,8 @@ use crate::engine::Dialect;
 /// A statement that makes or changes something.
 #[derive(Debug)]
 pub(super) struct Statement {
-    /// What it makes: the word after `TABLE`, `INDEX`, `TRIGGER` or `VIEW`; empty for other statements.
+    /// Name of the object that the statement makes, the word after `TABLE`, `INDEX`, `TRIGGER` or `VIEW`; empty for other
+    /// statements.
     pub name: String,
     /// In the SQL of the engine.
     pub sql: String,
@@ -18,8 +19,8 @@ pub(super) struct Statement {
 /// How a column says that it repeats another one as text, around the name of that column.
 const TEXT_OF_TIME: [&str; 2] = [" GENERATED ALWAYS AS (time_text(", ")) STORED"];
 
-/// The statements of a file. One ends with `;` at the end of a line, a trigger with the line `END;`. Comments between
-/// statements are left out.
+/// The statements of a file. A statement ends with `;` at the end of a line, a trigger with the line `END;`. Comments
+/// between statements are skipped.
 pub(super) fn statements(text: &str, engine: Dialect) -> Vec<Statement> {
     let mut found = Vec::new();
     let mut statement = String::new();
@@ -104,8 +105,8 @@ fn for_server(statement: &str) -> String {
     }
 }
 
-/// A line of a table. A flag is a boolean there, a key without a value of its own counts by itself, and tables have no
-/// options.
+/// A line of a table, except for its types. Flags become booleans, a key of a table counts up, and the options of the table
+/// are dropped.
 fn column(line: &str) -> Cow<'_, str> {
     if let Some(end) = line.find(" IN (0, 1))")
         && let Some(begin) = line[..end].rfind(" CHECK (")

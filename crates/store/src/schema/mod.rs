@@ -27,7 +27,7 @@ const CHANGES: &[(i64, &str)] = &include!(concat!(env!("OUT_DIR"), "/migrations.
 /// Tables of a new database.
 const TABLES: &str = include_str!("../../../../migrations/schema/tables.sql");
 
-/// What is made of them.
+/// Indexes, triggers and views of those tables.
 const DERIVED: [&str; 3] = [
     include_str!("../../../../migrations/schema/indexes.sql"),
     include_str!("../../../../migrations/schema/triggers.sql"),
@@ -68,7 +68,7 @@ impl Schema {
         self.changes.last().map_or(SQUASHED, |(version, _)| *version)
     }
 
-    /// A hash of the statements that make what holds no data.
+    /// A hash of the statements that make indexes, triggers, views and functions.
     fn fingerprint(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         for statement in &self.derived {
@@ -90,6 +90,10 @@ impl Schema {
         connection: &mut EngineConnection,
         found: Option<i64>,
     ) -> Result<(), sqlx::Error> {
+        if self.engine == Dialect::Postgres {
+            // the server sends a notice for each trigger that it drops with its function, and the driver logs it
+            run(connection, "SET LOCAL client_min_messages = warning").await?;
+        }
         match found {
             None => self.make(connection).await?,
             Some(version) if version < SQUASHED => rebuild::rebuild(self, connection, version).await?,
@@ -114,7 +118,7 @@ impl Schema {
         Ok(())
     }
 
-    /// Whether nothing is to be done for a database of version `found`.
+    /// Returns true if a database of version `found` needs no change.
     pub(crate) async fn is_applied(
         &self,
         connection: &mut EngineConnection,

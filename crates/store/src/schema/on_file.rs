@@ -8,18 +8,18 @@ use crate::engine::{Dialect, EngineConnection, EnginePool, begin_writing};
 use crate::error::StoreError;
 use crate::{verified_copy, write_ahead_log};
 
-/// A database of this size is said to take its time, bytes.
+/// From this size on, bytes, a warning says that the change may take minutes.
 const LARGE_BYTES: u64 = 1 << 30;
 
-/// How often a step that takes long is said to go on.
+/// Interval of messages during a long change.
 const STILL_AT_IT: Duration = Duration::from_secs(10);
 
-/// Makes the schema, or brings it up to date: all of it or nothing, and one process at a time. Whoever ends the process
-/// meanwhile has the database as it was.
+/// Makes the schema, or brings it up to date, in one transaction. One process at a time does so. If the process ends
+/// before the commit, the database is unchanged.
 pub(crate) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
     let mut transaction = begin_writing(writer).await.map_err(broken)?;
-    // only now, for another process may have done it while this one waited
+    // read after the lock is taken: another process may have changed the schema before
     let found = version(&mut transaction).await.map_err(broken)?;
     let schema = Schema::of(Dialect::Sqlite);
     if schema.is_applied(&mut transaction, found).await.map_err(broken)? {
@@ -27,7 +27,7 @@ pub(crate) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), Stor
     }
     if let Some(found) = found.filter(|found| *found != latest_schema()) {
         refuse_too_old(path, found)?;
-        // nobody else can change it meanwhile
+        // this process has the write lock
         verified_copy::before_migration(path, found).await?;
         say_beginning(path, found);
     }
@@ -62,7 +62,7 @@ pub(crate) async fn version(connection: &mut EngineConnection) -> Result<Option<
     Ok(None)
 }
 
-/// Says that the schema is brought up to date, and what that may take.
+/// Logs that the schema is brought up to date, with a warning if the database is large.
 fn say_beginning(path: &Path, found: i64) {
     let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let (path, megabytes, known) = (path.display(), bytes >> 20, latest_schema());
@@ -76,7 +76,7 @@ fn say_beginning(path: &Path, found: i64) {
     }
 }
 
-/// Awaits a change of the schema; if it takes long, says again and again that it goes on.
+/// Awaits a change of the schema, and logs its progress at intervals.
 async fn during<T>(path: &Path, work: impl Future<Output = T>) -> T {
     let began = Instant::now();
     let mut work = std::pin::pin!(work);

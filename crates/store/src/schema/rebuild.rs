@@ -1,17 +1,17 @@
-//! A database of a version before the schema was one text for both engines: its tables are made new, and their rows are
-//! copied column by column. One transaction does all of it.
+//! Upgrade of a database that was made before both engines had one schema text. One transaction makes the new tables,
+//! copies the rows column by column and drops the old tables.
 
 use sqlx::Row;
 
 use super::{Schema, names, run};
 use crate::engine::{Dialect, EngineConnection};
 
-/// What the tables before are called while their rows are copied.
+/// Prefix of the names of the old tables while their rows are copied.
 const BEFORE: &str = "before_";
 
-/// Columns that are not copied as they are: table, column, and its value as SQL over the row before.
+/// Columns whose value is computed from the old row: table, column, and SQL over the columns of the old table.
 const COMPUTED: &[(&str, &str, &str)] = &[
-    // one name had values in several units, which baseline and threshold tell apart; a test without result has no value
+    // old names had values in several units, which baseline and threshold distinguish; a test without result has no value
     (
         "anomaly",
         "quantity",
@@ -30,9 +30,9 @@ const COMPUTED: &[(&str, &str, &str)] = &[
     ),
 ];
 
-/// What is done with the new rows of a database before a version.
+/// Statements that run after the copy if the old version is below a number.
 const AFTERWARDS: &[(i64, &str)] = &[
-    // dates are judged since then, those of runs that were there too
+    // version 49 began to judge dates, including those of older runs
     (
         49,
         "UPDATE robot SET history = history + 1
@@ -40,17 +40,16 @@ const AFTERWARDS: &[(i64, &str)] = &[
     ),
 ];
 
-/// A table that is there.
+/// A table of the database.
 struct Found {
     name: String,
     columns: Vec<String>,
 }
 
-/// Makes the tables of `schema` in the place of those of version `found`, with their rows, and everything that is made of
-/// them.
+/// Replaces the tables of version `found` by those of `schema`, with their rows, and makes indexes, triggers and views.
 ///
 /// # Errors
-/// Those of the database; an error of its own if a table has fewer rows than before.
+/// Those of the database, and [`sqlx::Error::Protocol`] if a table has fewer rows than before.
 pub(super) async fn rebuild(
     schema: &Schema,
     connection: &mut EngineConnection,
@@ -63,7 +62,7 @@ pub(super) async fn rebuild(
     let counters = put_away(engine, connection, &old).await?;
     schema.make_tables(connection).await?;
     let new = tables(engine, connection).await?;
-    // in the order of the schema, in which a table comes after those that it refers to
+    // the schema lists a table after the tables that it refers to
     for statement in schema.tables.iter().filter(|of| of.name != "schema_version") {
         let table = |of: &[Found], name: &str| of.iter().position(|table| table.name == name);
         if let (Some(before), Some(after)) = (table(&old, &statement.name), table(&new, &statement.name)) {
@@ -77,7 +76,7 @@ pub(super) async fn rebuild(
         }
     }
     match engine {
-        // a table is dropped before those that it refers to
+        // children first, so that no reference has to be followed
         Dialect::Sqlite => {
             let order = |name: &str| schema.tables.iter().position(|statement| statement.name == name);
             let mut names: Vec<&str> = old.iter().map(|table| table.name.as_str()).collect();
@@ -152,10 +151,10 @@ async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Ve
     Ok(found)
 }
 
-/// A table that counts its keys, the column of the key, and the last key that it gave, if it gave one.
+/// A table with an identity column, that column, and the last key that it gave, if any.
 type Counter = (String, String, Option<i64>);
 
-/// Gives the tables other names, and frees the names of everything that belongs to them.
+/// Renames the tables, and drops their constraints, indexes and sequences on a server, whose names the new tables need.
 async fn put_away(
     engine: Dialect,
     connection: &mut EngineConnection,
@@ -200,14 +199,14 @@ async fn put_away(
     Ok(counters)
 }
 
-/// Keys that were given once are not given again, also where their rows are gone.
+/// Continues the counters of keys, so that the key of a deleted row is not given again.
 async fn set_counters(
     engine: Dialect,
     connection: &mut EngineConnection,
     counters: Vec<Counter>,
 ) -> Result<(), sqlx::Error> {
     if engine == Dialect::Sqlite {
-        // where a table was renamed, its counter was too
+        // SQLite has renamed the counters together with the tables
         let renamed = format!(
             "DELETE FROM sqlite_sequence WHERE '{BEFORE}' || name IN (SELECT name FROM sqlite_sequence);
              INSERT INTO sqlite_sequence (name, seq)
@@ -236,7 +235,7 @@ async fn set_counters(
     Ok(())
 }
 
-/// Rights on tables and views of a server that were granted to others, as statements.
+/// The rights that other users have on tables and views of a server, as statements that grant them.
 pub(super) async fn grants(
     engine: Dialect,
     connection: &mut EngineConnection,
@@ -256,7 +255,7 @@ pub(super) async fn grants(
     rows.fetch_all(connection).await?.iter().map(|row| row.try_get(1)).collect()
 }
 
-/// Grants again what was granted on tables and views that are there.
+/// Runs the statements of [`grants`] whose table or view still exists.
 pub(super) async fn grant(connection: &mut EngineConnection, granted: &[String]) -> Result<(), sqlx::Error> {
     for statement in granted {
         let table =

@@ -8,7 +8,7 @@ use crate::handle::Store;
 use crate::tests::open::make_schema;
 use crate::tests::support::{fresh, number, text};
 
-/// What a file consists of: columns and references of tables, and the statements of everything else.
+/// Columns and references of the tables of a file, and the statements of everything else.
 async fn definitions(store: &Store) -> Vec<String> {
     sqlx::query_scalar(
         "SELECT t.name || '.' || c.name || ' ' || c.type || ' ' || c.\"notnull\" || c.pk || ifnull(c.dflt_value, '')
