@@ -11,6 +11,7 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::{in_views, joint, named, time, time_text};
 use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 
 /// Longest time for which a critical anomaly is shelved, days. Its severity cannot rise any more, which would end that.
@@ -149,6 +150,10 @@ pub struct AnomalyHistoryRow {
     pub why: Option<String>,
     /// The latest run that had shown it then.
     pub run_id: Option<i64>,
+    /// The quantity of `value`.
+    pub quantity: Quantity,
+    /// Unit of `value`.
+    pub unit: Option<&'static str>,
 }
 
 /// What one complete test says of a joint, as evidence for an anomaly.
@@ -406,7 +411,7 @@ async fn history(
 ) -> Result<Vec<AnomalyHistoryRow>, sqlx::Error> {
     sqlx::query(
         "SELECT anomaly_event_id, anomaly_id, robot, joint, kind, at, what, severity, score, value, message, who, why,
-                run_id
+                run_id, quantity
          FROM anomaly_history
          WHERE anomaly_id = coalesce($1, anomaly_id) AND anomaly_event_id > $2 AND anomaly_event_id <= $3
          ORDER BY anomaly_event_id",
@@ -421,6 +426,7 @@ async fn history(
 
 fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
     let of_joint: Option<i64> = row.try_get("joint")?;
+    let quantity = named(row, "quantity", &Quantity::ALL, Quantity::name)?;
     Ok(AnomalyHistoryRow {
         anomaly_event_id: row.try_get("anomaly_event_id")?,
         anomaly_id: row.try_get("anomaly_id")?,
@@ -436,6 +442,8 @@ fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
         who: row.try_get("who")?,
         why: row.try_get("why")?,
         run_id: row.try_get("run_id")?,
+        quantity,
+        unit: quantity.unit(),
     })
 }
 
