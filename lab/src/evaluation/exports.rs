@@ -159,11 +159,7 @@ async fn watch(
 /// Alarms of the only robot of a database, in the places of tests that began at `starts`.
 async fn alarms(store: &Store, starts: &[Timestamp]) -> Result<Vec<Alarm>, CliError> {
     let rows = store.anomalies_after(0).await?;
-    Ok(rows
-        .iter()
-        .filter(|row| row.severity >= Severity::Warning)
-        .map(|row| alarm(row, starts))
-        .collect())
+    Ok(rows.iter().filter(|row| row.severity >= Severity::Warning).map(|row| alarm(row, starts)).collect())
 }
 
 fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Alarm {

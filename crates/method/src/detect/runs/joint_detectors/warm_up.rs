@@ -170,8 +170,8 @@ const MOST_EVIDENCE: f64 = 1.5;
 #[cfg(test)]
 mod tests {
     use crate::detect::runs::cause_tests::{State, alarms, fleet, only};
-    use armwatch_model::anomaly::quantity::Quantity;
     use armwatch_model::anomaly::AnomalyKind;
+    use armwatch_model::anomaly::quantity::Quantity;
 
     #[test]
     fn another_warm_up_of_all_joints_is_one_alarm_of_the_arm() {
