@@ -492,10 +492,11 @@ SELECT baseline.friction_baseline_id,
        baseline.epoch,
        baseline.cause,
        baseline.begins_at_text AS begins_at,
-       '[' || coalesce((SELECT group_concat(CAST(ordered.run_id AS TEXT), ',')
-                        FROM (SELECT of_run.run_id FROM friction_baseline_run AS of_run
-                              WHERE of_run.friction_baseline_id = baseline.friction_baseline_id
-                              ORDER BY of_run.run_id) AS ordered), '') || ']' AS run_ids,
+       '[' || coalesce((SELECT group_concat(CAST(of_run.run_id AS TEXT), ','
+                                            --server ORDER BY of_run.run_id
+                        )
+                        FROM friction_baseline_run AS of_run
+                        WHERE of_run.friction_baseline_id = baseline.friction_baseline_id), '') || ']' AS run_ids,
        baseline.formed_at_text AS formed_at,
        baseline.replaced_at_text AS replaced_at,
        baseline.replaced_because
