@@ -168,7 +168,7 @@ impl Answer {
         ];
         let found = match &self.alarm {
             Some(alarm) => [
-                alarm.kind.clone(),
+                alarm.kind.to_string(),
                 joint(alarm.joint),
                 alarm.severity.name().to_owned(),
                 self.found_in().map_or_else(|| day(alarm.first_seen_at), test),

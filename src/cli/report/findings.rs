@@ -284,6 +284,7 @@ mod tests {
             joint: Some(JointIndex::new(3)),
             kind: AnomalyKind::Sensor,
             quantity: Quantity::TorqueNoiseRatio,
+            unit: Quantity::TorqueNoiseRatio.unit(),
             severity: Severity::Warning,
             score: Some(1.0),
             threshold: Some(1.0),
