@@ -118,6 +118,7 @@ impl fmt::Display for Severity {
 }
 
 crate::serialize_by_name!(AnomalyKind, Severity);
+crate::deserialize_by_name!(AnomalyKind, Severity);
 
 /// One complete run of a robot, as the detectors see it.
 #[derive(Debug, Clone, PartialEq, Default)]

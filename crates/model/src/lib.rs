@@ -15,6 +15,20 @@ macro_rules! serialize_by_name {
     };
 }
 
+/// Implements `Deserialize` for types with a list `ALL` and a `name`: the counterpart of [`serialize_by_name`].
+#[macro_export]
+macro_rules! deserialize_by_name {
+    ($($named:ty),* $(,)?) => {
+        $(impl<'de> ::serde::Deserialize<'de> for $named {
+            fn deserialize<D: ::serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let name = <String as ::serde::Deserialize>::deserialize(deserializer)?;
+                let found = Self::ALL.into_iter().find(|of| of.name() == name);
+                found.ok_or_else(|| ::serde::de::Error::custom(format!("unknown name {name}")))
+            }
+        })*
+    };
+}
+
 pub mod robot;
 pub mod run;
 pub mod analysis;

@@ -167,6 +167,7 @@ impl fmt::Display for Quantity {
 }
 
 crate::serialize_by_name!(Quantity);
+crate::deserialize_by_name!(Quantity);
 
 /// Which change of a value is a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

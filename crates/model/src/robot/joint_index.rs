@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 /// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
 /// from 1.
@@ -16,6 +16,13 @@ pub struct JointIndex(
 impl Serialize for JointIndex {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_u64(self.number() as u64)
+    }
+}
+
+impl<'de> Deserialize<'de> for JointIndex {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let number = usize::deserialize(deserializer)?;
+        Self::from_number(number).ok_or_else(|| de::Error::custom("joints count from 1"))
     }
 }
 
