@@ -21,7 +21,7 @@ use tokio_rustls::rustls::pki_types::ServerName;
 
 use super::receiver::SendError;
 use super::secret;
-use armwatch_config::HttpLogin;
+use armwatch_config::receivers::HttpLogin;
 
 /// Most bytes that are read of an answer; it only matters where it explains a refusal.
 const ANSWER_BYTES: usize = 16 << 10;

@@ -7,8 +7,9 @@ use serde_json::{Value, json};
 
 use super::figures::Figures;
 use super::trend::Trend;
-use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::odds::odds_in_words;
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_model::text;
 use armwatch_store::{AlarmEvent, EventKind};
 
@@ -103,16 +104,16 @@ impl Alarm {
     /// The figures, a line each.
     #[must_use]
     pub fn details(&self) -> Vec<String> {
-        let AlarmEvent { quantity, kind, score, threshold, value, baseline, peak_value, peak_score, .. } =
+        let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
             &self.event;
-        let figures = Figures::new(quantity, kind, *baseline, *threshold);
+        let figures = Figures(*quantity);
         let is_closed = self.is_closed();
         let mut lines = vec![self.sentence()];
         let mut line = |name: &str, text: Option<String>| {
             lines.extend(text.map(|text| format!("{name}: {text}")));
         };
         line("urgency", Some(self.urgency().to_owned()));
-        line("quantity", Some(quantity.clone()));
+        line("quantity", Some(quantity.to_string()));
         line(
             if is_closed { "latest test that shows it" } else { "latest test" },
             value.map(|value| match baseline {
@@ -177,6 +178,7 @@ impl Alarm {
             "site": self.site,
             "kind": event.kind,
             "quantity": event.quantity,
+            "unit": event.quantity.unit(),
             "value": event.value,
             "smoothed_value": self.trend.smoothed,
             "baseline": event.baseline,
@@ -341,8 +343,8 @@ pub fn example(severity: Severity, now: Timestamp) -> AlarmEvent {
         at: now,
         robot: "TEST".into(),
         joint: Some(3),
-        kind: "drift".into(),
-        quantity: "friction_index".into(),
+        kind: AnomalyKind::Drift,
+        quantity: Quantity::FrictionIndex,
         severity,
         message: "this is a try of the route, no robot is meant; friction at equal speed and warmth would be 24 % above \
                   the joint's baseline"
@@ -479,8 +481,8 @@ mod tests {
     #[test]
     fn a_limit_and_figures_that_there_are_not_are_left_out() {
         let mut offset = alarm();
-        offset.event.quantity = "torque_signal".into();
-        offset.event.kind = "sensor".into();
+        offset.event.quantity = Quantity::TorqueOffset;
+        offset.event.kind = AnomalyKind::Sensor;
         (offset.event.value, offset.event.baseline) = (Some(-3.25), Some(0.0));
         (offset.event.score, offset.event.threshold) = (Some(3.25), Some(0.0));
         let text = message(vec![offset.clone()]).text();
@@ -497,7 +499,7 @@ mod tests {
     #[test]
     fn a_load_is_told_in_kg_and_standard_errors_and_its_odds_in_words() {
         let mut load = alarm();
-        (load.event.quantity, load.event.kind) = ("load_kg".into(), "payload".into());
+        (load.event.quantity, load.event.kind) = (Quantity::Load, AnomalyKind::Payload);
         (load.event.value, load.event.baseline) = (Some(0.7974), Some(0.0));
         (load.event.score, load.event.threshold, load.event.odds) = (Some(151.0), Some(5.0), Some(1e9));
         let text = message(vec![load]).text();

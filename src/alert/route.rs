@@ -15,7 +15,7 @@ const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
 pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: Timestamp) -> Fate {
     let site = settings.site_of(&event.robot);
     // the store lets an alarm end where it was told, whatever its kind and severity have become
-    if !event.what.closes() && !route.takes(&event.robot, site, &event.kind, event.severity) {
+    if !event.what.closes() && !route.takes(&event.robot, site, event.kind, event.severity) {
         return Fate::Nothing;
     }
     let is_silent = SILENT.contains(&event.state.as_str());

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::Read;
 
-use armwatch_config::Secret;
+use armwatch_config::receivers::Secret;
 
 /// Longest secret, bytes.
 const LONGEST: u64 = 8192;

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::message::{Alarm, Message, Origin, example};
 use super::receiver::{SendError, Unusable};
-use super::receivers::open::open;
+use super::receivers::open;
 use armwatch_config::{AlertSettings, Route};
 use armwatch_model::anomaly::Severity;
 

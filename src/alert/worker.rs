@@ -10,9 +10,10 @@ use tokio_util::sync::CancellationToken;
 
 use super::message::{Alarm, Message, Origin};
 use super::receiver::{Receiver, SendError};
-use super::receivers::open::open;
+use super::receivers::open;
 use super::route::{judge, quiet_until};
-use armwatch_config::{AlertSettings, ReceiverSettings, Route};
+use armwatch_config::receivers::{LogSettings, ReceiverSettings};
+use armwatch_config::{AlertSettings, Route};
 use armwatch_store::{
     Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Sending, Store, StoreError, wait_for_quiet,
 };
@@ -102,7 +103,7 @@ impl Worker {
         let entry = self.store.enter_route(&self.route.name, now, judge).await?;
         let origin = Origin { identity: self.store.identity().await?, link: self.settings.link.clone() };
         let begun = Begun { entry, origin };
-        if self.route.receiver == ReceiverSettings::Log && !entry.is_new {
+        if self.route.receiver == ReceiverSettings::Log(LogSettings) && !entry.is_new {
             self.say_open(&begun).await?;
         }
         Ok(begun)

@@ -137,8 +137,12 @@ fn as_text(robot: &str, found: &Calibration, config: &Config) -> String {
 
 fn row(of: &LevelCalibration, config: &Config) -> Vec<String> {
     let percent = |fraction: f64| format!("{:.1}", 100.0 * fraction);
-    let mut row =
-        vec![of.joint.to_string(), of.quantity.to_owned(), of.learnt.to_string(), of.phase.name().to_owned()];
+    let mut row = vec![
+        of.joint.to_string(),
+        of.quantity.to_string(),
+        of.learnt.to_string(),
+        of.phase.name().to_owned(),
+    ];
     if let Some(limit) = &of.limit {
         row.extend([percent(limit.scatter), format!("{:.2}", limit.sigma), percent(limit.change)]);
         row.extend(limit.delays.map(delay));
@@ -190,6 +194,7 @@ mod tests {
     use armwatch_method::detect::rate::budget::Budget;
     use armwatch_method::detect::rate::monitor::Phase;
     use armwatch_method::detect::runs::calibration::LevelFigures;
+    use armwatch_model::anomaly::quantity::Quantity;
     use armwatch_model::robot::JointIndex;
 
     fn found() -> Calibration {
@@ -197,7 +202,7 @@ mod tests {
             LevelFigures { scatter: 0.02, sigma: 4.5, change: 0.061, delays: [f64::INFINITY, 2.14, 1.3] };
         let joint = |joint: usize, limit| LevelCalibration {
             joint: JointIndex::new(joint),
-            quantity: "friction_index",
+            quantity: Quantity::FrictionIndex,
             learnt: 20,
             phase: Phase::Short,
             limit,

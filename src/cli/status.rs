@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use clap::Args;
 use jiff::Timestamp;
-use serde_json::{Value, json};
+use serde::Serialize;
 
 use super::alerts::words;
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
@@ -16,7 +16,7 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
     AlarmState, AnomalyRow, BlockedFile, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow,
-    HostState, QuarantineRow, RunRow, Store, UnansweredFolder, time_in_views,
+    HostState, QuarantineRow, RunRow, Store, UnansweredFolder,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -64,7 +64,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
         fleet
     })?;
     if global.json {
-        output::json(&fleet.as_value());
+        output::json(&fleet.as_json());
     } else {
         fleet.print();
     }
@@ -84,10 +84,9 @@ fn host_in_words(row: &HostRow) -> String {
 impl Fleet {
     async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
         let mut open = words::all(store, now).await?;
-        let answered = ANSWERED.map(|state| {
-            open.iter().filter(|row| is_alarm(row.severity) && row.state == state.name()).count()
-        });
-        open.retain(|row| row.state == "open");
+        let answered = ANSWERED
+            .map(|state| open.iter().filter(|row| is_alarm(row.severity) && row.state == state).count());
+        open.retain(|row| row.state == AlarmState::Open);
         open.sort_by_key(|row| (Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id));
         let mut quarantine = store.faults().await?;
         quarantine.retain(|fault| fault.state == FaultState::Open);
@@ -228,51 +227,60 @@ impl Fleet {
         })
     }
 
-    fn as_value(&self) -> Value {
-        let joint = |row: &&FleetHealthRow| {
-            json!({
-                "joint": row.joint.number(), "status": row.status.name(), "reason": row.reason,
-                "friction_index": row.friction_index, "moving_relative_rmsd": row.moving_relative_rmsd,
-                "open_anomalies": row.open_anomalies, "last_run_at": time_in_views(row.last_run_at),
-                "last_result_at": row.last_result_at.map(time_in_views),
-                "expected_by": row.expected_by.map(time_in_views),
-            })
+    fn as_json(&self) -> FleetJson<'_> {
+        let live = |run: &RunRow| LiveRun {
+            robot: run.robot.clone(),
+            run_id: run.run_id,
+            source_name: run.source_name.clone(),
+            cycles: run.cycles,
         };
-        let robots: Vec<Value> = self
-            .robots()
-            .iter()
-            .map(|(robot, status, joints)| {
-                json!({"robot": robot, "status": status.name(), "joints": joints.iter().map(joint).collect::<Vec<_>>()})
-            })
-            .collect();
-        let live: Vec<Value> = self
-            .live()
-            .map(|run| json!({"robot": run.robot, "run_id": run.run_id, "source_name": run.source_name, "cycles": run.cycles}))
-            .collect();
-        let blocked = |file: &BlockedFile| {
-            json!({
-                "robot": file.robot, "source_name": file.source_name, "run_id": file.run_id, "line": file.line,
-                "message": file.message, "remedy": file.remedy, "blocked_at": time_in_views(file.blocked_at),
-            })
-        };
-        let blocked: Vec<Value> = self.blocked.iter().map(blocked).collect();
-        let Counts { complete_runs, cycles, .. } = self.counts;
-        let host = |row: &HostRow| {
-            json!({
-                "host": row.host, "state": row.state.name(), "end_reason": row.end_reason,
-                "seen_at": time_in_views(row.seen_at),
-            })
-        };
-        let folder = |of: &UnansweredFolder| json!({"host": of.host, "folder": of.folder, "last_scan_at": of.looked_at.map(time_in_views)});
-        json!({
-            "unanswered_folders": self.unanswered.iter().map(folder).collect::<Vec<_>>(),
-            "hosts": self.hosts.iter().map(host).collect::<Vec<_>>(),
-            "robots": robots,
-            "anomalies": self.open.iter().map(words::as_value).collect::<Vec<_>>(),
-            "unmatched_run_ids": self.unmatched,
-            "quarantined": self.quarantine.len(), "blocked": blocked, "live": live, "complete_runs": complete_runs, "cycles": cycles,
-        })
+        FleetJson {
+            unanswered_folders: &self.unanswered,
+            hosts: &self.hosts,
+            robots: self
+                .robots()
+                .into_iter()
+                .map(|(robot, status, joints)| RobotJson { robot, status, joints })
+                .collect(),
+            anomalies: &self.open,
+            unmatched_run_ids: &self.unmatched,
+            quarantined: self.quarantine.len(),
+            blocked: &self.blocked,
+            live: self.live().map(live).collect(),
+            complete_runs: self.counts.complete_runs,
+            cycles: self.counts.cycles,
+        }
     }
+}
+
+/// The state of the fleet as JSON.
+#[derive(Serialize)]
+struct FleetJson<'a> {
+    unanswered_folders: &'a [UnansweredFolder],
+    hosts: &'a [HostRow],
+    robots: Vec<RobotJson<'a>>,
+    anomalies: &'a [AnomalyRow],
+    unmatched_run_ids: &'a [i64],
+    quarantined: usize,
+    blocked: &'a [BlockedFile],
+    live: Vec<LiveRun>,
+    complete_runs: u64,
+    cycles: u64,
+}
+
+#[derive(Serialize)]
+struct RobotJson<'a> {
+    robot: &'a str,
+    status: HealthStatus,
+    joints: Vec<&'a FleetHealthRow>,
+}
+
+#[derive(Serialize)]
+struct LiveRun {
+    robot: String,
+    run_id: i64,
+    source_name: String,
+    cycles: u32,
 }
 
 /// Tests that are the only one of their robot, and whose names the pattern of file names does not match.

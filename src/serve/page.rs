@@ -1,5 +1,6 @@
 //! `GET /`: the dashboard. Its files are part of the program; it asks nothing of any other server.
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::sync::{Arc, LazyLock};
 
@@ -14,10 +15,13 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use serde_json::{Map, Value, json};
 
 use super::answer::Refusal;
 use super::shared::Shared;
 use armwatch_ingest::bytes::fingerprint::of_bytes;
+use armwatch_model::anomaly::AnomalyKind;
+use armwatch_model::anomaly::quantity::Quantity;
 
 /// What a page may load and do: only what comes from here.
 const POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; frame-ancestors 'none'; base-uri 'none'; \
@@ -26,47 +30,70 @@ const POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; fram
 /// A file of the dashboard.
 struct Asset {
     name: &'static str,
-    content: &'static [u8],
+    content: Cow<'static, [u8]>,
 }
 
 macro_rules! assets {
     ($($name:literal),* $(,)?) => {
-        [$(Asset { name: $name, content: include_bytes!(concat!("page/", $name)) }),*]
+        [$(Asset { name: $name, content: Cow::Borrowed(include_bytes!(concat!("page/", $name))) }),*]
     };
 }
 
 /// All files of the folder `page/`.
-static ASSETS: &[Asset] = &assets![
-    "actions.js",
-    "alarm.js",
-    "alarms.js",
-    "api.js",
-    "cycle.js",
-    "dialog.js",
-    "dom.js",
-    "early.js",
-    "fleet.js",
-    "format.js",
-    "friction-plots.js",
-    "icon.svg",
-    "index-plot.js",
-    "index.html",
-    "ingest.js",
-    "live.js",
-    "main.js",
-    "part.js",
-    "plot.js",
-    "quantities.js",
-    "robot.js",
-    "run.js",
-    "spark.js",
-    "status.js",
-    "style.css",
-    "uPlot.iife.min.js",
-    "uPlot.min.css",
-    "uplot.LICENSE",
-    "wall.js",
-];
+fn assets() -> impl IntoIterator<Item = Asset> {
+    assets![
+        "actions.js",
+        "alarm.js",
+        "alarms.js",
+        "api.js",
+        "cycle.js",
+        "dialog.js",
+        "dom.js",
+        "early.js",
+        "fleet.js",
+        "format.js",
+        "friction-plots.js",
+        "icon.svg",
+        "index-plot.js",
+        "index.html",
+        "ingest.js",
+        "live.js",
+        "main.js",
+        "part.js",
+        "plot.js",
+        "quantities.js",
+        "robot.js",
+        "run.js",
+        "spark.js",
+        "status.js",
+        "style.css",
+        "uPlot.iife.min.js",
+        "uPlot.min.css",
+        "uplot.LICENSE",
+        "wall.js",
+    ]
+}
+
+/// Module with the quantities and kinds of anomalies, from the lists of the program.
+const LISTS: &str = "lists.js";
+
+fn lists() -> Asset {
+    let quantities: Map<String, Value> = Quantity::ALL
+        .iter()
+        .map(|of| {
+            let facts = json!({
+                "label": of.label(), "unit": of.unit(), "value": of.value_form(), "score": of.score_form(),
+                "friction": of.is_of_one_cause(Quantity::FrictionIndex),
+            });
+            (of.name().to_owned(), facts)
+        })
+        .collect();
+    let kinds: Map<String, Value> =
+        AnomalyKind::ALL.iter().map(|of| (of.name().to_owned(), json!({ "label": of.label() }))).collect();
+    let (quantities, kinds) = (Value::Object(quantities), Value::Object(kinds));
+    let content = format!("export const QUANTITIES = {quantities};\nexport const KINDS = {kinds};\n");
+    Asset { name: LISTS, content: Cow::Owned(content.into_bytes()) }
+}
 
 /// The page and its files.
 pub(super) fn routes() -> Router<Arc<Shared>> {
@@ -83,6 +110,7 @@ async fn asset(Path(name): Path<String>, headers: HeaderMap) -> Response {
 
 /// A file as it is sent.
 struct Sent {
+    asset: Asset,
     tag: String,
     /// Compressed, where that is shorter.
     short: Option<Vec<u8>>,
@@ -90,12 +118,13 @@ struct Sent {
 
 /// All files, made ready when the first one is asked for.
 static SENT: LazyLock<Vec<Sent>> = LazyLock::new(|| {
-    let sent = |asset: &Asset| Sent {
+    let sent = |asset: Asset| Sent {
         // weak: the same for both forms
-        tag: format!("W/\"{}\"", of_bytes(asset.content)),
-        short: compressed(asset.content).filter(|short| short.len() < asset.content.len()),
+        tag: format!("W/\"{}\"", of_bytes(&asset.content)),
+        short: compressed(&asset.content).filter(|short| short.len() < asset.content.len()),
+        asset,
     };
-    ASSETS.iter().map(sent).collect()
+    assets().into_iter().chain([lists()]).map(sent).collect()
 });
 
 fn compressed(content: &[u8]) -> Option<Vec<u8>> {
@@ -104,8 +133,7 @@ fn compressed(content: &[u8]) -> Option<Vec<u8>> {
 }
 
 fn answer(name: &str, headers: &HeaderMap) -> Response {
-    let found = ASSETS.iter().zip(SENT.iter()).find(|(asset, _)| asset.name == name);
-    let Some((asset, Sent { tag, short })) = found else {
+    let Some(Sent { asset, tag, short }) = SENT.iter().find(|of| of.asset.name == name) else {
         return Refusal::new(StatusCode::NOT_FOUND, format!("the dashboard has no file {name}"))
             .into_response();
     };
@@ -125,7 +153,7 @@ fn answer(name: &str, headers: &HeaderMap) -> Response {
     let kind = [(CONTENT_TYPE, content_type(asset.name))];
     match short.as_ref().filter(|_| takes_gzip(headers)) {
         Some(short) => (tag, kind, fixed, [(CONTENT_ENCODING, "gzip")], short.clone()).into_response(),
-        None => (tag, kind, fixed, asset.content).into_response(),
+        None => (tag, kind, fixed, &*asset.content).into_response(),
     }
 }
 
@@ -159,11 +187,11 @@ mod tests {
         let short = answer("fleet.js", &headers);
         assert_eq!(short.headers().get(CONTENT_ENCODING).expect("an encoding"), "gzip");
         assert_eq!(short.headers().get(ETAG), plain.headers().get(ETAG));
-        for (asset, sent) in ASSETS.iter().zip(SENT.iter()) {
-            let Some(short) = &sent.short else { continue };
+        for Sent { asset, short, .. } in SENT.iter() {
+            let Some(short) = short else { continue };
             let mut text = Vec::new();
             flate2::read::GzDecoder::new(short.as_slice()).read_to_end(&mut text).expect("gzip");
-            assert!(text == asset.content, "{}", asset.name);
+            assert!(text == *asset.content, "{}", asset.name);
         }
         headers.insert(ACCEPT_ENCODING, "identity".parse().expect("a header"));
         assert!(answer("fleet.js", &headers).headers().get(CONTENT_ENCODING).is_none());
@@ -176,30 +204,29 @@ mod tests {
             .expect("the folder")
             .map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned())
             .collect();
-        let mut served: Vec<&str> = ASSETS.iter().map(|asset| asset.name).collect();
+        let mut served: Vec<&str> =
+            SENT.iter().map(|of| of.asset.name).filter(|name| *name != LISTS).collect();
         files.sort_unstable();
         served.sort_unstable();
         assert_eq!(files, served);
     }
 
     #[test]
-    fn every_quantity_that_a_detector_names_has_a_label_and_a_form_on_the_page() {
-        let list = |text: &'static str, begin: &str, end: &str| -> &'static str {
-            let (_, rest) = text.split_once(begin).expect("the list");
-            rest.split_once(end).expect("its end").0
+    fn the_page_gets_every_quantity_and_kind_from_the_program() {
+        let text = String::from_utf8(lists().content.into_owned()).expect("text");
+        let (quantities, kinds) = text.split_once(";\n").expect("two lists");
+        let object = |text: &str, name: &str| -> Map<String, Value> {
+            let text = text.trim_end_matches([';', '\n']).strip_prefix(name).expect("a list");
+            serde_json::from_str(text).expect("an object")
         };
-        let mut known = armwatch_model::anomaly::settled::QUANTITIES;
-        let page = list(include_str!("page/quantities.js"), "const QUANTITIES = {", "};");
-        let mut told: Vec<&str> = Vec::new();
-        for (name, said) in page.lines().filter_map(|line| line.trim().split_once(": [")) {
-            let [_, label, forms] = said.splitn(3, '"').collect::<Vec<_>>()[..] else {
-                panic!("{name}: {said}")
-            };
-            assert!(!label.is_empty() && forms.matches(", ").count() == 2, "{name}: {said}");
-            told.push(name);
-        }
-        known.sort_unstable();
-        told.sort_unstable();
-        assert_eq!(told, known);
+        let quantities = object(quantities, "export const QUANTITIES = ");
+        assert_eq!(quantities.len(), Quantity::ALL.len());
+        let offset = json!({
+            "label": "offset of the torque signal", "unit": "Nm", "value": "with_unit", "score": "with_unit",
+            "friction": false,
+        });
+        assert_eq!(quantities["torque_offset_nm"], offset);
+        let kinds = object(kinds, "export const KINDS = ");
+        assert_eq!((kinds.len(), &kinds["drift"]["label"]), (8, &json!("Drift of friction")));
     }
 }

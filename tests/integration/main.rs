@@ -55,6 +55,7 @@ mod explain;
 mod export;
 mod fairness;
 mod isolation;
+mod json_rows;
 mod exports;
 mod identity;
 #[cfg(target_os = "linux")]

@@ -20,10 +20,8 @@ mod source;
 mod summary;
 
 pub use self::address::{KINDS_OF_DATABASE, foreign_scheme, is_on_server, shown_database};
-pub use self::alerts::settings::{
-    Address, AlertSettings, AlertmanagerSettings, CommandSettings, DEFAULT_ROUTE, EmailSettings, Encryption,
-    HttpLogin, MqttSettings, QuietHours, ReceiverSettings, Route, Secret, Site, WebhookSettings,
-};
+pub use self::alerts::receivers;
+pub use self::alerts::settings::{AlertSettings, DEFAULT_ROUTE, QuietHours, Route, Site};
 pub use self::cluster::{ClusterSettings, host_name};
 pub use self::daemon::recognition::{RecogniseError, Recognised, UNKNOWN_ROBOT};
 pub use self::date_format::DateFormats;

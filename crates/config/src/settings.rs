@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::address::is_on_server;
-use super::alerts::settings::{AlertSettings, Secret};
+use super::alerts::receivers::Secret;
+use super::alerts::settings::AlertSettings;
 use super::cluster::ClusterSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;

@@ -4,9 +4,11 @@ use std::fmt;
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use serde::Serialize;
 
 use self::brief::Brief;
 use self::forecast::Forecast;
+use self::quantity::Quantity;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
 use crate::analysis::refusal::RefusalCause;
@@ -22,57 +24,59 @@ pub mod epoch;
 pub mod forecast;
 pub mod odds;
 pub mod peer;
+pub mod quantity;
 pub mod settings;
 pub mod settled;
 
-/// What kind of change an anomaly is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum AnomalyKind {
-    /// Slow change over runs.
-    Drift,
-    /// Sudden change inside or between runs.
-    Step,
-    /// Swings from cycle to cycle.
-    Oscillation,
-    /// Warm-up time constants or cold friction changed.
-    Thermal,
-    /// A channel that is not what it should be: offset, stuck, saturated, in another unit.
-    Sensor,
-    /// RMSD over its limit, or no model that an arm can have.
-    Accuracy,
-    /// Inertial parameters changed: another load, most often.
-    Payload,
-    /// An arm unlike its peers.
-    Fleet,
+/// Declares the kinds, one per row: variant, name, label, explanation.
+macro_rules! kinds {
+    ($($variant:ident $name:literal $label:literal $help:literal;)*) => {
+        /// What kind of change an anomaly is.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum AnomalyKind {
+            $(#[doc = $help] $variant,)*
+        }
+
+        impl AnomalyKind {
+            /// All kinds.
+            pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant,)*];
+
+            /// Name as in the view `anomalies`.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $name,)*
+                }
+            }
+
+            /// Label for people.
+            #[must_use]
+            pub const fn label(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $label,)*
+                }
+            }
+
+            /// Explanation in one sentence.
+            #[must_use]
+            pub const fn help(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $help,)*
+                }
+            }
+        }
+    };
 }
 
-impl AnomalyKind {
-    /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::Drift,
-        Self::Step,
-        Self::Oscillation,
-        Self::Thermal,
-        Self::Sensor,
-        Self::Accuracy,
-        Self::Payload,
-        Self::Fleet,
-    ];
-
-    /// Name as in the view `anomalies`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Drift => "drift",
-            Self::Step => "step",
-            Self::Thermal => "thermal",
-            Self::Oscillation => "oscillation",
-            Self::Sensor => "sensor",
-            Self::Accuracy => "accuracy",
-            Self::Payload => "payload",
-            Self::Fleet => "fleet",
-        }
-    }
+kinds! {
+    Drift "drift" "Drift of friction" "Friction changes slowly over tests.";
+    Step "step" "Step of friction" "Friction changes at once, inside a test or between two.";
+    Oscillation "oscillation" "Oscillation" "Friction or the relative RMSD swings from cycle to cycle.";
+    Thermal "thermal" "Thermal behaviour" "Warm-up time or the friction of all joints changed.";
+    Sensor "sensor" "Sensor" "A channel has an offset, is stuck, saturated, noisy or in another unit.";
+    Accuracy "accuracy" "Accuracy of the model" "The RMSD exceeds its limit, or no model fits the arm.";
+    Payload "payload" "Payload" "Inertial parameters changed, most often because of another load.";
+    Fleet "fleet" "Difference from other arms" "The arm differs from other arms of its model.";
 }
 
 impl fmt::Display for AnomalyKind {
@@ -112,6 +116,9 @@ impl fmt::Display for Severity {
         f.write_str(self.name())
     }
 }
+
+crate::serialize_by_name!(AnomalyKind, Severity);
+crate::deserialize_by_name!(AnomalyKind, Severity);
 
 /// One complete run of a robot, as the detectors see it.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -232,7 +239,7 @@ pub struct Onset {
 }
 
 /// A cause that was compared and rejected.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Alternative {
     /// What it would be, in words that follow "rather than".
     pub cause: String,
@@ -248,8 +255,8 @@ pub struct Anomaly {
     pub joint: Option<JointIndex>,
     /// What kind of change.
     pub kind: AnomalyKind,
-    /// The quantity that changed, with its unit where it has one.
-    pub quantity: &'static str,
+    /// The quantity that changed, as the latest run shows it.
+    pub quantity: Quantity,
     /// Severity in the latest run that showed it, as score, threshold, value, baseline and message are.
     pub severity: Severity,
     /// How far out the value is, in the scale of `threshold`.
@@ -290,11 +297,11 @@ pub struct Anomaly {
 }
 
 impl Anomaly {
-    /// Goes on with what a later run shows: all that is said is of that run, but for the beginning and the peak. A peak in
-    /// another unit than the later run's is left behind.
+    /// Extends the episode by a later run. Onset and peak are kept, and all other fields come from that run. If the later
+    /// run shows another quantity, the peak comes from it too, because values and scores of two quantities do not compare.
     pub fn go_on(&mut self, later: Self) {
-        let (peak_value, peak_score) = match later.peak_score > self.peak_score || !self.is_in_unit_of(&later)
-        {
+        let is_of_later = later.peak_score > self.peak_score || self.quantity != later.quantity;
+        let (peak_value, peak_score) = match is_of_later {
             true => (later.peak_value, later.peak_score),
             false => (self.peak_value, self.peak_score),
         };
@@ -308,13 +315,6 @@ impl Anomaly {
             first_seen_at: self.first_seen_at,
             ..later
         };
-    }
-
-    /// Whether figures of another anomaly of this quantity are in the same unit: a torque signal has an offset in Nm, or times
-    /// the usual noise, or a gain as a fraction.
-    fn is_in_unit_of(&self, other: &Self) -> bool {
-        let unit = |of: &Self| (of.baseline == 0.0, of.threshold >= 1.0);
-        !self.quantity.ends_with("torque_signal") || unit(self) == unit(other)
     }
 }
 
@@ -358,7 +358,7 @@ pub struct JointHealth {
     /// gave none that compares.
     pub friction_index: Option<f64>,
     /// The quantity that `friction_index` comes from.
-    pub friction_quantity: Option<&'static str>,
+    pub friction_quantity: Option<Quantity>,
     /// What is known.
     pub knowledge: Knowledge,
     /// What a technician should know of it, where there is something.

@@ -409,6 +409,8 @@ pub enum RunKind {
     Production,
 }
 
+crate::serialize_by_name!(RunKind);
+
 impl RunKind {
     /// Name as in the view `runs`.
     #[must_use]

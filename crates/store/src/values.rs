@@ -1,6 +1,7 @@
 //! Between the nouns and what a column holds.
 
 use jiff::Timestamp;
+use serde::{Serialize, Serializer};
 use sqlx::Row;
 
 use crate::engine::EngineRow;
@@ -151,6 +152,19 @@ pub fn time_in_views(time: Timestamp) -> String {
     let milliseconds = (time.as_microsecond() as f64 / 1e6 * 1000.0 + TO_1970 + 0.5).floor() - TO_1970;
     let rounded = Timestamp::from_millisecond(milliseconds as i64).unwrap_or(time);
     rounded.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
+}
+
+/// A time of a row in JSON, as the views show it.
+pub(crate) fn in_views<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&time_in_views(*time))
+}
+
+/// The same of a time that may be absent.
+pub(crate) fn known_in_views<S: Serializer>(
+    time: &Option<Timestamp>,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    time.map(time_in_views).serialize(serializer)
 }
 
 /// Reads a time as a view shows it.

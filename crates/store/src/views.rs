@@ -2,6 +2,7 @@
 
 use jiff::Timestamp;
 use jiff::civil::Date;
+use serde::Serialize;
 use sqlx::Row;
 
 use super::ledger::runs;
@@ -9,9 +10,11 @@ use super::values::{joint, named, size};
 use crate::engine::{EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::time_text;
+use crate::robot::alarms::alarm_state::AlarmState;
+use crate::values::{in_views, known_in_views, time_text};
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
-use armwatch_model::anomaly::{Alternative, Severity};
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::anomaly::{Alternative, AnomalyKind, Severity};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::{RunKind, RunStatus};
 
@@ -43,13 +46,15 @@ pub struct RunRow {
 }
 
 /// A row of the view `fleet_health`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FleetHealthRow {
     /// The individual robot.
+    #[serde(skip)]
     pub robot: String,
     /// The joint.
     pub joint: JointIndex,
     /// Start of the latest complete run.
+    #[serde(serialize_with = "in_views")]
     pub last_run_at: Timestamp,
     /// Median moving relative RMSD of the latest complete run's excitation stages.
     pub moving_relative_rmsd: Option<f64>,
@@ -60,14 +65,18 @@ pub struct FleetHealthRow {
     /// Where the joint stands.
     pub status: HealthStatus,
     /// Start of the latest complete run that gave a result of this joint.
+    #[serde(serialize_with = "known_in_views")]
     pub last_result_at: Option<Timestamp>,
     /// Why the status is what it is, where there is something to say.
     pub reason: Option<String>,
     /// When the next test should have begun at the latest.
+    #[serde(serialize_with = "known_in_views")]
     pub expected_by: Option<Timestamp>,
     /// The quantity that `friction_index` comes from.
-    pub friction_quantity: Option<String>,
+    #[serde(skip)]
+    pub friction_quantity: Option<Quantity>,
     /// When friction is expected to reach its limits.
+    #[serde(skip)]
     pub forecast: Option<Forecast>,
 }
 
@@ -87,6 +96,8 @@ pub enum HealthStatus {
     /// No test came for longer than usual.
     Overdue,
 }
+
+armwatch_model::serialize_by_name!(HealthStatus);
 
 impl HealthStatus {
     /// Every status.
@@ -118,7 +129,7 @@ impl HealthStatus {
 }
 
 /// A row of the view `anomalies`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnomalyRow {
     /// Database key.
     pub anomaly_id: i64,
@@ -130,10 +141,12 @@ pub struct AnomalyRow {
     pub cycle: Option<u32>,
     /// The joint; `None` where the cause is the whole arm's.
     pub joint: Option<JointIndex>,
-    /// Kind, such as `drift`.
-    pub kind: String,
+    /// Kind of change.
+    pub kind: AnomalyKind,
     /// The quantity that changed.
-    pub quantity: String,
+    pub quantity: Quantity,
+    /// Unit of `value`, `baseline` and `peak_value`; `None` if the quantity has no values.
+    pub unit: Option<&'static str>,
     /// How soon a person should look.
     pub severity: Severity,
     /// How far out the value is, in the scale of `threshold`.
@@ -145,11 +158,13 @@ pub struct AnomalyRow {
     /// What was expected.
     pub baseline: Option<f64>,
     /// Start of the first run.
+    #[serde(serialize_with = "in_views")]
     pub first_seen_at: Timestamp,
     /// Start of the latest run.
+    #[serde(serialize_with = "in_views")]
     pub last_seen_at: Timestamp,
-    /// `open`, `acknowledged`, `shelved`, `maintenance`, `resolved` or `false_alarm`.
-    pub state: String,
+    /// Where people have put it.
+    pub state: AlarmState,
     /// What a technician should read.
     pub message: String,
     /// Latest run that showed it.
@@ -159,6 +174,7 @@ pub struct AnomalyRow {
     /// The score that was furthest out.
     pub peak_score: Option<f64>,
     /// When the change most likely began.
+    #[serde(serialize_with = "known_in_views")]
     pub onset_at: Option<Timestamp>,
     /// With which run.
     pub onset_run_id: Option<i64>,
@@ -169,6 +185,7 @@ pub struct AnomalyRow {
     /// Rejected causes, the likeliest first; odds that are not known are not a number.
     pub alternatives: Vec<Alternative>,
     /// Until when it is shelved.
+    #[serde(serialize_with = "known_in_views")]
     pub shelved_until: Option<Timestamp>,
     /// Whether later runs no longer show it, whatever people said of it.
     pub ended: bool,
@@ -284,7 +301,10 @@ pub(crate) async fn fleet_health(
             last_result_at: optional_time(&row, "last_result_at")?,
             reason: row.try_get("reason")?,
             expected_by: optional_time(&row, "expected_by")?,
-            friction_quantity: row.try_get("friction_quantity")?,
+            friction_quantity: match row.try_get::<Option<&str>, _>("friction_quantity")? {
+                Some(_) => Some(named(&row, "friction_quantity", &Quantity::ALL, Quantity::name)?),
+                None => None,
+            },
             forecast: forecast(&row)?,
         })
     })
@@ -307,6 +327,7 @@ pub(crate) async fn anomalies_after(
     )
     .bind(after)
     .try_map(|row: EngineRow| {
+        let quantity = named(&row, "quantity", &Quantity::ALL, Quantity::name)?;
         Ok(AnomalyRow {
             anomaly_id: row.try_get("anomaly_id")?,
             robot: row.try_get("robot")?,
@@ -316,8 +337,9 @@ pub(crate) async fn anomalies_after(
                 Some(_) => Some(joint(&row, "joint")?),
                 None => None,
             },
-            kind: row.try_get("kind")?,
-            quantity: row.try_get("quantity")?,
+            kind: named(&row, "kind", &AnomalyKind::ALL, AnomalyKind::name)?,
+            quantity,
+            unit: quantity.unit(),
             severity: named(&row, "severity", &Severity::ALL, Severity::name)?,
             score: row.try_get("score")?,
             threshold: row.try_get("threshold")?,
@@ -325,7 +347,7 @@ pub(crate) async fn anomalies_after(
             baseline: row.try_get("baseline")?,
             first_seen_at: time_text(&row, "first_seen_at")?,
             last_seen_at: time_text(&row, "last_seen_at")?,
-            state: row.try_get("state")?,
+            state: named(&row, "state", &AlarmState::ALL, AlarmState::name)?,
             message: row.try_get("message")?,
             last_run_id: row.try_get("last_run_id")?,
             peak_value: row.try_get("peak_value")?,

@@ -16,7 +16,7 @@ use crate::evaluate::score::{Outcome, Truth, outcome};
 use armwatch::cli::context::{CliError, open_store, runtime};
 use armwatch::pipeline::context::{Pipeline, Retry};
 use armwatch_config::Config;
-use armwatch_model::anomaly::{AnomalyKind, Severity};
+use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
 use armwatch_simulate::arm::fault::{Fault, FaultKind};
 use armwatch_simulate::arm::friction::FrictionShape;
@@ -159,18 +159,14 @@ async fn watch(
 /// Alarms of the only robot of a database, in the places of tests that began at `starts`.
 async fn alarms(store: &Store, starts: &[Timestamp]) -> Result<Vec<Alarm>, CliError> {
     let rows = store.anomalies_after(0).await?;
-    Ok(rows
-        .iter()
-        .filter(|row| row.severity >= Severity::Warning)
-        .filter_map(|row| alarm(row, starts))
-        .collect())
+    Ok(rows.iter().filter(|row| row.severity >= Severity::Warning).map(|row| alarm(row, starts)).collect())
 }
 
-fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Option<Alarm> {
+fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Alarm {
     let place = |at: Timestamp| starts.iter().rposition(|start| *start <= at).unwrap_or(0);
     let first = place(row.first_seen_at);
-    Some(Alarm {
-        kind: AnomalyKind::ALL.into_iter().find(|kind| kind.name() == row.kind)?,
+    Alarm {
+        kind: row.kind,
         joint: row.joint,
         first,
         last: place(row.last_seen_at),
@@ -178,7 +174,7 @@ fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Option<Alarm> {
         odds: row.odds.unwrap_or(0.0),
         onset: (row.onset_at.map_or(first, place), row.onset_cycle),
         value: row.value.unwrap_or(f64::NAN),
-    })
+    }
 }
 
 /// The described arm as a unit of its own.

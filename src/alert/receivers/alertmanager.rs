@@ -15,7 +15,7 @@ use crate::alert::http::HttpClient;
 use crate::alert::message::{Message, json_text};
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::tls;
-use armwatch_config::AlertmanagerSettings;
+use armwatch_config::receivers::AlertmanagerSettings;
 
 /// Until when an alarm is open unless it is told again: a daemon that stands still over a long weekend ends none.
 const OPEN_FOR: SignedDuration = SignedDuration::from_hours(4 * 24);
@@ -70,12 +70,7 @@ fn alerts(message: &Message, now: Timestamp) -> Value {
             alerts.push(labels::alert(alarm, message, (kind.as_str(), severity.as_str()), Some(now)));
         }
         let ends_at = if alarm.is_closed() { now } else { now + open_for };
-        alerts.push(labels::alert(
-            alarm,
-            message,
-            (event.kind.as_str(), event.severity.name()),
-            Some(ends_at),
-        ));
+        alerts.push(labels::alert(alarm, message, (event.kind.name(), event.severity.name()), Some(ends_at)));
     }
     Value::Array(alerts)
 }

@@ -8,7 +8,7 @@ use tokio::process::Command;
 
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending};
-use armwatch_config::CommandSettings;
+use armwatch_config::receivers::CommandSettings;
 
 /// Most bytes that are read of what a program says.
 const SAID_BYTES: u64 = 4096;

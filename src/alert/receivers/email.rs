@@ -9,7 +9,7 @@ use lettre::{AsyncSmtpTransport, AsyncTransport, Tokio1Executor};
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::secret;
-use armwatch_config::{EmailSettings, Encryption};
+use armwatch_config::receivers::{EmailSettings, Encryption};
 
 /// Header that filters of mail programs find.
 const KEY_HEADER: &str = "X-Armwatch-Key";

@@ -17,8 +17,8 @@ impl Receiver for Log {
 /// A line at the level of the severity; what is over is information.
 fn log(alarm: &Alarm) {
     let event = &alarm.event;
-    let (robot, joint, kind) = (&event.robot, event.joint, &event.kind);
-    let (quantity, anomaly_id, what) = (&event.quantity, event.anomaly_id, event.what.name());
+    let (robot, joint, kind) = (&event.robot, event.joint, event.kind.name());
+    let (quantity, anomaly_id, what) = (event.quantity.name(), event.anomaly_id, event.what.name());
     let (severity, score) = (event.severity.name(), event.score);
     let text = alarm.sentence();
     match event.severity {

@@ -13,7 +13,7 @@ use rumqttc::{
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
-use armwatch_config::{Encryption, MqttSettings};
+use armwatch_config::receivers::{Encryption, MqttSettings};
 use armwatch_model::text;
 
 /// Requests that wait for the connection: the one message, and one more.

@@ -13,7 +13,7 @@ use crate::alert::http::HttpClient;
 use crate::alert::message::{Alarm, Message, json_text};
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
-use armwatch_config::{Address, HttpLogin, Secret, WebhookSettings};
+use armwatch_config::receivers::{Address, HttpLogin, Secret, WebhookSettings};
 
 /// What the payload has for the end of an alarm that has none.
 const NO_END: &str = "0001-01-01T00:00:00Z";
@@ -127,7 +127,7 @@ fn payload(message: &Message) -> Value {
 
 fn alert(alarm: &Alarm, message: &Message) -> Value {
     let event = &alarm.event;
-    let mut alert = labels::alert(alarm, message, (event.kind.as_str(), event.severity.name()), None);
+    let mut alert = labels::alert(alarm, message, (event.kind.name(), event.severity.name()), None);
     let (status, ends_at) = match alarm.is_closed() {
         true => ("resolved", event.at.to_string()),
         false => ("firing", NO_END.to_owned()),

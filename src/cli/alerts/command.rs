@@ -1,16 +1,16 @@
 //! `armwatch alerts`: anomalies, what people say of them, and what happened to each.
 
-use clap::builder::PossibleValuesParser;
 use clap::{ArgGroup, Args, Subcommand};
 use jiff::Timestamp;
 
 use super::act::{self, Deed};
 use super::list::{self, Wanted};
-use super::severity::severity;
+use super::quantities::quantities;
 use super::show;
 use super::test::{self, TestArgs};
 use crate::cli::context::{CliError, Global, open_to_change, open_to_read, runtime};
 use crate::cli::shared::moment::moment;
+use crate::cli::shared::named_value::{one_of, plain};
 use crate::cli::shared::plot::PlotFile;
 use crate::cli::shared::said::said;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
@@ -92,6 +92,12 @@ Examples:
 Takes back that the alarm was acknowledged, shelved, resolved, in maintenance or a false alarm. Work that was entered
 stays; `armwatch maintenance --remove` deletes it.")]
     Reopen(DeedArgs),
+    /// The quantities of anomalies, with their units
+    #[command(after_help = "\
+Examples:
+  armwatch alerts quantities
+  armwatch alerts quantities --json | jq -r 'select(.unit == \"Nm\").quantity'")]
+    Quantities,
     /// Try routes: send a message that says that it is a try
     Test(TestArgs),
 }
@@ -102,14 +108,14 @@ struct ListArgs {
     #[arg(long, value_name = "NAME")]
     robot: Option<String>,
     /// Only these states, closed ones too
-    #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = PossibleValuesParser::new(AlarmState::ALL.map(AlarmState::name)))]
-    state: Vec<String>,
+    #[arg(long, value_name = "STATE", value_delimiter = ',', value_parser = one_of(AlarmState::ALL, AlarmState::name, plain))]
+    state: Vec<AlarmState>,
     /// Only these severities
-    #[arg(long, value_name = "SEVERITY", value_delimiter = ',', value_parser = severity())]
+    #[arg(long, value_name = "SEVERITY", value_delimiter = ',', value_parser = one_of(Severity::ALL, Severity::name, plain))]
     severity: Vec<Severity>,
     /// Only these kinds
-    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = PossibleValuesParser::new(AnomalyKind::ALL.map(AnomalyKind::name)))]
-    kind: Vec<String>,
+    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = one_of(AnomalyKind::ALL, AnomalyKind::name, AnomalyKind::help))]
+    kind: Vec<AnomalyKind>,
     /// Also closed ones: resolved and false alarms
     #[arg(long)]
     all: bool,
@@ -153,6 +159,9 @@ struct ShelveArgs {
 }
 
 pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, CliError> {
+    if matches!(args.command, AlertsCommand::Quantities) {
+        return Ok(quantities(global));
+    }
     let config = global.read_config()?;
     runtime()?.block_on(async {
         let now = Timestamp::now();
@@ -175,6 +184,7 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
                 };
                 list::list(global, &store, &wanted, now).await
             }
+            AlertsCommand::Quantities => Ok(quantities(global)),
             AlertsCommand::Test(args) => test::test(global, &store, &config.alerts, args).await,
             AlertsCommand::Show(args) => show::show(global, &store, args.id, args.plot.as_ref(), now).await,
             AlertsCommand::Ack(args) => act::act(global, &store, &deed(args), act::ACKNOWLEDGE).await,

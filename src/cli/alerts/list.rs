@@ -8,22 +8,22 @@ use super::words;
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::unknown_robot::require_robot;
-use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_store::{AlarmState, AnomalyRow, Store};
 
 /// Which anomalies are asked for; an empty list asks for all.
 pub(super) struct Wanted<'a> {
     pub(super) robot: Option<&'a str>,
-    pub(super) states: &'a [String],
+    pub(super) states: &'a [AlarmState],
     pub(super) severities: &'a [Severity],
-    pub(super) kinds: &'a [String],
+    pub(super) kinds: &'a [AnomalyKind],
     pub(super) all: bool,
 }
 
 impl Wanted<'_> {
     fn includes(&self, row: &AnomalyRow) -> bool {
         let state = match self.states.is_empty() {
-            true => self.all || !is_closed(row),
+            true => self.all || !row.state.is_closed(),
             false => self.states.contains(&row.state),
         };
         state
@@ -31,10 +31,6 @@ impl Wanted<'_> {
             && (self.severities.is_empty() || self.severities.contains(&row.severity))
             && (self.kinds.is_empty() || self.kinds.contains(&row.kind))
     }
-}
-
-fn is_closed(row: &AnomalyRow) -> bool {
-    AlarmState::ALL.iter().any(|state| state.name() == row.state && state.is_closed())
 }
 
 pub(super) async fn list(
@@ -46,7 +42,7 @@ pub(super) async fn list(
     let known = words::all(store, now).await?;
     let mut rows: Vec<&AnomalyRow> = known.iter().filter(|row| wanted.includes(row)).collect();
     rows.sort_by_key(|row| {
-        (is_closed(row), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)
+        (row.state.is_closed(), Reverse(row.severity), Reverse(row.last_seen_at), row.anomaly_id)
     });
     if rows.is_empty()
         && let Some(robot) = wanted.robot
@@ -54,7 +50,7 @@ pub(super) async fn list(
         require_robot(store, robot).await?;
     }
     if global.json {
-        rows.iter().for_each(|row| output::json(&words::as_value(row)));
+        rows.iter().for_each(|row| output::json(row));
         return Ok(EXIT_DONE);
     }
     if rows.is_empty() {
@@ -68,7 +64,7 @@ pub(super) async fn list(
             words::state(row),
             row.robot.clone(),
             row.joint_number().map_or_else(|| "arm".into(), |number| number.to_string()),
-            row.kind.clone(),
+            row.kind.to_string(),
             words::minute(row.first_seen_at),
             words::minute(row.last_seen_at),
         ]
@@ -89,7 +85,7 @@ pub(super) async fn list(
 
 /// What is said where no anomaly is as asked for.
 async fn nothing(store: &Store, wanted: &Wanted<'_>, known: &[AnomalyRow]) -> Result<String, CliError> {
-    let closed = known.iter().filter(|row| is_closed(row)).count();
+    let closed = known.iter().filter(|row| row.state.is_closed()).count();
     let asks = wanted.all
         || wanted.robot.is_some()
         || !(wanted.states.is_empty() && wanted.severities.is_empty() && wanted.kinds.is_empty());

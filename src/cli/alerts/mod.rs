@@ -3,7 +3,7 @@
 pub(super) mod command;
 mod act;
 mod list;
-mod severity;
+mod quantities;
 mod show;
 mod test;
 pub(super) mod words;

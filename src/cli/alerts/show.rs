@@ -1,9 +1,9 @@
 //! `armwatch alerts show`: an anomaly with its evidence.
 
 use jiff::Timestamp;
-use serde_json::{Value, json};
+use serde::Serialize;
 
-use super::words::{as_value, figure, find, minute, name, place, state};
+use super::words::{figure, find, minute, name, place, state};
 use crate::cli::context::{CliError, EXIT_DONE, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::plot::PlotFile;
@@ -12,9 +12,11 @@ use crate::report::figure::day;
 use armwatch_model::anomaly::AnomalyKind;
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
 use armwatch_model::anomaly::odds::odds_in_words;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
+use armwatch_model::run::RunKind;
 use armwatch_model::text;
-use armwatch_store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store, time_in_views};
+use armwatch_store::{AnomalyHistoryRow, AnomalyRow, SeriesRun, Store};
 
 /// Tests that are printed; a picture and JSON have all.
 const TESTS_SHOWN: usize = 20;
@@ -38,11 +40,8 @@ pub(super) async fn show(
         file.write(&picture(&row, &tests))?;
     }
     if global.json {
-        let mut value = as_value(&row);
-        value["tests"] = tests.iter().map(|test| test_value(&row, test)).collect();
-        value["history"] = history.iter().map(event_value).collect();
-        value["forecast"] = forecast.as_ref().map_or(Value::Null, forecast_value);
-        output::json(&value);
+        let tests = tests.iter().map(|test| Evidence { test, shows_it: is_within(&row, test.started_at) });
+        output::json(&Shown { row: &row, tests: tests.collect(), history: &history, forecast });
         return Ok(EXIT_DONE);
     }
     facts(&row).iter().for_each(|fact| output::line(fact));
@@ -50,6 +49,24 @@ pub(super) async fn show(
     output::block(&format!("\n{}", tests_text(&row, &tests)));
     output::block(&format!("\n{}", history_text(&history)));
     Ok(EXIT_DONE)
+}
+
+/// An anomaly with its evidence, as JSON.
+#[derive(Serialize)]
+struct Shown<'a> {
+    #[serde(flatten)]
+    row: &'a AnomalyRow,
+    tests: Vec<Evidence<'a>>,
+    history: &'a [AnomalyHistoryRow],
+    forecast: Option<Forecast>,
+}
+
+#[derive(Serialize)]
+struct Evidence<'a> {
+    #[serde(flatten)]
+    test: &'a SeriesRun,
+    /// Whether the anomaly was seen in this test.
+    shows_it: bool,
 }
 
 /// What the anomaly is, a line a fact.
@@ -70,7 +87,7 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     }
     fact("first seen", format!("{}{}{}", minute(row.first_seen_at), run(row.run_id), cycle(row.cycle)));
     fact("last seen", format!("{}{}", minute(row.last_seen_at), run(row.last_run_id)));
-    fact("quantity", row.quantity.clone());
+    fact("quantity", in_unit(row.quantity));
     fact(
         "value",
         format!(
@@ -104,15 +121,23 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
     lines
 }
 
+/// A quantity and its unit.
+fn in_unit(quantity: Quantity) -> String {
+    match quantity.unit() {
+        None | Some("1") => quantity.to_string(),
+        Some(unit) => format!("{quantity}, {unit}"),
+    }
+}
+
 /// The forecast of the joint, of an anomaly of its friction that the latest test still shows.
 async fn forecast(store: &Store, row: &AnomalyRow) -> Result<Option<Forecast>, CliError> {
-    let Some(joint) = row.joint.filter(|_| row.kind == AnomalyKind::Drift.name() && !row.ended) else {
+    let Some(joint) = row.joint.filter(|_| row.kind == AnomalyKind::Drift && !row.ended) else {
         return Ok(None);
     };
     let health = store.fleet_health().await?;
     let of_joint = health.into_iter().find(|health| health.robot == row.robot && health.joint == joint);
     // logs of ordinary work have a drift of their own, and no forecast
-    let of_joint = of_joint.filter(|health| health.friction_quantity.as_deref() == Some(&row.quantity));
+    let of_joint = of_joint.filter(|health| health.friction_quantity == Some(row.quantity));
     Ok(of_joint.and_then(|health| health.forecast))
 }
 
@@ -126,19 +151,6 @@ fn forecast_text(forecast: &Forecast) -> String {
         (trend, false) => format!("friction is {}: {}", trend.name(), limits.join("; ")),
     };
     format!("{:<11} {text}", "forecast")
-}
-
-fn forecast_value(forecast: &Forecast) -> Value {
-    let crossing = |of: Crossing| {
-        json!({
-            "by": of.by.to_string(), "lower": of.lower.to_string(),
-            "upper": of.upper.map(|upper| upper.to_string()),
-        })
-    };
-    json!({
-        "trend": forecast.trend.name(), "warning": forecast.warning_at.map(crossing),
-        "critical": forecast.critical_at.map(crossing),
-    })
 }
 
 fn is_within(row: &AnomalyRow, at: Timestamp) -> bool {
@@ -187,7 +199,7 @@ fn tests_text(row: &AnomalyRow, tests: &[SeriesRun]) -> String {
     let earlier = if earlier > 0 { format!("; {earlier} earlier ones are left out") } else { String::new() };
     let mut text = format!("tests, {} (* from first to last seen{earlier})\n", text::shown(&place(row)));
     text.push_str(&output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows));
-    if row.quantity.starts_with("production") {
+    if row.quantity.history() == RunKind::Production {
         text.push_str(&format!(
             "\nthe logs of ordinary work that show it: `SELECT * FROM production_trend WHERE robot = '{}'`",
             row.robot
@@ -215,23 +227,6 @@ fn history_text(history: &[AnomalyHistoryRow]) -> String {
     format!("history\n{}", output::table(&header, &history.iter().map(cells).collect::<Vec<_>>()))
 }
 
-fn test_value(row: &AnomalyRow, test: &SeriesRun) -> Value {
-    json!({
-        "run_id": test.run_id, "started_at": time_in_views(test.started_at), "joint": test.joint.number(),
-        "shows_it": is_within(row, test.started_at), "friction_index": test.friction_index,
-        "friction_index_std_error": test.friction_index_std_error, "warm_friction_nm": test.warm_friction_nm,
-        "moving_relative_rmsd": test.moving_relative_rmsd, "rmsd_swing": test.rmsd_swing,
-    })
-}
-
-fn event_value(event: &AnomalyHistoryRow) -> Value {
-    json!({
-        "at": time_in_views(event.at), "what": event.what.name(), "severity": event.severity.name(),
-        "score": event.score, "value": event.value, "run_id": event.run_id, "who": event.who, "why": event.why,
-        "message": event.message,
-    })
-}
-
 fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figure {
     let point = |test: &SeriesRun| EvidencePoint {
         day: day(test.started_at),
@@ -250,6 +245,7 @@ fn picture(row: &AnomalyRow, tests: &[SeriesRun]) -> crate::report::figure::Figu
 #[cfg(test)]
 mod tests {
     use jiff::civil::date;
+    use serde_json::json;
 
     use super::*;
 
@@ -263,7 +259,7 @@ mod tests {
             "trend": "rising", "warning": null,
             "critical": {"by": "2026-05-03", "lower": "2026-04-11", "upper": null},
         });
-        assert_eq!(forecast_value(&rising), value);
+        assert_eq!(serde_json::to_value(rising).expect("JSON"), value);
         let passed = Forecast { critical_at: None, ..rising };
         assert!(forecast_text(&passed).ends_with("its limits are passed or far off"));
         assert!(forecast_text(&Forecast::default()).ends_with("no trend that reaches a limit"));

@@ -5,6 +5,7 @@ use serde_json::json;
 
 use crate::alert::trial;
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_IO, Global};
+use crate::cli::shared::named_value::{one_of, plain};
 use crate::cli::shared::output;
 use armwatch_config::{AlertSettings, Route};
 use armwatch_model::anomaly::Severity;
@@ -25,7 +26,7 @@ pub(super) struct TestArgs {
     #[arg(value_name = "ROUTE")]
     routes: Vec<String>,
     /// Severity that the message says
-    #[arg(long, value_name = "SEVERITY", value_parser = super::severity::severity(), default_value = "warning")]
+    #[arg(long, value_name = "SEVERITY", value_parser = one_of(Severity::ALL, Severity::name, plain), default_value = "warning")]
     severity: Severity,
 }
 

@@ -1,11 +1,9 @@
 //! Anomalies in words and as JSON.
 
 use jiff::Timestamp;
-use serde_json::{Value, json};
 
 use crate::cli::context::CliError;
-use armwatch_model::anomaly::Alternative;
-use armwatch_store::{AlarmState, AnomalyRow, NotDone, Store, time_in_views};
+use armwatch_store::{AlarmState, AnomalyRow, NotDone, Store};
 
 /// Most numbers that are proposed in place of one that does not exist.
 const PROPOSED: usize = 3;
@@ -15,7 +13,7 @@ const PROPOSED: usize = 3;
 pub(in crate::cli) async fn all(store: &Store, now: Timestamp) -> Result<Vec<AnomalyRow>, CliError> {
     let mut rows = store.anomalies_after(0).await?;
     for row in rows.iter_mut().filter(|row| row.shelved_until.is_some_and(|until| until <= now)) {
-        row.state = AlarmState::Open.name().to_owned();
+        row.state = AlarmState::Open;
         row.shelved_until = None;
     }
     Ok(rows)
@@ -77,7 +75,7 @@ pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
 pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     match row.shelved_until {
         Some(until) => format!("shelved until {}", minute(until)),
-        None => row.state.replace('_', " "),
+        None => row.state.name().replace('_', " "),
     }
 }
 
@@ -90,23 +88,6 @@ pub(super) fn figure(value: Option<f64>) -> String {
     let decimals = (3.0 - value.abs().log10().floor()).clamp(0.0, 9.0);
     // between 0 and 9
     format!("{value:.*}", decimals as usize)
-}
-
-/// Columns of the view `anomalies`.
-pub(in crate::cli) fn as_value(row: &AnomalyRow) -> Value {
-    let time = |time: Option<Timestamp>| time.map(time_in_views);
-    let one = |of: &Alternative| json!({"cause": of.cause, "odds": of.odds.is_finite().then_some(of.odds)});
-    json!({
-        "anomaly_id": row.anomaly_id, "robot": row.robot, "joint": row.joint_number(), "kind": row.kind,
-        "quantity": row.quantity, "severity": row.severity.name(), "state": row.state,
-        "shelved_until": time(row.shelved_until), "ended": row.ended, "provisional": row.provisional,
-        "message": row.message, "value": row.value, "baseline": row.baseline, "score": row.score, "threshold": row.threshold,
-        "peak_value": row.peak_value, "peak_score": row.peak_score,
-        "run_id": row.run_id, "cycle": row.cycle, "first_seen_at": time_in_views(row.first_seen_at),
-        "last_run_id": row.last_run_id, "last_seen_at": time_in_views(row.last_seen_at),
-        "onset_at": time(row.onset_at), "onset_run_id": row.onset_run_id, "onset_cycle": row.onset_cycle,
-        "odds": row.odds, "alternatives": row.alternatives.iter().map(one).collect::<Vec<_>>(),
-    })
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use anstyle::{AnsiColor, Style};
 use clap::Args;
 use jiff::Timestamp;
 use jiff::civil::Date;
+use serde::Serialize;
 use serde_json::json;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
@@ -396,11 +397,15 @@ impl Demo {
     }
 
     fn show_conclusions(&self, concluded: &Concluded) {
+        #[derive(Serialize)]
+        struct AlarmJson<'a> {
+            event: &'static str,
+            #[serde(flatten)]
+            alarm: &'a Alarm,
+        }
         for alarm in concluded.new_anomalies.iter().map(Alarm::from) {
             if self.as_json {
-                let mut value = alarm.as_value();
-                value["event"] = "alarm".into();
-                output::json(&value);
+                output::json(&AlarmJson { event: "alarm", alarm: &alarm });
             } else {
                 self.show_alarm(&alarm);
             }

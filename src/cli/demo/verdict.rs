@@ -3,22 +3,23 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::fleet::{Arm, Planted};
 use crate::cli::shared::output;
-use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_model::robot::JointIndex;
 use armwatch_store::AnomalyRow;
 
 /// An anomaly, as far as the comparison needs it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Alarm {
     pub(super) anomaly_id: i64,
     pub(super) robot: String,
     /// `None` where the cause is the whole arm's.
     pub(super) joint: Option<JointIndex>,
-    pub(super) kind: String,
+    pub(super) kind: AnomalyKind,
     pub(super) severity: Severity,
     /// Start of the first test that showed it.
     pub(super) first_seen_at: Timestamp,
@@ -31,7 +32,7 @@ impl From<&AnomalyRow> for Alarm {
             anomaly_id: row.anomaly_id,
             robot: row.robot.clone(),
             joint: row.joint,
-            kind: row.kind.clone(),
+            kind: row.kind,
             severity: row.severity,
             first_seen_at: row.first_seen_at,
             message: row.message.clone(),
@@ -43,14 +44,6 @@ impl Alarm {
     /// Whether somebody has to look: `info` is worth knowing only.
     pub(super) fn is_alarm(&self) -> bool {
         self.severity >= Severity::Warning
-    }
-
-    pub(super) fn as_value(&self) -> Value {
-        json!({
-            "anomaly_id": self.anomaly_id, "robot": self.robot, "joint": self.joint.map(JointIndex::number),
-            "kind": self.kind, "severity": self.severity.name(), "first_seen_at": text(self.first_seen_at),
-            "message": self.message,
-        })
     }
 }
 
@@ -90,7 +83,7 @@ impl Verdict {
             let of_arm = alarms.iter().filter(|row| {
                 row.robot == arm.name && planted_in(fleet, row).is_some_and(|(_, of)| *of == planted)
             });
-            let alarm = of_arm.min_by_key(|row| (row.kind != planted.kind.name(), row.first_seen_at));
+            let alarm = of_arm.min_by_key(|row| (row.kind != planted.kind, row.first_seen_at));
             let tests_with_it =
                 stored.get(arm.name).map_or(0, |count| (count + 1).saturating_sub(planted.test()));
             Some(Answer { arm: arm.clone(), planted, tests_with_it, alarm: alarm.copied().cloned() })
@@ -148,14 +141,13 @@ impl Verdict {
 
     pub(super) fn as_value(&self) -> Value {
         let answers: Vec<Value> = self.answers.iter().map(Answer::as_value).collect();
-        let further: Vec<Value> = self.further.iter().map(Alarm::as_value).collect();
-        json!({"event": "verdict", "as_planted": self.is_right(), "faults": answers, "false_alarms": further})
+        json!({"event": "verdict", "as_planted": self.is_right(), "faults": answers, "false_alarms": self.further})
     }
 }
 
 impl Answer {
     fn is_right(&self) -> bool {
-        self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind.name())
+        self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind)
     }
 
     /// The test with which the alarm began.
@@ -176,7 +168,7 @@ impl Answer {
         ];
         let found = match &self.alarm {
             Some(alarm) => [
-                alarm.kind.clone(),
+                alarm.kind.to_string(),
                 joint(alarm.joint),
                 alarm.severity.name().to_owned(),
                 self.found_in().map_or_else(|| day(alarm.first_seen_at), test),
@@ -215,7 +207,7 @@ impl Answer {
             "robot": arm.name, "joint": planted.fault.joint.map(JointIndex::number), "fault": planted.fault.to_string(),
             "kind": planted.kind.name(), "test": planted.test(), "started_at": arm.start(planted.test()).map(text),
             "tests_with_fault": tests_with_it, "as_planted": self.is_right(),
-            "alarm": alarm.as_ref().map(Alarm::as_value), "found_in_test": self.found_in(),
+            "alarm": alarm, "found_in_test": self.found_in(),
             "tests_later": self.found_in().map(|found| found - planted.test()),
         })
     }
@@ -244,14 +236,14 @@ mod tests {
     }
 
     /// An alarm of an arm, first seen in its test `test`.
-    fn alarm(robot: &str, joint: Option<usize>, kind: &str, test: u32) -> Alarm {
+    fn alarm(robot: &str, joint: Option<usize>, kind: AnomalyKind, test: u32) -> Alarm {
         let fleet = arms();
         let arm = fleet.iter().find(|arm| arm.name == robot).unwrap();
         Alarm {
             anomaly_id: 1 + i64::from(test),
             robot: robot.into(),
             joint: joint.and_then(JointIndex::from_number),
-            kind: kind.into(),
+            kind,
             severity: Severity::Warning,
             first_seen_at: arm.start(test).unwrap(),
             message: "said".into(),
@@ -260,10 +252,10 @@ mod tests {
 
     fn found() -> Vec<Alarm> {
         vec![
-            alarm("Middle", Some(3), "drift", 7),
-            alarm("Right", None, "payload", 6),
-            alarm("Front", Some(2), "step", 4),
-            alarm("Rear", Some(5), "oscillation", 6),
+            alarm("Middle", Some(3), AnomalyKind::Drift, 7),
+            alarm("Right", None, AnomalyKind::Payload, 6),
+            alarm("Front", Some(2), AnomalyKind::Step, 4),
+            alarm("Rear", Some(5), AnomalyKind::Oscillation, 6),
         ]
     }
 
@@ -301,10 +293,12 @@ mod tests {
     #[test]
     fn another_kind_another_joint_or_an_earlier_test_is_not_found() {
         let mut alarms = found();
-        alarms[0].kind = "step".into();
+        alarms[0].kind = AnomalyKind::Step;
         assert!(!verdict(&alarms).is_right());
         assert!(verdict(&alarms).answers[0].excuse().contains("says step, which should be drift"));
-        for wrong in [alarm("Middle", Some(2), "drift", 7), alarm("Middle", Some(3), "drift", 5)] {
+        for wrong in
+            [alarm("Middle", Some(2), AnomalyKind::Drift, 7), alarm("Middle", Some(3), AnomalyKind::Drift, 5)]
+        {
             alarms[0] = wrong.clone();
             let verdict = verdict(&alarms);
             assert_eq!((verdict.is_right(), &verdict.further), (false, &vec![wrong]));
@@ -314,9 +308,13 @@ mod tests {
     #[test]
     fn what_is_worth_knowing_is_no_alarm_and_a_second_alarm_is() {
         let mut alarms = found();
-        alarms.push(Alarm { severity: Severity::Info, anomaly_id: 90, ..alarm("Left", Some(1), "fleet", 6) });
+        alarms.push(Alarm {
+            severity: Severity::Info,
+            anomaly_id: 90,
+            ..alarm("Left", Some(1), AnomalyKind::Fleet, 6)
+        });
         assert!(verdict(&alarms).is_right());
-        alarms.push(Alarm { anomaly_id: 91, ..alarm("Left", Some(1), "fleet", 6) });
+        alarms.push(Alarm { anomaly_id: 91, ..alarm("Left", Some(1), AnomalyKind::Fleet, 6) });
         assert_eq!(verdict(&alarms).further.len(), 1);
     }
 }

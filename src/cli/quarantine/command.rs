@@ -151,7 +151,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
         robot.is_none_or(|name| fault.robot == name) && (all || fault.state == FaultState::Open)
     });
     if global.json {
-        faults.iter().for_each(|fault| output::json(&story::as_value(fault)));
+        faults.iter().for_each(|fault| output::json(fault));
     } else if faults.is_empty() {
         let of = robot.map(|name| format!(" of {name}")).unwrap_or_default();
         output::line(&format!("nothing{of} is quarantined"));
@@ -181,7 +181,7 @@ async fn explain(global: &Global, config: &Config, store: &Store, which: &str) -
     let story = story::FaultReport::new(&faults, &place, config.limits.export_bytes)
         .ok_or_else(|| CliError::Internal(format!("run {run_id} has no fault")))?;
     if global.json {
-        output::json(&story.as_value());
+        output::json(&story.as_json());
     } else {
         output::block(&story.as_text());
     }

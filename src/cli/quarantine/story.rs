@@ -4,11 +4,12 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use jiff::Timestamp;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use armwatch_ingest::excerpt::{Excerpt, excerpt};
 use armwatch_model::text;
-use armwatch_store::{Dismissal, FaultState, QuarantineRow, time_in_views};
+use armwatch_store::{Dismissal, FaultState, QuarantineRow};
 
 /// Where the bytes of a quarantined run lie now.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -99,22 +100,31 @@ impl<'a> FaultReport<'a> {
     }
 
     /// For scripts.
-    pub fn as_value(&self) -> Value {
-        let mut value = as_value(self.latest);
-        let lines = self.excerpt.as_ref().map(|excerpt| {
-            json!({
-                "first_line": excerpt.first_line, "lines": excerpt.lines,
-                "cell": excerpt.cell.as_ref().map(|cell| json!({"begin": cell.start, "end": cell.end})),
-            })
-        });
-        if let Some(object) = value.as_object_mut() {
-            object.insert("retry".into(), what_retry_does(self.latest, self.place).into());
-            object.insert("content".into(), self.place.name().into());
-            object.insert("excerpt".into(), lines.into());
-            object.insert("earlier".into(), self.earlier.iter().map(as_value).collect());
+    pub fn as_json(&self) -> impl Serialize {
+        StoryJson {
+            fault: self.latest,
+            retry: what_retry_does(self.latest, self.place),
+            content: self.place.name(),
+            excerpt: self.excerpt.as_ref().map(|excerpt| {
+                json!({
+                    "first_line": excerpt.first_line, "lines": excerpt.lines,
+                    "cell": excerpt.cell.as_ref().map(|cell| json!({"begin": cell.start, "end": cell.end})),
+                })
+            }),
+            earlier: self.earlier,
         }
-        value
     }
+}
+
+/// A fault with what is known of its export, as JSON.
+#[derive(Serialize)]
+struct StoryJson<'a> {
+    #[serde(flatten)]
+    fault: &'a QuarantineRow,
+    retry: String,
+    content: &'static str,
+    excerpt: Option<Value>,
+    earlier: &'a [QuarantineRow],
 }
 
 impl ExportState {
@@ -126,22 +136,6 @@ impl ExportState {
             Self::Gone(_) => "gone",
         }
     }
-}
-
-/// A fault for scripts.
-pub fn as_value(fault: &QuarantineRow) -> Value {
-    json!({
-        "run_id": fault.run_id, "robot": fault.robot, "file": fault.source_path,
-        "source_name": fault.source_name, "state": fault.state.name(), "problem": fault.problem,
-        "line": fault.line, "column": fault.column, "byte": fault.byte, "value": fault.value,
-        "remedy": fault.remedy, "cycles_stored": fault.cycles_stored, "tries": fault.tries,
-        "first_at": time_in_views(fault.first_at), "last_at": time_in_views(fault.last_at),
-        "retry_asked_at": fault.retry_asked_at.map(time_in_views),
-        "superseded_by_run_id": fault.superseded_by_run_id,
-        "dismissed_at": fault.dismissal.as_ref().map(|dismissal| time_in_views(dismissal.at)),
-        "dismissed_by": fault.dismissal.as_ref().map(|dismissal| &dismissal.by),
-        "dismissal_reason": fault.dismissal.as_ref().map(|dismissal| &dismissal.reason),
-    })
 }
 
 /// A fault in one line, without file and remedy.

@@ -12,15 +12,13 @@ use crate::report::figure::{Level, Standing};
 use crate::report::page::{Block, Finding};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{AnomalyRow, FleetHealthRow, HealthStatus, SeriesRun};
 
-/// States of an anomaly that nobody has to look at any more.
-const SETTLED: [&str; 2] = ["resolved", "false_alarm"];
-
 /// Whether somebody still has to look at an anomaly.
 pub(super) fn is_unsettled(row: &AnomalyRow) -> bool {
-    !SETTLED.contains(&row.state.as_str())
+    !row.state.is_closed()
 }
 
 /// The joints of a robot as the fleet's health has them; a reason that several of them have stands before them, once.
@@ -47,9 +45,9 @@ pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<Finding> {
 fn of_health(row: &FleetHealthRow, is_told: bool) -> Finding {
     let mut words = Vec::new();
     if let Some(index) = row.friction_index {
-        let quantity = match row.friction_quantity.as_deref() {
-            Some("warm_friction_nm") => "Warm friction as measured",
-            Some("excitation_friction_nm") => "Friction of the excitation stage",
+        let quantity = match row.friction_quantity {
+            Some(Quantity::WarmFriction) => "Warm friction as measured",
+            Some(Quantity::ExcitationFriction) => "Friction of the excitation stage",
             _ => "Friction at equal speed and warmth",
         };
         words.push(format!(
@@ -130,7 +128,7 @@ pub(super) fn of_anomaly(row: &AnomalyRow) -> Finding {
         let causes: Vec<&str> = row.alternatives.iter().map(|of| of.cause.as_str()).collect();
         words.push(format!("Less likely causes that were compared: {}.", causes.join(", ")));
     }
-    let title = format!("{}, {}", capital(&row.kind), words::place(row));
+    let title = format!("{}, {}", capital(row.kind.name()), words::place(row));
     Finding { standing: of_severity(row.severity), title, words }
 }
 
@@ -207,6 +205,8 @@ pub(super) fn made(now: Timestamp) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use armwatch_model::anomaly::AnomalyKind;
+    use armwatch_store::AlarmState;
 
     fn run(index: Option<f64>, rmsd: Option<f64>) -> SeriesRun {
         SeriesRun {
@@ -282,8 +282,9 @@ mod tests {
             run_id: Some(7),
             cycle: Some(1),
             joint: Some(JointIndex::new(3)),
-            kind: "sensor".into(),
-            quantity: "torque_signal".into(),
+            kind: AnomalyKind::Sensor,
+            quantity: Quantity::TorqueNoiseRatio,
+            unit: Quantity::TorqueNoiseRatio.unit(),
             severity: Severity::Warning,
             score: Some(1.0),
             threshold: Some(1.0),
@@ -291,7 +292,7 @@ mod tests {
             baseline: None,
             first_seen_at: Timestamp::UNIX_EPOCH,
             last_seen_at: Timestamp::UNIX_EPOCH,
-            state: "open".into(),
+            state: AlarmState::Open,
             message: "the torque signal stands".into(),
             last_run_id: Some(7),
             peak_value: None,
@@ -308,11 +309,13 @@ mod tests {
         let told = of_anomaly(&row);
         assert_eq!(told.words[1], "Number 1; open; since 1970-01-01 00:00Z, seen last 1970-01-01 00:00Z.");
         row.value = Some(1.2);
-        assert_eq!(figures(&row).as_deref(), Some("torque_signal: 1.200; score 1.000, an alarm from 1.000"));
+        assert_eq!(
+            figures(&row).as_deref(),
+            Some("torque_noise_ratio: 1.200; score 1.000, an alarm from 1.000")
+        );
         row.baseline = Some(1.0);
         row.peak_value = Some(1.3);
-        let all =
-            "torque_signal: 1.200 where 1.000 is usual; score 1.000, an alarm from 1.000; furthest out 1.300";
+        let all = "torque_noise_ratio: 1.200 where 1.000 is usual; score 1.000, an alarm from 1.000; furthest out 1.300";
         assert_eq!(figures(&row).as_deref(), Some(all));
     }
 

@@ -494,7 +494,7 @@ fn alarms(of: &Stored<'_>) -> Section {
         vec![
             whole(row.anomaly_id),
             words(alerts::words::place(row)),
-            words(row.kind.as_str()),
+            words(row.kind.name()),
             words(row.severity.name()),
             words(alerts::words::state(row)),
             words(alerts::words::minute(row.onset_at.unwrap_or(row.first_seen_at))),

@@ -22,7 +22,7 @@ use armwatch_model::analysis::measurements::CyclePoint;
 use armwatch_model::analysis::{Decay, Estimate, FrictionPoint, Rmsd, RmsdScope, WarmUpFit};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::{RunKind, RunStatus, Stage};
-use armwatch_store::{AnomalyRow, RunRow, Store};
+use armwatch_store::{AlarmState, AnomalyRow, RunRow, Store};
 
 /// What is stored of a run.
 struct Stored {
@@ -108,7 +108,7 @@ fn is_latest(run: &RunRow, runs: &[RunRow]) -> bool {
 
 fn is_seen_in(row: &AnomalyRow, run: &RunRow) -> bool {
     row.robot == run.robot
-        && row.state != "false_alarm"
+        && row.state != AlarmState::FalseAlarm
         && row.first_seen_at <= run.started_at
         && run.started_at <= row.last_seen_at
 }

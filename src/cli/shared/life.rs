@@ -8,7 +8,7 @@ use crate::report::friction_index::IndexPoint;
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::JointIndex;
-use armwatch_store::{AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
+use armwatch_store::{AlarmState, AnomalyRow, FleetHealthRow, HealthStatus, IndexRow, MaintenanceRow, Store};
 
 /// What is known of the life of a robot.
 #[derive(Debug, Default)]
@@ -83,7 +83,7 @@ impl RobotLife {
 
 /// Whether somebody has to look at it; what people called a false alarm is none.
 fn is_alarm(row: &AnomalyRow) -> bool {
-    row.severity != Severity::Info && row.state != "false_alarm"
+    row.severity != Severity::Info && row.state != AlarmState::FalseAlarm
 }
 
 /// The status of a joint as a word with its colour.

@@ -1,6 +1,7 @@
 //! What several commands use: output, plots, chosen cycles, loads.
 
 pub(super) mod moment;
+pub(super) mod named_value;
 pub(super) mod said;
 pub mod output;
 pub(super) mod paths;

@@ -11,6 +11,7 @@ use std::sync::OnceLock;
 use anstream::adapter::strip_str;
 use anstream::{AutoStream, ColorChoice};
 use anstyle::{AnsiColor, Style};
+use serde::Serialize;
 
 use armwatch_model::text;
 
@@ -159,9 +160,12 @@ pub fn print_error(error: &dyn std::fmt::Display) {
     print_hint(&format!("armwatch: {error}"));
 }
 
-/// Prints a result as one line of JSON.
-pub fn json(value: &serde_json::Value) {
-    json_lines(std::iter::once(value.to_string()));
+/// Prints a result as one line of JSON, its keys sorted.
+pub fn json(result: &impl Serialize) {
+    match serde_json::to_value(result) {
+        Ok(value) => json_lines(std::iter::once(value.to_string())),
+        Err(error) => note(Err(error.into())),
+    }
 }
 
 /// Prints results as lines of JSON.

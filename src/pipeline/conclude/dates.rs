@@ -3,11 +3,10 @@
 use jiff::Timestamp;
 
 use crate::pipeline::context::{Pipeline, PipelineError};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 use armwatch_model::run::RunKind;
-use armwatch_model::run::arrival::{
-    Arrival, DateProblem, IMPLAUSIBLE_DATE, ImplausibleDate, implausible_dates,
-};
+use armwatch_model::run::arrival::{Arrival, DateProblem, ImplausibleDate, implausible_dates};
 use armwatch_store::{DatedRun, StaleRobot};
 
 /// Recordings that a message names.
@@ -108,7 +107,7 @@ impl JudgedDates {
         Some(Anomaly {
             joint: None,
             kind: AnomalyKind::Sensor,
-            quantity: IMPLAUSIBLE_DATE,
+            quantity: Quantity::ImplausibleDate,
             severity: Severity::Info,
             score: most,
             threshold: 1.0,

@@ -174,7 +174,7 @@ impl Fleet {
         warnings
             .map(|row| {
                 let joint = row.joint.map(|joint| joint.index());
-                (row.kind, joint, day(row.first_seen_at), day(row.last_seen_at))
+                (row.kind.to_string(), joint, day(row.first_seen_at), day(row.last_seen_at))
             })
             .collect()
     }

@@ -6,8 +6,8 @@ import { robotLink } from "./fleet.js";
 import { indexPlot, limitsOf, marksOf } from "./index-plot.js";
 import { empty, part } from "./part.js";
 import { plot, seconds } from "./plot.js";
-import { figure, limitAndScore, quantityName } from "./quantities.js";
-import { aboutFriction, badge, jointName, kindName, stateName } from "./status.js";
+import { figure, isFriction, limitAndScore, quantityName } from "./quantities.js";
+import { badge, jointName, kindName, stateName } from "./status.js";
 
 const EVENTS = {
   opened: "Opened", worse: "Worse", corrected: "Corrected to another kind", ended: "Ended: later tests no longer show it", reopened: "Reopened",
@@ -108,7 +108,7 @@ export function mount({ main, argument, title }) {
       if (one.joint === null) return empty("This anomaly concerns the whole arm, so that no single joint's curve shows it.", h("p", null, h("a", { href: robotLink(one.robot), "data-key": "all" }, `Show all joints of ${one.robot}`)));
       const drawn = limitsOf({ limits }, [one], one.joint);
       return [
-        aboutFriction(one.quantity) ? null
+        isFriction(one.quantity) ? null
           : h("p", { class: "part-note" }, `The alarm is about the ${quantityName(one.quantity, one.kind)}. The curve is the friction index of the joint, for comparison.`),
         indexPlot({ rows, joint: one.joint, limits: drawn, marks, title: `${one.robot} ${jointName(one.joint)}`, height: 280 }, owned),
         drawn.length ? h("p", { class: "part-note" }, "The limit is that of the index smoothed over the tests; points are single tests.") : null,

@@ -1,9 +1,10 @@
 import { view } from "./api.js";
+import { KINDS } from "./lists.js";
 import { h, table } from "./dom.js";
 import { robotLink } from "./fleet.js";
 import { finding, moment, plural } from "./format.js";
 import { empty, part } from "./part.js";
-import { badge, jointName, KINDS, kindName, STATES, stateName } from "./status.js";
+import { badge, jointName, kindName, STATES, stateName } from "./status.js";
 
 const MOST = 10_000;
 const DAY_MS = 86_400_000;
@@ -38,7 +39,7 @@ export function mount({ main, query, choose, title }) {
   pickers.push(h("span", { class: "pair" }, h("label", { for: "by-search" }, "Search"), search));
   pick("state", "State", [[TODO, "open or answered"], ["all", "all states"], ...Object.entries(STATES)], TODO);
   pick("severity", "Severity", [["", "all"], ...SEVERITIES.map((one) => [one, one])]);
-  pick("kind", "Kind", [["", "all"], ...Object.entries(KINDS)]);
+  pick("kind", "Kind", [["", "all"], ...Object.keys(KINDS).map((one) => [one, kindName(one)])]);
   pick("seen", "Last seen in", PERIODS);
   const person = pick("person", "Answered by", [["", "anybody"]]);
 

@@ -3,7 +3,8 @@ import { announce, h, hidden, icon, replace } from "./dom.js";
 import { ago, change, count, finding, moment, plural } from "./format.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
-import { aboutFriction, badge, jointName, kindName, kindWord, known, rank, STATUSES, stateName } from "./status.js";
+import { badge, jointName, kindName, kindWord, known, rank, STATUSES, stateName } from "./status.js";
+import { isFriction } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -43,7 +44,7 @@ export function jointLook(joint, alarms) {
   const ofArm = inAlarm && !own.length && alarms.some((one) => one.joint === null);
   const answered = inAlarm && own.length && own.every((one) => one.state !== "open") ? stateName(own[0].state) : null;
   const index = change(joint.friction_index);
-  const cause = inAlarm && own.length && !aboutFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
+  const cause = inAlarm && own.length && !isFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
   return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? "whole arm" : joint.status, value: cause ?? index, index, answered };
 }
 

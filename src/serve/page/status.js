@@ -1,4 +1,5 @@
 import { h, icon } from "./dom.js";
+import { KINDS } from "./lists.js";
 
 export const STATUSES = ["critical", "warning", "overdue", "unknown", "learning", "ok"];
 export const MEANING = {
@@ -9,10 +10,6 @@ export const MEANING = {
   learning: "no baseline yet",
   ok: "agrees with the baseline",
 };
-export const KINDS = {
-  drift: "Drift of friction", step: "Step of friction", oscillation: "Oscillation", thermal: "Thermal behaviour", payload: "Payload",
-  sensor: "Sensor", accuracy: "Accuracy of the model", fleet: "Difference from other arms",
-};
 export const STATES = {
   open: "open", acknowledged: "acknowledged", shelved: "shelved", maintenance: "in maintenance", resolved: "resolved", false_alarm: "false alarm",
 };
@@ -22,9 +19,7 @@ export const rank = (status) => {
   return at < 0 ? 3 : at;
 };
 export const known = (status) => (STATUSES.includes(status) || status === "info" ? status : "unknown");
-export const kindName = (kind) => KINDS[kind] ?? kind ?? "Anomaly";
-/** Whether the friction index of a joint shows what an alarm is about. */
-export const aboutFriction = (quantity) => ["friction_index", "warm_friction_nm", "excitation_friction_nm"].includes(quantity);
+export const kindName = (kind) => KINDS[kind]?.label ?? kind ?? "Anomaly";
 /** A kind in one word, where there is little space. */
 export const kindWord = (kind) => ({ thermal: "warm-up", step: "friction", drift: "friction", fleet: "unlike others" }[kind] ?? kind ?? "anomaly");
 export const stateName = (state) => STATES[state] ?? state ?? "";

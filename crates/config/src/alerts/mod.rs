@@ -2,5 +2,5 @@
 
 pub(super) mod settings;
 mod values;
-pub(super) mod receivers;
+pub mod receivers;
 pub(super) mod routes;

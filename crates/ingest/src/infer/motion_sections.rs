@@ -283,9 +283,7 @@ pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_
         unit,
     ];
     if needs_gain {
-        keys[1]
-            .reasons
-            .push("the robot's description must turn it into torque: docs/exports.md".into());
+        keys[1].reasons.push("the robot's description must turn it into torque: docs/exports.md".into());
     }
     if found.said.is_motor {
         keys.push(TomlKey::decided("side", quoted("motor")).because("the name says motor"));

@@ -6,6 +6,7 @@
 
 use super::verdict::Verdict;
 use armwatch_model::anomaly::AnomalyKind;
+use armwatch_model::anomaly::quantity::Quantity;
 
 /// Judges one quantity of one joint over the history of its robot.
 ///
@@ -16,8 +17,8 @@ pub(super) trait Detector<Series> {
     /// Kind of the anomalies that it finds.
     fn kind(&self) -> AnomalyKind;
 
-    /// Name of the quantity as in the view `anomalies`, with its unit where it has one.
-    fn quantity(&self, series: &Series) -> &'static str;
+    /// The quantity that it judges. A verdict may name another one.
+    fn quantity(&self, series: &Series) -> Quantity;
 
     /// One verdict for each entry of the history, in its order.
     fn judge(&self, series: &Series) -> Vec<Verdict>;

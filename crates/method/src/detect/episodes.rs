@@ -4,6 +4,7 @@ use jiff::Timestamp;
 
 use super::detector::Detector;
 use super::verdict::Verdict;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset};
 use armwatch_model::robot::JointIndex;
 
@@ -16,8 +17,8 @@ const AGAIN: usize = 4;
 const MOST_QUIET_RUNS: usize = 32;
 
 /// Whether it is something that happens, and not a state: one that comes back is another one.
-fn is_event(kind: AnomalyKind, quantity: &str) -> bool {
-    kind == AnomalyKind::Payload || quantity == "contact"
+fn is_event(kind: AnomalyKind, quantity: Quantity) -> bool {
+    kind == AnomalyKind::Payload || quantity == Quantity::Contact
 }
 
 /// Anomalies of one joint, detector by detector. `runs` has key and start of each entry of the history.
@@ -39,7 +40,7 @@ pub(super) fn episodes(
     runs: &[(i64, Timestamp)],
     joint: Option<JointIndex>,
     kind: AnomalyKind,
-    quantity: &'static str,
+    quantity: Quantity,
     verdicts: Vec<Verdict>,
 ) -> Vec<Anomaly> {
     let again = if is_event(kind, quantity) { 1 } else { AGAIN };
@@ -60,7 +61,7 @@ pub(super) fn episodes(
                 let now = Anomaly {
                     joint,
                     kind,
-                    quantity,
+                    quantity: why.quantity.unwrap_or(quantity),
                     severity,
                     score,
                     threshold,
@@ -131,7 +132,7 @@ mod tests {
             },
         };
         let verdicts = (0..count).map(verdict).collect();
-        let all = episodes(&runs, None, kind, "any", verdicts);
+        let all = episodes(&runs, None, kind, Quantity::FrictionSwing, verdicts);
         all.iter().map(|of| (of.first_run_id, of.last_run_id, of.ended)).collect()
     }
 
@@ -150,27 +151,34 @@ mod tests {
 
     #[test]
     fn a_torque_signal_whose_noise_becomes_an_offset_has_the_peak_of_the_offset() {
+        use Quantity::{TorqueGainRatio, TorqueNoiseRatio, TorqueOffset};
         let runs = [0, 1, 2].map(|run| (run, Timestamp::from_second(86_400 * run).expect("a time")));
-        let out = |score, threshold, value, baseline| Verdict::Out {
+        let out = |quantity, score, threshold, value, baseline| Verdict::Out {
             severity: Severity::Warning,
             score,
             threshold,
             value,
             baseline,
             message: String::new(),
-            why: Why::default(),
+            why: Why { quantity: Some(quantity), ..Why::default() },
         };
         let peak = |verdicts| {
-            let found = episodes(&runs, None, AnomalyKind::Sensor, "torque_signal", verdicts);
-            found.iter().map(|of| (of.peak_value, of.peak_score)).collect::<Vec<_>>()
+            let found = episodes(&runs, None, AnomalyKind::Sensor, TorqueOffset, verdicts);
+            found.iter().map(|of| (of.quantity, of.peak_value, of.peak_score)).collect::<Vec<_>>()
         };
         // four times the usual noise, then -0.5 and -0.3 Nm
         assert_eq!(
-            peak(vec![out(4.0, 1.5, 4.0, 1.0), out(0.5, 0.0, -0.5, 0.0), out(0.3, 0.0, -0.3, 0.0)]),
-            [(-0.5, 0.5)]
+            peak(vec![
+                out(TorqueNoiseRatio, 4.0, 1.5, 4.0, 1.0),
+                out(TorqueOffset, 0.5, 0.0, -0.5, 0.0),
+                out(TorqueOffset, 0.3, 0.0, -0.3, 0.0)
+            ]),
+            [(TorqueOffset, -0.5, 0.5)]
         );
         // a gain of -8 % and one of +5 %
-        assert_eq!(peak(vec![out(0.08, 0.03, 0.92, 1.0), out(0.05, 0.03, 1.05, 1.0)]), [(0.92, 0.08)]);
+        let gains =
+            vec![out(TorqueGainRatio, 0.08, 0.03, 0.92, 1.0), out(TorqueGainRatio, 0.05, 0.03, 1.05, 1.0)];
+        assert_eq!(peak(gains), [(TorqueGainRatio, 0.92, 0.08)]);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What every detector is told, and what it says of a run.
 
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Severity};
 
 /// Odds beyond which no model is believed.
@@ -30,6 +31,8 @@ pub(super) struct Why {
     /// Place in the history of the run in which the change began, and the cycle, where that is better known than by
     /// the first verdict.
     pub(super) onset: Option<(usize, Option<u32>)>,
+    /// The quantity that shows the cause, if it is not the detector's.
+    pub(super) quantity: Option<Quantity>,
     /// Odds of the cause against all others together.
     pub(super) odds: Option<f64>,
     /// The rejected causes, the likeliest first.

@@ -208,7 +208,8 @@ fn places(window: &[impl Windowed]) -> HashMap<i64, usize> {
 /// What people hear of as one fault, as for anomalies that are stored: friction changed, or one quantity of one kind.
 fn is_of_one_cause(open: &Anomaly, new: &Anomaly) -> bool {
     let is_change = |of: &Anomaly| matches!(of.kind, AnomalyKind::Drift | AnomalyKind::Step);
-    (open.kind == new.kind && open.quantity == new.quantity) || (is_change(open) && is_change(new))
+    (open.kind == new.kind && open.quantity.is_of_one_cause(new.quantity))
+        || (is_change(open) && is_change(new))
 }
 
 /// An anomaly as the window shows it, which began as one that was open at the boundary and is of its kind.

@@ -1,16 +1,19 @@
 //! When a joint's friction is expected to reach its limits.
 
 use jiff::civil::Date;
+use serde::Serialize;
 
 /// Where friction of a joint is going, from its tests until the latest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Forecast {
     /// Whether it goes anywhere.
     pub trend: Trend,
     /// When it is expected to reach the limit of a warning; `None` without a trend, where the limit is passed, and
     /// where it is not expected within the horizon.
+    #[serde(rename = "warning")]
     pub warning_at: Option<Crossing>,
     /// The same for the critical limit.
+    #[serde(rename = "critical")]
     pub critical_at: Option<Crossing>,
 }
 
@@ -25,6 +28,8 @@ pub enum Trend {
     /// Friction falls.
     Falling,
 }
+
+crate::serialize_by_name!(Trend);
 
 impl Trend {
     /// All of them.
@@ -42,7 +47,7 @@ impl Trend {
 }
 
 /// When a limit is expected to be reached, UTC.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Crossing {
     /// As likely before this day as after it.
     pub by: Date,

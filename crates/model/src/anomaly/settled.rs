@@ -1,44 +1,8 @@
-//! What is settled of a history, and the quantities of anomalies.
+//! The settled part of a history.
 
 use jiff::Timestamp;
 
 use super::Anomaly;
-
-/// Quantities of anomalies.
-pub const QUANTITIES: [&str; 26] = [
-    "friction_index",
-    "common_friction_ratio",
-    "warm_friction_nm",
-    "excitation_friction_nm",
-    "friction_swing",
-    "warm_up_time_ratio",
-    "common_warm_up_time_ratio",
-    "moving_relative_rmsd",
-    "friction_of_model_nm",
-    "rmsd_of_model",
-    "load_kg",
-    "torque_signal",
-    "position_offset_rad",
-    "unexplained_torque",
-    "inertial_parameters",
-    "contact",
-    "position_signal",
-    "velocity_signal",
-    "time_stamps",
-    "rows",
-    "motion",
-    "model",
-    "production_friction",
-    "production_relative_rmsd",
-    "production_torque_signal",
-    "production_load_kg",
-];
-
-/// The quantity of this name; `None` for a name that no anomaly has.
-#[must_use]
-pub fn quantity(name: &str) -> Option<&'static str> {
-    QUANTITIES.iter().find(|known| **known == name).copied()
-}
 
 /// A run's place in time: its start and its key.
 pub type Moment = (Timestamp, i64);

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
 /// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
 /// from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -9,6 +11,20 @@ pub struct JointIndex(
     // every row of a friction stage has one
     u16,
 );
+
+/// JSON has the number that people read.
+impl Serialize for JointIndex {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u64(self.number() as u64)
+    }
+}
+
+impl<'de> Deserialize<'de> for JointIndex {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let number = usize::deserialize(deserializer)?;
+        Self::from_number(number).ok_or_else(|| de::Error::custom("joints count from 1"))
+    }
+}
 
 impl JointIndex {
     /// The joint at `index`, counted from 0 at the base; beyond 65,535, which no chain has, the last one.

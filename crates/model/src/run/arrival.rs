@@ -9,9 +9,6 @@ use std::fmt;
 
 use jiff::{SignedDuration, Timestamp};
 
-/// Quantity of the anomaly that names recordings whose starts cannot be right.
-pub const IMPLAUSIBLE_DATE: &str = "implausible_date";
-
 /// Grace for a start after the arrival: clocks and time zones differ by less.
 const GRACE: SignedDuration = SignedDuration::from_hours(24);
 

@@ -9,7 +9,8 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::alarms::alarm_state::EventKind;
 use crate::values::{named, time};
-use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Most runs of a series: a trend stands on the latest.
 const SERIES_RUNS: i64 = 12;
@@ -30,9 +31,9 @@ pub struct AlarmEvent {
     /// The joint as people count, from 1; `None` where the cause is the whole arm's.
     pub joint: Option<i64>,
     /// Kind of the anomaly.
-    pub kind: String,
-    /// The quantity that changed, with its unit where it has one.
-    pub quantity: String,
+    pub kind: AnomalyKind,
+    /// The quantity that changed.
+    pub quantity: Quantity,
     /// Severity then.
     pub severity: Severity,
     /// What a technician should read, as it was then.
@@ -72,12 +73,18 @@ pub struct AlarmEvent {
     pub told_before: Vec<(String, String)>,
 }
 
-/// Columns of an [`AlarmEvent`] without its series.
+/// Columns of an [`AlarmEvent`] without its series. Score and value are of the quantity then; what the anomaly has of another
+/// quantity now does not compare with them.
 pub(super) const COLUMNS: &str = "
     anomaly_event.anomaly_event_id, anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.at,
-    robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly.quantity, anomaly_event.severity,
-    anomaly_event.message, anomaly_event.score, anomaly.threshold, anomaly_event.value, anomaly.baseline,
-    anomaly.peak_value, anomaly.peak_score, anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
+    robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly_event.severity,
+    coalesce(anomaly_event.quantity, anomaly.quantity) AS quantity,
+    anomaly_event.message, anomaly_event.score, anomaly_event.value,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.threshold END AS threshold,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.baseline END AS baseline,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.peak_value END AS peak_value,
+    CASE WHEN coalesce(anomaly_event.quantity, anomaly.quantity) = anomaly.quantity THEN anomaly.peak_score END AS peak_score,
+    anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
 /// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
@@ -94,8 +101,8 @@ pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Erro
         at: time(row, "at")?,
         robot: row.try_get("robot")?,
         joint: row.try_get("joint")?,
-        kind: row.try_get("kind")?,
-        quantity: row.try_get("quantity")?,
+        kind: named(row, "kind", &AnomalyKind::ALL, AnomalyKind::name)?,
+        quantity: named(row, "quantity", &Quantity::ALL, Quantity::name)?,
         severity: named(row, "severity", &Severity::ALL, Severity::name)?,
         message: row.try_get("message")?,
         score: row.try_get("score")?,
@@ -132,16 +139,15 @@ async fn series(
     executor: impl EngineExecutor<'_>,
     event: &AlarmEvent,
 ) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
-    // the swing of an RMSD, and a step inside a test that is told as a ratio, are no values that tests have
-    let is_ratio = event.kind == "step" && event.baseline == Some(1.0) && event.quantity.ends_with("_nm");
-    if event.kind == "oscillation" || is_ratio {
+    // a test has no swing of an RMSD
+    if event.kind == AnomalyKind::Oscillation {
         return Ok(Vec::new());
     }
-    let (table, column) = match event.quantity.as_str() {
-        "friction_index" => ("run_friction_index", "friction_index"),
-        "warm_friction_nm" => ("run_joint_summary", "warm_friction_nm"),
-        "excitation_friction_nm" => ("run_joint_summary", "excitation_friction_nm"),
-        "moving_relative_rmsd" => ("run_joint_summary", "relative_rmsd"),
+    let (table, column) = match event.quantity {
+        Quantity::FrictionIndex => ("run_friction_index", "friction_index"),
+        Quantity::WarmFriction => ("run_joint_summary", "warm_friction_nm"),
+        Quantity::ExcitationFriction => ("run_joint_summary", "excitation_friction_nm"),
+        Quantity::MovingRelativeRmsd => ("run_joint_summary", "relative_rmsd"),
         _ => return Ok(Vec::new()),
     };
     let statement = format!(
@@ -181,7 +187,7 @@ async fn told_before(
     )
     .bind(route_id)
     .bind(event.anomaly_id)
-    .bind(&event.kind)
+    .bind(event.kind.name())
     .bind(event.severity.name())
     .fetch_all(executor)
     .await
@@ -257,9 +263,10 @@ async fn told_alarms(
     );
     let read = |row: EngineRow| {
         let event = from_row(&row)?;
-        let told: Option<String> = row.try_get("told_kind")?;
+        let told = row.try_get::<Option<&str>, _>("told_kind")?;
+        let told = AnomalyKind::ALL.into_iter().find(|kind| told == Some(kind.name()));
         // under the labels that it was told by
-        Ok(event.map(|event| AlarmEvent { kind: told.unwrap_or_else(|| event.kind.clone()), ..event }))
+        Ok(event.map(|event| AlarmEvent { kind: told.unwrap_or(event.kind), ..event }))
     };
     let rows = sqlx::query(AssertSqlSafe(statement)).bind(route_id).try_map(read).fetch_all(executor).await?;
     Ok(rows.into_iter().flatten().collect())

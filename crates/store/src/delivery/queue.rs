@@ -199,7 +199,7 @@ impl Store {
                  WHERE delivery_id = $5 AND state = 'pending'",
             )
             .bind(now.as_microsecond())
-            .bind(&alarm.kind)
+            .bind(alarm.kind.name())
             .bind(alarm.severity.name())
             .bind(now.as_microsecond())
             .bind(delivery_id);

@@ -30,8 +30,8 @@ impl Store {
             return Ok(0);
         }
         let statement = format!(
-            "INSERT INTO anomaly_event (anomaly_id, at, what, severity, score, value, message)
-             SELECT anomaly_id, $2, 'overdue', severity, score, value, message {silent}"
+            "INSERT INTO anomaly_event (anomaly_id, at, what, severity, score, value, quantity, message)
+             SELECT anomaly_id, $2, 'overdue', severity, score, value, quantity, message {silent}"
         );
         let mut transaction = self.begin().await?;
         let written = sqlx::query(AssertSqlSafe(statement)).bind(since).bind(now.as_microsecond());

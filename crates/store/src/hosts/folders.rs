@@ -1,21 +1,23 @@
 //! Watched folders that do not answer their daemon, for commands that ask.
 
 use jiff::Timestamp;
+use serde::Serialize;
 use sqlx::Row;
 
 use crate::engine::EngineRow;
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::time;
+use crate::values::{known_in_views, time};
 
 /// A watched folder whose disk or file server does not answer.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct UnansweredFolder {
     /// The daemon that watches it; empty for one without a name.
     pub host: String,
     /// The folder.
     pub folder: String,
     /// When the daemon last looked into it; `None` if not since its start.
+    #[serde(rename = "last_scan_at", serialize_with = "known_in_views")]
     pub looked_at: Option<Timestamp>,
 }
 

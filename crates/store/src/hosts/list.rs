@@ -1,11 +1,13 @@
 //! Which daemons work on the database, for people.
 
 use jiff::Timestamp;
+use serde::Serialize;
 use sqlx::Row;
 
 use crate::engine::EngineRow;
 use crate::error::StoreError;
 use crate::handle::Store;
+use crate::values::in_views;
 
 /// Whether the daemon of a host is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +19,8 @@ pub enum HostState {
     /// It was stopped, was started again, or others have taken over.
     Ended,
 }
+
+armwatch_model::serialize_by_name!(HostState);
 
 impl HostState {
     const ALL: [Self; 3] = [Self::AtWork, Self::Silent, Self::Ended];
@@ -33,7 +37,7 @@ impl HostState {
 }
 
 /// The latest session of the daemon of a host: a row of the view `hosts`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct HostRow {
     /// Its name; empty for a daemon without one.
     pub host: String,
@@ -42,6 +46,7 @@ pub struct HostRow {
     /// Why it has ended: `stopped`, `restarted` or `lease_ended`.
     pub end_reason: Option<String>,
     /// When it was heard of last.
+    #[serde(serialize_with = "in_views")]
     pub seen_at: Timestamp,
 }
 

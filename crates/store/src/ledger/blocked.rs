@@ -3,12 +3,13 @@
 
 use std::path::Path;
 
+use serde::Serialize;
 use sqlx::Row;
 
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::{count, size, time_text};
+use crate::values::{count, in_views, size, time_text};
 use jiff::Timestamp;
 
 /// Why a growing file cannot be read on.
@@ -29,13 +30,14 @@ pub struct Block<'a> {
 }
 
 /// A row of the view `blocked_files`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct BlockedFile {
     /// The robot that its name says.
     pub robot: Option<String>,
     /// Its name.
     pub source_name: String,
     /// Its path in the ledger.
+    #[serde(skip)]
     pub source_path: String,
     /// The run that its cycles belong to, if there is one.
     pub run_id: Option<i64>,
@@ -44,6 +46,7 @@ pub struct BlockedFile {
     /// The remedy.
     pub remedy: String,
     /// Since when.
+    #[serde(serialize_with = "in_views")]
     pub blocked_at: Timestamp,
     /// Line, time and problem in words that go on after the file's name.
     pub message: String,

@@ -6,6 +6,7 @@
 use std::path::PathBuf;
 
 use jiff::Timestamp;
+use serde::{Serialize, Serializer};
 use sqlx::Row;
 
 use super::robots::robot_id;
@@ -13,7 +14,7 @@ use super::runs::{find_run, insert_run};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::{count, named, size, time_text};
+use crate::values::{count, in_views, known_in_views, named, size, time_text};
 use armwatch_model::run::{RunHeader, RunStatus};
 
 /// What was found wrong in an export.
@@ -36,7 +37,7 @@ pub struct ExportFault {
 }
 
 /// A row of the view `quarantine`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct QuarantineRow {
     /// Database key of the run.
     pub run_id: i64,
@@ -45,6 +46,7 @@ pub struct QuarantineRow {
     /// File name of the export.
     pub source_name: String,
     /// Where it was found first.
+    #[serde(rename = "file")]
     pub source_path: String,
     /// Where the fault stands.
     pub state: FaultState,
@@ -65,14 +67,18 @@ pub struct QuarantineRow {
     /// Attempts that found just this.
     pub tries: u32,
     /// When the first of them did.
+    #[serde(serialize_with = "in_views")]
     pub first_at: Timestamp,
     /// When the last of them did.
+    #[serde(serialize_with = "in_views")]
     pub last_at: Timestamp,
     /// When a person asked for another try that was not made yet.
+    #[serde(serialize_with = "known_in_views")]
     pub retry_asked_at: Option<Timestamp>,
     /// The run that has taken this one's place.
     pub superseded_by_run_id: Option<i64>,
     /// That a person has put it aside.
+    #[serde(flatten, serialize_with = "dismissal_columns")]
     pub dismissal: Option<Dismissal>,
 }
 
@@ -85,6 +91,24 @@ pub struct Dismissal {
     pub by: String,
     /// Why.
     pub reason: String,
+}
+
+/// The columns of the view `quarantine` that are NULL without a dismissal.
+fn dismissal_columns<S: Serializer>(of: &Option<Dismissal>, serializer: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Columns<'a> {
+        #[serde(serialize_with = "known_in_views")]
+        dismissed_at: Option<Timestamp>,
+        dismissed_by: Option<&'a str>,
+        dismissal_reason: Option<&'a str>,
+    }
+    let of = of.as_ref();
+    Columns {
+        dismissed_at: of.map(|of| of.at),
+        dismissed_by: of.map(|of| of.by.as_str()),
+        dismissal_reason: of.map(|of| of.reason.as_str()),
+    }
+    .serialize(serializer)
 }
 
 /// Where a fault stands.
@@ -103,6 +127,8 @@ pub enum FaultState {
     /// A corrected export has taken its place.
     Superseded,
 }
+
+armwatch_model::serialize_by_name!(FaultState);
 
 impl FaultState {
     const ALL: [Self; 6] =

@@ -159,7 +159,7 @@ async fn reconcile_open(
 }
 
 fn now(anomaly: &Anomaly, known: &Episode) -> Now {
-    let kinds = (known.kind.as_str(), anomaly.kind.name());
+    let kinds = (known.kind, anomaly.kind);
     Now {
         shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
         ended: false,

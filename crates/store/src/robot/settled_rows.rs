@@ -2,11 +2,12 @@
 //! runs of windows.
 
 use jiff::Timestamp;
-use sqlx::Row;
+use sqlx::{AssertSqlSafe, Row};
 
 use super::figures::packed::{Reader, add_count, add_numbers};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
-use armwatch_model::anomaly::settled::{Moment, Settled, quantity};
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Onset, Severity};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::RunKind;
@@ -38,13 +39,15 @@ pub(super) async fn settle_withdrawn(
     settled: &Settled,
 ) -> Result<(), sqlx::Error> {
     let Some((leads_from, _)) = settled.leads_from else { return Ok(()) };
-    sqlx::query(
+    let of_kind = Quantity::ALL.iter().filter(|of| of.history() == kind).map(|of| format!("'{of}'"));
+    let quantities = of_kind.collect::<Vec<_>>().join(", ");
+    sqlx::query(AssertSqlSafe(format!(
         "UPDATE anomaly
          SET settled_history_id = (SELECT settled_history_id FROM settled_history
                                    WHERE robot_id = $1 AND kind = $2 AND runs = $3)
          WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $4
-               AND open_run_id IS NULL AND (quantity LIKE 'production%') = ($2 = 'production')",
-    )
+               AND open_run_id IS NULL AND quantity IN ({quantities})"
+    )))
     .bind(robot_id)
     .bind(kind.name())
     .bind(i64::try_from(settled.runs).unwrap_or(i64::MAX))
@@ -246,7 +249,7 @@ fn pack(bytes: &mut Vec<u8>, of: &Anomaly) {
     for at in [of.first_seen_at, of.last_seen_at, of.onset.at] {
         bytes.extend(at.as_microsecond().to_le_bytes());
     }
-    add_text(bytes, of.quantity);
+    add_text(bytes, of.quantity.name());
     add_text(bytes, &of.message);
     add_count(bytes, of.alternatives.len());
     for Alternative { cause, odds } in &of.alternatives {
@@ -267,7 +270,7 @@ fn anomaly(reader: &mut Reader<'_>) -> Option<Anomaly> {
     let (first_run_id, last_run_id, onset_run_id) = (reader.i64()?, reader.i64()?, reader.i64()?);
     let (first_seen_at, last_seen_at) = (moment_of(reader)?, moment_of(reader)?);
     let onset = Onset { run_id: onset_run_id, cycle: onset_cycle, at: moment_of(reader)? };
-    let (quantity, message) = (quantity(&text(reader)?)?, text(reader)?);
+    let (quantity, message) = (Quantity::from_name(&text(reader)?)?, text(reader)?);
     let alternatives =
         reader.list(|reader| Some(Alternative { cause: text(reader)?, odds: reader.f64()? }))?;
     Some(Anomaly {
@@ -344,8 +347,8 @@ mod tests {
             first_of_epochs: vec![1],
             epochs: vec![1, 3],
             open: vec![
-                open(joint, AnomalyKind::Drift, "friction_index", Some(3), Some(4.0)),
-                open(None, AnomalyKind::Payload, "load_kg", None, None),
+                open(joint, AnomalyKind::Drift, Quantity::FrictionIndex, Some(3), Some(4.0)),
+                open(None, AnomalyKind::Payload, Quantity::Load, None, None),
             ],
         };
         let bytes = packed(&settled);

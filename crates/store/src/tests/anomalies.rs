@@ -14,6 +14,7 @@ use crate::robot::alarms::alarm_life::{AlarmAction, NotDone};
 use crate::robot::alarms::alarm_state::{AlarmState, EventKind};
 use crate::robot::alarms::anomalies::Reconciled;
 use crate::robot::maintenance::NewMaintenance;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 
 /// The latest test of a robot, and the store that it is in.
@@ -45,7 +46,7 @@ impl<'a> Robot<'a> {
     fn drift(&self, from: usize, to: usize) -> Anomaly {
         let at = |days: usize| day(i64::try_from(days).expect("few"));
         Anomaly {
-            quantity: "friction_index",
+            quantity: Quantity::FrictionIndex,
             first_run_id: self.runs[from],
             last_run_id: self.runs[to],
             first_seen_at: at(from),
@@ -96,7 +97,9 @@ impl<'a> Robot<'a> {
         let rows = self.store.anomalies_after(0).await.expect("anomalies");
         let of_robot = rows.into_iter().filter(|row| row.robot == self.name);
         let place = |run: Option<i64>| self.runs.iter().position(|id| Some(*id) == run).expect("a run");
-        of_robot.map(|row| (row.anomaly_id, row.kind, row.state, place(row.run_id))).collect()
+        of_robot
+            .map(|row| (row.anomaly_id, row.kind.to_string(), row.state.name().to_owned(), place(row.run_id)))
+            .collect()
     }
 }
 
@@ -112,7 +115,7 @@ fn ended(of: Anomaly) -> Anomaly {
 async fn an_episode_keeps_its_number_and_acknowledgement_while_the_history_is_refitted() {
     let (_folder, store) = fresh().await;
     let robot = Robot::with_runs(&store, "R00", 12).await;
-    let warm = Anomaly { quantity: "warm_friction_nm", ..robot.drift(6, 7) };
+    let warm = Anomaly { quantity: Quantity::WarmFriction, ..robot.drift(6, 7) };
     assert_eq!(robot.events(vec![warm]).await, [Opened]);
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
     act(&store, id, Acknowledge).await.expect("possible");
@@ -325,7 +328,7 @@ async fn a_withdrawn_anomaly_colours_nothing_and_comes_back_as_it_was() {
     assert_eq!(gone, Err(NotDone::Withdrawn(id)));
     super::support::finish(&store, run_id, 1, &critical).await;
     let back = &store.anomalies_after(0).await.expect("anomalies")[0];
-    assert_eq!((back.anomaly_id, back.state.as_str()), (id, "acknowledged"));
+    assert_eq!((back.anomaly_id, back.state.name()), (id, "acknowledged"));
     let events = "SELECT count(*) FROM anomaly_history WHERE what IN ('opened', 'withdrawn', 'reopened')";
     assert_eq!(number(&store, events).await, Some(3.0));
 }
@@ -336,7 +339,7 @@ async fn an_alarm_of_a_joint_that_is_told_of_the_arm_says_so_when_it_is_withdraw
     let robot = Robot::with_runs(&store, "R00", 6).await;
     let swing = |from, to| Anomaly {
         kind: AnomalyKind::Oscillation,
-        quantity: "friction_swing",
+        quantity: Quantity::FrictionSwing,
         ..robot.drift(from, to)
     };
     robot.reconcile(vec![swing(1, 4)]).await;
@@ -433,7 +436,7 @@ async fn an_anomaly_outlives_its_runs_with_what_people_said() {
     act(&store, id, Acknowledge).await.expect("possible");
     assert!(store.discard_run(robot.runs[1]).await.expect("an answer"));
     let row = &store.anomalies_after(0).await.expect("anomalies")[0];
-    assert_eq!((row.anomaly_id, row.run_id, row.state.as_str()), (id, None, "acknowledged"));
+    assert_eq!((row.anomaly_id, row.run_id, row.state.name()), (id, None, "acknowledged"));
     assert_eq!(robot.events(vec![robot.drift(2, 3)]).await, []);
     assert_eq!(robot.shown().await, [(id, "drift".into(), "acknowledged".into(), 2)]);
 }

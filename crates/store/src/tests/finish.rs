@@ -463,7 +463,7 @@ async fn natural_questions_are_answered_from_indexes() {
     questions
         .push("SELECT * FROM cycle_parameters WHERE robot = 'R00' AND joint = 1 AND parameter = 'f1'".into());
     questions.push("SELECT * FROM anomalies WHERE anomaly_id > 7".into());
-    questions.push("DELETE FROM warmup_fit WHERE robot_id = 1 AND ifnull(run_id, 0) = 0".into());
+    questions.push("DELETE FROM warmup_fit WHERE robot_id = 1 AND coalesce(run_id, 0) = 0".into());
     for question in questions {
         let plan: Vec<(i64, i64, i64, String)> =
             sqlx::query_as(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {question}")))
@@ -517,7 +517,13 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
 }
 
 async fn states(store: &crate::handle::Store) -> Vec<String> {
-    store.anomalies_after(0).await.expect("anomalies").into_iter().map(|row| row.state).collect()
+    store
+        .anomalies_after(0)
+        .await
+        .expect("anomalies")
+        .into_iter()
+        .map(|row| row.state.name().to_owned())
+        .collect()
 }
 
 async fn acknowledge(store: &crate::handle::Store, anomaly_id: i64) {

@@ -8,7 +8,7 @@ mod copies;
 mod series;
 mod finish;
 mod identity;
-mod open;
+pub(crate) mod open;
 mod open_test;
 mod reestimates;
 mod verification;

@@ -10,13 +10,14 @@ use super::support::{
 use crate::handle::Store;
 use crate::robot::alarms::alarm_life::AlarmAction;
 use crate::robot::alarms::alarm_state::EventKind;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 
 /// A step of joint 3 with cycle 3, seen in this run alone.
 fn step(run_id: i64, days: i64, severity: Severity) -> Anomaly {
     Anomaly {
         kind: AnomalyKind::Step,
-        quantity: "friction_index",
+        quantity: Quantity::FrictionIndex,
         score: 0.2,
         first_cycle: Some(3),
         last_run_id: run_id,
@@ -30,7 +31,7 @@ fn step(run_id: i64, days: i64, severity: Severity) -> Anomaly {
 fn oscillation(run_id: i64, days: i64) -> Anomaly {
     Anomaly {
         kind: AnomalyKind::Oscillation,
-        quantity: "friction_swing",
+        quantity: Quantity::FrictionSwing,
         ..step(run_id, days, Severity::Warning)
     }
 }
@@ -47,7 +48,9 @@ async fn judge_open(store: &Store, run_id: i64, found: Vec<Anomaly>) -> Option<V
 /// Number, kind, state, and whether it is provisional.
 async fn shown(store: &Store) -> Vec<(i64, String, String, bool)> {
     let rows = store.anomalies_after(0).await.expect("anomalies");
-    rows.into_iter().map(|row| (row.anomaly_id, row.kind, row.state, row.provisional)).collect()
+    rows.into_iter()
+        .map(|row| (row.anomaly_id, row.kind.to_string(), row.state.name().to_owned(), row.provisional))
+        .collect()
 }
 
 async fn told(store: &Store) -> String {
@@ -90,7 +93,7 @@ async fn an_alarm_opens_with_a_cycle_and_keeps_number_state_and_run_when_the_tes
     }
     assert_eq!(shown(&store).await, [(id, "step".into(), "acknowledged".into(), true)]);
     // the whole test says a little more or less of it
-    let whole = Anomaly { score: 0.22, quantity: "warm_friction_nm", ..found.clone() };
+    let whole = Anomaly { score: 0.22, quantity: Quantity::WarmFriction, ..found.clone() };
     finish(&store, run_id, 4, &findings(vec![whole])).await;
     assert_eq!(shown(&store).await, [(id, "step".into(), "acknowledged".into(), false)]);
     assert_eq!(told(&store).await, "opened, acknowledged");

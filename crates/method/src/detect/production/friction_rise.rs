@@ -23,6 +23,7 @@ use crate::detect::detector::Detector;
 use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::{median, robust_deviation};
 use armwatch_model::analysis::ProductionJoint;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, ProductionSummary, Severity};
 
 /// Joints that must move for what is common to them to be called warmth: of three, one that wears does not
@@ -58,8 +59,8 @@ impl Detector<JointLogs<'_>> for FrictionRise {
         AnomalyKind::Drift
     }
 
-    fn quantity(&self, _: &JointLogs<'_>) -> &'static str {
-        "production_friction"
+    fn quantity(&self, _: &JointLogs<'_>) -> Quantity {
+        Quantity::ProductionFriction
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {

@@ -11,6 +11,7 @@ use super::causes::LogCauses;
 use super::series::{JointLogs, LEARNING_LOGS, unexplained};
 use crate::detect::detector::Detector;
 use crate::detect::verdict::{Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Deviation that friction does not explain, against its usual, that is another load: as a ratio, and as a
@@ -25,8 +26,8 @@ impl Detector<JointLogs<'_>> for LoadChange {
         AnomalyKind::Payload
     }
 
-    fn quantity(&self, _: &JointLogs<'_>) -> &'static str {
-        "production_relative_rmsd"
+    fn quantity(&self, _: &JointLogs<'_>) -> Quantity {
+        Quantity::ProductionRelativeRmsd
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {

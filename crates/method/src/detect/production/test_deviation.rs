@@ -13,6 +13,7 @@ use super::series::{JointLogs, unexplained};
 use crate::detect::detector::Detector;
 use crate::detect::verdict::{Verdict, Why};
 use armwatch_model::analysis::ProductionJoint;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Deviation from the test, as a part of the torque, that is said from the first log on: what friction does
@@ -39,8 +40,8 @@ impl Detector<JointLogs<'_>> for TestDeviation {
         AnomalyKind::Accuracy
     }
 
-    fn quantity(&self, _: &JointLogs<'_>) -> &'static str {
-        "production_relative_rmsd"
+    fn quantity(&self, _: &JointLogs<'_>) -> Quantity {
+        Quantity::ProductionRelativeRmsd
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
@@ -133,7 +134,10 @@ mod tests {
             let logs = history(12, |i, j| (wobble(i, j), if j == 1 && i < 12 { off } else { USUAL }));
             let found = detected(&logs);
             let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
-            assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Accuracy, "production_relative_rmsd"));
+            assert_eq!(
+                (anomaly.kind, anomaly.quantity),
+                (AnomalyKind::Accuracy, Quantity::ProductionRelativeRmsd)
+            );
             assert_eq!(
                 (anomaly.joint.map(JointIndex::number), anomaly.severity, anomaly.first_run_id),
                 (Some(2), severity, 1)

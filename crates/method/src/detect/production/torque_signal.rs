@@ -8,7 +8,8 @@ use super::causes::cause::{LEAST_GAIN, WorkCause};
 use super::causes::odds::Asked;
 use super::series::JointLogs;
 use crate::detect::detector::Detector;
-use crate::detect::verdict::Verdict;
+use crate::detect::verdict::{Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Advantage over no cause, in units of chi², that no second log has to confirm.
@@ -21,22 +22,22 @@ impl Detector<JointLogs<'_>> for TorqueSignal {
         AnomalyKind::Sensor
     }
 
-    fn quantity(&self, _: &JointLogs<'_>) -> &'static str {
-        "production_torque_signal"
+    fn quantity(&self, _: &JointLogs<'_>) -> Quantity {
+        Quantity::ProductionTorqueOffset
     }
 
     fn judge(&self, series: &JointLogs<'_>) -> Vec<Verdict> {
         let mut before = false;
         let verdict = |log: usize| {
             let Some(causes) = series.causes[log].as_ref() else { return Verdict::Unknown };
-            let (value, baseline, threshold, score, what) = match causes.cause() {
+            let (quantity, value, baseline, threshold, score, what) = match causes.cause() {
                 WorkCause::Gain(joint, part) if joint == series.joint => {
                     let what = format!("reads {:.1} % {} than", 100.0 * part.abs(), more(part));
-                    (1.0 + part, 1.0, LEAST_GAIN, part.abs(), what)
+                    (Quantity::ProductionTorqueGainRatio, 1.0 + part, 1.0, LEAST_GAIN, part.abs(), what)
                 }
                 WorkCause::Offset(joint, torque) if joint == series.joint => {
                     let what = format!("reads {:.2} Nm {} than", torque.abs(), more(torque));
-                    (torque, 0.0, 0.0, torque.abs(), what)
+                    (Quantity::ProductionTorqueOffset, torque, 0.0, 0.0, torque.abs(), what)
                 }
                 _ => {
                     before = false;
@@ -54,7 +55,7 @@ impl Detector<JointLogs<'_>> for TorqueSignal {
                     "in ordinary work the torque signal {what} the last test leads to expect; check the torque sensor or \
                      the motor current's scale and zero, and run a test"
                 ),
-                why: causes.why(Asked::Cause),
+                why: Why { quantity: Some(quantity), ..causes.why(Asked::Cause) },
             }
         };
         (0..series.history.len()).map(verdict).collect()

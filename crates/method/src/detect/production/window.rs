@@ -10,7 +10,7 @@ use armwatch_model::anomaly::settled::Moment;
 use armwatch_model::robot::JointIndex;
 
 /// Changes whenever the program settles something else in the same logs.
-const METHOD: u64 = 2;
+const METHOD: u64 = 3;
 
 /// Tests before the logs that lead in whose logs say what is usual: of levels, a median and a scatter. Half of them are the first
 /// ones, so that what has been high for long does not become usual.

@@ -10,6 +10,7 @@ use super::causes::LogCauses;
 use super::causes::odds::Asked;
 use crate::detect::episodes::episodes;
 use crate::detect::verdict::Verdict;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Severity};
 
 /// Loads over the logs; `runs` has key and start of each.
@@ -48,5 +49,5 @@ pub(super) fn work_loads(causes: &[Option<LogCauses>], runs: &[(i64, Timestamp)]
     }
     };
     let verdicts = causes.iter().map(verdict).collect();
-    episodes(runs, None, AnomalyKind::Payload, "production_load_kg", verdicts)
+    episodes(runs, None, AnomalyKind::Payload, Quantity::ProductionLoad, verdicts)
 }

@@ -8,6 +8,7 @@ use crate::detect::rate::average::mean_run_length;
 use crate::detect::rate::budget::{Budget, advantage};
 use crate::detect::rate::monitor::{OWN_FROM, Phase};
 use armwatch_model::anomaly::RunSummary;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::JointIndex;
 
@@ -33,7 +34,7 @@ pub struct LevelCalibration {
     /// The joint.
     pub joint: JointIndex,
     /// The quantity that it is watched by, as in the view `anomalies`.
-    pub quantity: &'static str,
+    pub quantity: Quantity,
     /// Tests learnt from, of the joint's latest epoch.
     pub learnt: usize,
     /// What the limit stands on.

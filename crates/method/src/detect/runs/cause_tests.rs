@@ -9,7 +9,8 @@ use jiff::{SignedDuration, Timestamp};
 use super::*;
 use armwatch_model::analysis::friction::CycleFriction;
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
-use armwatch_model::analysis::{Estimate, JointSummary, RmsdSwing};
+use armwatch_model::analysis::{Estimate, JointSummary, RmsdSwing, WarmFriction};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, CycleSeries, RunParameter, Severity};
 use armwatch_model::robot::{ParameterId, ParameterKind};
 
@@ -202,6 +203,40 @@ fn a_step_inside_a_run_is_found_in_that_run_with_its_cycle() {
     }
 }
 
+/// A joint that is watched by its warm friction: inside the test that jumps there is only a ratio, in later tests a torque.
+#[test]
+fn a_step_of_warm_friction_is_a_ratio_inside_its_test_and_a_torque_after_it() {
+    let step = |joint: usize, cycle: u32| if joint == 1 && cycle >= 5 { 0.22 } else { 0.0 };
+    let after = |joint: usize, _: u32| if joint == 1 { 0.22 } else { 0.0 };
+    let state = |run: i64| State {
+        friction: match run {
+            0..=7 => None,
+            8 => Some(step),
+            _ => Some(after),
+        },
+        ..State::default()
+    };
+    let mut history = fleet(14, 1, state);
+    for joint in history.iter_mut().flat_map(|run| &mut run.joints) {
+        let index = joint.friction_index.take().expect("an index");
+        joint.warm_friction = Some(WarmFriction {
+            torque: 12.0 * index.value,
+            std_error: 12.0 * index.std_error,
+            speed_fraction: 0.45,
+            minute: 20.0,
+        });
+    }
+    let found = only(&history[..9], AnomalyKind::Step, Some(2));
+    assert_eq!((found.quantity, found.baseline), (Quantity::FrictionJumpRatio, 1.0), "{found:?}");
+    assert!((found.value - 0.22_f64.exp()).abs() < 0.03, "{found:?}");
+    let found = only(&history, AnomalyKind::Step, Some(2));
+    assert_eq!(found.quantity, Quantity::WarmFriction, "{found:?}");
+    for torque in [found.value, found.peak_value] {
+        assert!((torque - 12.0 * 0.22_f64.exp()).abs() < 0.6, "{found:?}");
+    }
+    assert!((found.baseline - 12.0).abs() < 0.2, "{found:?}");
+}
+
 #[test]
 fn a_step_while_the_baseline_is_learnt_is_no_part_of_it() {
     let step = |joint: usize, cycle: u32| if joint == 4 && cycle >= 4 { 0.22 } else { 0.0 };
@@ -269,7 +304,8 @@ fn a_joint_that_goes_on_swinging_keeps_its_alarm() {
     let of_arm = |seed: u64| {
         let swings = |_| State { swing: Some((4, 0.12)), ..State::default() };
         let found = alarms(&fleet(25, seed, swings));
-        let of_joint = |of: &&Anomaly| of.kind == AnomalyKind::Oscillation && of.quantity == "friction_swing";
+        let of_joint =
+            |of: &&Anomaly| of.kind == AnomalyKind::Oscillation && of.quantity == Quantity::FrictionSwing;
         found.iter().filter(of_joint).count()
     };
     let episodes: Vec<usize> = (1..=arms).map(of_arm).collect();
@@ -490,7 +526,7 @@ fn an_offset_that_goes_into_the_parameters_is_told_from_play() {
     let mut history = fleet(9, 13, state(0.0));
     answers(&mut history, 3, ChannelFault::TorqueOffset, 0.8, 0.1);
     let found = only(&history[..8], AnomalyKind::Accuracy, Some(4));
-    assert_eq!(found.quantity, "unexplained_torque");
+    assert_eq!(found.quantity, Quantity::UnexplainedTorque);
 }
 
 /// A gain of 6 % that moves the parameters along its own direction and leaves three times as much of the joint's torque
@@ -511,15 +547,20 @@ fn a_gain_that_leaves_torque_unexplained_is_no_play() {
         own.for_each(|of| of.mean += moved);
     }
     let found = only(&history, AnomalyKind::Sensor, Some(4));
+    assert_eq!((found.quantity, found.baseline), (Quantity::TorqueGainRatio, 1.0), "{found:?}");
     assert!((found.value - 1.06).abs() < 0.01, "{found:?}");
 }
 
 #[test]
 fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
     let offset = |run: i64| State { offset: (run >= 7).then_some((1, 1.1)), ..State::default() };
-    only(&fleet(9, 8, offset), AnomalyKind::Sensor, Some(2));
+    let found = only(&fleet(9, 8, offset), AnomalyKind::Sensor, Some(2));
+    assert_eq!((found.quantity, found.baseline), (Quantity::TorqueOffset, 0.0), "{found:?}");
+    assert!((found.value - 1.1).abs() < 0.1 && (found.peak_value - 1.1).abs() < 0.1, "{found:?}");
     let noisy = |run: i64| State { unexplained: (run >= 7).then_some((3, 4.0)), ..State::default() };
-    only(&fleet(9, 9, noisy), AnomalyKind::Sensor, Some(4));
+    let found = only(&fleet(9, 9, noisy), AnomalyKind::Sensor, Some(4));
+    assert_eq!((found.quantity, found.baseline), (Quantity::TorqueNoiseRatio, 1.0), "{found:?}");
+    assert!((3.0..5.0).contains(&found.value), "{found:?}");
     // also beyond the limit of accuracy
     let bad = |run: i64| State { unexplained: (run >= 7).then_some((0, 9.0)), ..State::default() };
     only(&fleet(9, 10, bad), AnomalyKind::Sensor, Some(1));
@@ -537,7 +578,7 @@ fn play_is_told_from_noise_and_both_at_once_are_one_of_them() {
     let noisy = only(&fleet(9, 9, with(4.0, 2.18)), AnomalyKind::Sensor, Some(4));
     assert!((noisy.value / 4.0 - 1.0).abs() < 0.05 && noisy.message.contains("noise"), "{noisy:?}");
     let loose = only(&fleet(9, 9, with(1.0, 3.0)), AnomalyKind::Accuracy, Some(4));
-    assert_eq!(loose.quantity, "unexplained_torque");
+    assert_eq!(loose.quantity, Quantity::UnexplainedTorque);
     assert!((loose.value / 3.0 - 1.0).abs() < 0.1 && loose.message.contains("play"), "{loose:?}");
     // more than the model may miss, by either: told once
     only(&fleet(9, 9, with(1.0, 9.0)), AnomalyKind::Accuracy, Some(4));

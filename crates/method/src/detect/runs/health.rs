@@ -135,7 +135,7 @@ fn deviation(series: &JointSeries<'_>, latest: &Observed) -> f64 {
 fn shows_change(found: &[Anomaly], friction: &FrictionHistory, latest: &RunSummary) -> bool {
     let of_friction = |anomaly: &Anomaly| {
         matches!(anomaly.kind, AnomalyKind::Drift | AnomalyKind::Step)
-            && anomaly.quantity == friction.source.quantity()
+            && anomaly.quantity.is_of_one_cause(friction.source.quantity())
     };
     found.iter().any(|anomaly| of_friction(anomaly) && anomaly.last_run_id == latest.run_id)
 }

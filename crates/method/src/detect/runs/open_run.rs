@@ -21,6 +21,7 @@ use super::joint_detectors::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::detect::episodes::anomalies;
 use armwatch_model::anomaly::brief::length;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
@@ -34,8 +35,8 @@ const CYCLES_OF_ARM: u32 = 3;
 pub struct UsualTests {
     /// Usual curves of all joints, in the tests that are compared with each other; one entry for each such set.
     curves: Vec<(Vec<usize>, UsualCurves)>,
-    /// By joint: the entry of `curves`, and the quantity that watches the level of friction.
-    joints: Vec<(usize, &'static str)>,
+    /// By joint: the entry of `curves`, and the quantity of a jump of friction inside a test.
+    joints: Vec<(usize, Quantity)>,
     /// How cycles stand out of their neighbours, in the tests of all joints' epochs, and the probability of a false alarm.
     contacts: (UsualContacts, f64),
     /// Advantage of a cause of the arm that is clear.
@@ -70,7 +71,7 @@ impl UsualTests {
             });
             let causes = vec![None; runs.len()];
             let friction = friction_history(&runs, JointIndex::new(joint), &causes, settings.baseline_runs);
-            of_joints.push((known, friction.source.quantity()));
+            of_joints.push((known, friction.source.quantity_of_jump()));
         }
         let of_epochs =
             |run: &RunSummary| (0..joints).all(|joint| ordinal(&run.epochs, joint) == ordinal(epochs, joint));
@@ -152,7 +153,7 @@ pub fn detect_open(
         found.extend(of_joint);
     }
     found.extend(arm_changes(&arm, &faults, joints, &moment));
-    let likeliest = |(joint, &(curves, _)): (usize, &(usize, &str))| {
+    let likeliest = |(joint, &(curves, _)): (usize, &(usize, Quantity))| {
         causes[curves][joint].as_ref().map(RunCause::likeliest)
     };
     let likeliest: Vec<Option<Cause>> = usual.joints.iter().enumerate().map(likeliest).collect();

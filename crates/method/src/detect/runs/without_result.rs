@@ -8,6 +8,7 @@
 //! anomaly may be the whole arm's, and it has no quantity with a baseline.
 
 use armwatch_model::analysis::refusal::{Channel, NO_POSITIONS, RefusalCause};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, RunRefusal, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
 
@@ -47,13 +48,13 @@ struct Shown {
 impl Shown {
     fn anomaly(self, run: &RunSummary) -> Anomaly {
         let (kind, quantity) = match self.channel {
-            Channel::Position => (AnomalyKind::Sensor, "position_signal"),
-            Channel::Velocity => (AnomalyKind::Sensor, "velocity_signal"),
-            Channel::Torque => (AnomalyKind::Sensor, "torque_signal"),
-            Channel::Time => (AnomalyKind::Sensor, "time_stamps"),
-            Channel::Rows => (AnomalyKind::Sensor, "rows"),
-            Channel::Motion => (AnomalyKind::Accuracy, "motion"),
-            Channel::Model => (AnomalyKind::Accuracy, "model"),
+            Channel::Position => (AnomalyKind::Sensor, Quantity::PositionSignal),
+            Channel::Velocity => (AnomalyKind::Sensor, Quantity::VelocitySignal),
+            Channel::Torque => (AnomalyKind::Sensor, Quantity::TorqueSignal),
+            Channel::Time => (AnomalyKind::Sensor, Quantity::TimeStamps),
+            Channel::Rows => (AnomalyKind::Sensor, Quantity::Rows),
+            Channel::Motion => (AnomalyKind::Accuracy, Quantity::Motion),
+            Channel::Model => (AnomalyKind::Accuracy, Quantity::Model),
         };
         Anomaly {
             joint: self.joint,

@@ -2,7 +2,7 @@
 
 use super::{Lengths, Windowed, is_over, next, put_together};
 use armwatch_model::anomaly::Anomaly;
-use armwatch_model::anomaly::settled::{Moment, Settled, quantity};
+use armwatch_model::anomaly::settled::{Moment, Settled};
 
 /// What a history says: anomalies that are settled, boundary by boundary, and those that are not.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -70,7 +70,6 @@ pub(in crate::detect) fn said<Run: Judged>(
         let runs = window(history, &settled, lengths);
         said.longest = said.longest.max(runs.len());
         let found = Run::found(&runs);
-        assert!(found.iter().all(|of| quantity(of.quantity) == Some(of.quantity)), "a quantity is not known");
         let one = OneWindow { settled: &settled, found, lengths };
         match Run::as_windowed(&runs, one) {
             (_, Some(next)) => said.settled.push(next),

@@ -1,6 +1,7 @@
 //! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
 
 use jiff::{SignedDuration, Timestamp};
+use serde::Serialize;
 use sqlx::Row;
 
 use super::alarm_state::{AlarmState, EventKind, Life};
@@ -8,8 +9,9 @@ use super::anomalies::{AnomalyEvent, Person, record};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::values::{joint, named, time, time_text};
+use crate::values::{in_views, joint, named, time, time_text};
 use armwatch_model::anomaly::Severity;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 
 /// Longest time for which a critical anomaly is shelved, days. Its severity cannot rise any more, which would end that.
@@ -117,19 +119,25 @@ fn remedy(state: AlarmState, ended: bool) -> &'static str {
 }
 
 /// A row of the view `anomaly_history`.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AnomalyHistoryRow {
     /// Database key of the event; later ones have larger keys.
+    #[serde(skip)]
     pub anomaly_event_id: i64,
     /// The anomaly.
+    #[serde(skip)]
     pub anomaly_id: i64,
     /// The individual robot.
+    #[serde(skip)]
     pub robot: String,
     /// The joint; `None` where the cause is the whole arm's.
+    #[serde(skip)]
     pub joint: Option<JointIndex>,
     /// Kind that the anomaly has now, such as `drift`.
+    #[serde(skip)]
     pub kind: String,
     /// When, by the machine's clock.
+    #[serde(serialize_with = "in_views")]
     pub at: Timestamp,
     /// What happened.
     pub what: EventKind,
@@ -147,14 +155,19 @@ pub struct AnomalyHistoryRow {
     pub why: Option<String>,
     /// The latest run that had shown it then.
     pub run_id: Option<i64>,
+    /// The quantity of `value`.
+    pub quantity: Quantity,
+    /// Unit of `value`.
+    pub unit: Option<&'static str>,
 }
 
 /// What one complete test says of a joint, as evidence for an anomaly.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SeriesRun {
     /// Database key of the run.
     pub run_id: i64,
     /// Start of the recording.
+    #[serde(serialize_with = "in_views")]
     pub started_at: Timestamp,
     /// The joint.
     pub joint: JointIndex,
@@ -406,7 +419,7 @@ async fn history(
 ) -> Result<Vec<AnomalyHistoryRow>, sqlx::Error> {
     sqlx::query(
         "SELECT anomaly_event_id, anomaly_id, robot, joint, kind, at, what, severity, score, value, message, who, why,
-                run_id
+                run_id, quantity
          FROM anomaly_history
          WHERE anomaly_id = coalesce($1, anomaly_id) AND anomaly_event_id > $2 AND anomaly_event_id <= $3
          ORDER BY anomaly_event_id",
@@ -421,6 +434,7 @@ async fn history(
 
 fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
     let of_joint: Option<i64> = row.try_get("joint")?;
+    let quantity = named(row, "quantity", &Quantity::ALL, Quantity::name)?;
     Ok(AnomalyHistoryRow {
         anomaly_event_id: row.try_get("anomaly_event_id")?,
         anomaly_id: row.try_get("anomaly_id")?,
@@ -436,6 +450,8 @@ fn history_row(row: &EngineRow) -> Result<AnomalyHistoryRow, sqlx::Error> {
         who: row.try_get("who")?,
         why: row.try_get("why")?,
         run_id: row.try_get("run_id")?,
+        quantity,
+        unit: quantity.unit(),
     })
 }
 

@@ -22,6 +22,8 @@ pub enum AlarmState {
     FalseAlarm,
 }
 
+armwatch_model::serialize_by_name!(AlarmState, EventKind);
+
 impl AlarmState {
     /// All of them.
     pub const ALL: [Self; 6] =

@@ -10,7 +10,8 @@ use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::robot::settled_rows;
 use crate::values::{count, finite, joint_number, known_time, named};
-use armwatch_model::anomaly::{Alternative, Anomaly, Findings, JointHealth, Severity};
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use armwatch_model::run::RunKind;
 
 /// What happened to an anomaly, as a row of the view `anomaly_history`.
@@ -129,7 +130,7 @@ pub(crate) async fn reconcile(
             }
             continue;
         };
-        let kinds = (known.episode.kind.as_str(), anomaly.kind.name());
+        let kinds = (known.episode.kind, anomaly.kind);
         let now = Now {
             shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
             ended: anomaly.ended,
@@ -152,8 +153,8 @@ pub(crate) async fn reconcile(
 pub(in crate::robot) fn episode(of: &Anomaly) -> Episode {
     Episode {
         joint: of.joint.map(joint_number),
-        kind: of.kind.name().to_owned(),
-        quantity: of.quantity.to_owned(),
+        kind: of.kind,
+        quantity: of.quantity,
         from: of.onset.at.min(of.first_seen_at).as_microsecond(),
         to: of.last_seen_at.as_microsecond(),
         ended: of.ended,
@@ -201,8 +202,8 @@ pub(in crate::robot) async fn stored_anomalies(
             anomaly_id,
             episode: Episode {
                 joint: row.try_get("joint")?,
-                kind: row.try_get("kind")?,
-                quantity: row.try_get("quantity")?,
+                kind: named(&row, "kind", &AnomalyKind::ALL, AnomalyKind::name)?,
+                quantity: named(&row, "quantity", &Quantity::ALL, Quantity::name)?,
                 from: open_start.unwrap_or_else(|| onset.map_or(first, |onset| onset.min(first))),
                 to: open_start.map_or_else(|| row.try_get("last_seen_at"), Ok)?,
                 ended: row.try_get("ended")?,
@@ -347,8 +348,8 @@ async fn write_event(
     why: Option<&str>,
 ) -> Result<AnomalyEvent, sqlx::Error> {
     let anomaly_event_id = sqlx::query_scalar(
-        "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, message, run_id, who, why)
-         SELECT anomaly_id, $2, severity, score, value, message, last_run_id, $3, $4
+        "INSERT INTO anomaly_event (anomaly_id, what, severity, score, value, quantity, message, run_id, who, why)
+         SELECT anomaly_id, $2, severity, score, value, quantity, message, last_run_id, $3, $4
          FROM anomaly
          WHERE anomaly_id = $1
          RETURNING anomaly_event_id",
@@ -378,7 +379,7 @@ pub(in crate::robot) async fn insert_anomaly(
     .bind(robot_id)
     .bind(anomaly.joint.map(joint_number))
     .bind(anomaly.kind.name())
-    .bind(anomaly.quantity)
+    .bind(anomaly.quantity.name())
     .bind(anomaly.severity.name())
     .bind(anomaly.first_seen_at.as_microsecond())
     .bind(anomaly.last_seen_at.as_microsecond())
@@ -407,7 +408,7 @@ pub(in crate::robot) async fn update_anomaly(
          WHERE anomaly_id = $26",
     )
     .bind(anomaly.kind.name())
-    .bind(anomaly.quantity)
+    .bind(anomaly.quantity.name())
     .bind(anomaly.severity.name())
     .bind(finite(anomaly.score))
     .bind(finite(anomaly.threshold))
@@ -472,7 +473,7 @@ async fn replace_health(
         row.push_bind(robot_id)
             .push_bind(joint_number(joint.joint))
             .push_bind(joint.friction_index.and_then(finite))
-            .push_bind(joint.friction_quantity)
+            .push_bind(joint.friction_quantity.map(Quantity::name))
             .push_bind(joint.knowledge.name())
             .push_bind(joint.reason.as_deref())
             .push_bind(joint.last_result_run_id)

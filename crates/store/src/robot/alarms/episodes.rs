@@ -5,15 +5,17 @@
 
 use std::cmp::Reverse;
 
-use armwatch_model::run::arrival::IMPLAUSIBLE_DATE;
+use armwatch_model::anomaly::AnomalyKind;
+use armwatch_model::anomaly::quantity::Quantity;
+use armwatch_model::run::RunKind;
 
 /// An episode in time. Times are microseconds since 1970.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::robot) struct Episode {
     /// Number of the joint; `None` where the cause is the whole arm's.
     pub(in crate::robot) joint: Option<i64>,
-    pub(in crate::robot) kind: String,
-    pub(in crate::robot) quantity: String,
+    pub(in crate::robot) kind: AnomalyKind,
+    pub(in crate::robot) quantity: Quantity,
     /// Its onset, or the start of its first run if that is earlier.
     pub(in crate::robot) from: i64,
     /// Start of the latest run that showed it.
@@ -34,11 +36,8 @@ pub(in crate::robot) struct Starts {
 /// Quiet runs after which what is found again is another episode, as for the detectors.
 pub(super) const RUNS_APART: usize = 2;
 
-/// Quantities that stand for one another: a run has the best of them that it can have.
-const FRICTION: [&str; 3] = ["friction_index", "warm_friction_nm", "excitation_friction_nm"];
-
 /// What people hear of as one fault of a joint, whichever of them the evidence favours: friction changed.
-const FRICTION_KINDS: [&str; 2] = ["drift", "step"];
+const FRICTION_KINDS: [AnomalyKind; 2] = [AnomalyKind::Drift, AnomalyKind::Step];
 
 /// For each found episode the stored one that it goes on with, each used once. First the best overlap in time of those
 /// of one cause; then of those whose cause was corrected, since the old one is found no longer; last of those that
@@ -83,8 +82,8 @@ pub(in crate::robot) fn goes_on(old: &Episode, new: &Episode) -> bool {
 
 /// What the alarms of several joints become one of, by kind: an oscillation of any quantity, a warm-up of the arm's. Friction of all
 /// joints that the hall changes is no joint's alarm.
-const OF_ALL_JOINTS: [(&str, Option<&str>); 2] =
-    [("oscillation", None), ("thermal", Some("common_warm_up_time_ratio"))];
+const OF_ALL_JOINTS: [(AnomalyKind, Option<Quantity>); 2] =
+    [(AnomalyKind::Oscillation, None), (AnomalyKind::Thermal, Some(Quantity::CommonWarmUpTimeRatio))];
 
 /// Whether a stored episode of a joint is told as one of the whole arm now: of the same kind, at the same time.
 pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) -> bool {
@@ -100,19 +99,18 @@ pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) 
 }
 
 /// Whether a kind is so much another than before that what people said of the fault does not hold for it.
-pub(in crate::robot) fn is_another_fault(old: &str, new: &str) -> bool {
+pub(in crate::robot) fn is_another_fault(old: AnomalyKind, new: AnomalyKind) -> bool {
     old != new && !(FRICTION_KINDS.contains(&old) && FRICTION_KINDS.contains(&new))
 }
 
 fn is_of_one_cause(old: &Episode, new: &Episode) -> bool {
-    let of_friction = |of: &Episode| FRICTION.contains(&of.quantity.as_str());
-    old.kind == new.kind && (old.quantity == new.quantity || (of_friction(old) && of_friction(new)))
+    old.kind == new.kind && old.quantity.is_of_one_cause(new.quantity)
 }
 
 /// A comparison with other arms does not correct the arm's own history, and a wrong date does not correct a fault.
 fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
-    let is_of_dates = |of: &Episode| of.quantity == IMPLAUSIBLE_DATE;
-    old.kind != "fleet" && new.kind != "fleet" && !is_of_dates(old) && !is_of_dates(new)
+    let is_of_dates = |of: &Episode| of.quantity == Quantity::ImplausibleDate;
+    ![old.kind, new.kind].contains(&AnomalyKind::Fleet) && !is_of_dates(old) && !is_of_dates(new)
 }
 
 /// How long both last at once, in microseconds; 0 where one goes on with the other, `None` where they are apart.
@@ -121,7 +119,10 @@ fn overlap(old: &Episode, new: &Episode, starts: &Starts) -> Option<i64> {
     if both >= 0 {
         return Some(both);
     }
-    let runs = if new.quantity.starts_with("production") { &starts.production } else { &starts.tests };
+    let runs = match new.quantity.history() {
+        RunKind::Production => &starts.production,
+        RunKind::Test => &starts.tests,
+    };
     let between = runs.iter().filter(|start| (old.to + 1..new.from).contains(start)).count();
     (!old.ended && old.to < new.from && between < RUNS_APART).then_some(0)
 }
@@ -130,13 +131,12 @@ fn overlap(old: &Episode, new: &Episode, starts: &Starts) -> Option<i64> {
 mod tests {
     use super::*;
 
-    fn episode(kind: &str, quantity: &str, from: i64, to: i64) -> Episode {
-        let (kind, quantity) = (kind.into(), quantity.into());
+    fn episode(kind: AnomalyKind, quantity: Quantity, from: i64, to: i64) -> Episode {
         Episode { joint: Some(3), kind, quantity, from, to, ended: false, withdrawn: false }
     }
 
     fn drift(from: i64, to: i64) -> Episode {
-        episode("drift", "friction_index", from, to)
+        episode(AnomalyKind::Drift, Quantity::FrictionIndex, from, to)
     }
 
     fn ended(of: Episode) -> Episode {
@@ -155,9 +155,9 @@ mod tests {
     fn an_episode_whose_first_run_moves_or_whose_quantity_gets_better_is_the_same() {
         assert_eq!(pairs(&[drift(5, 9)], &[drift(7, 10)]), [Some(0)]);
         assert_eq!(pairs(&[drift(5, 9)], &[drift(2, 5)]), [Some(0)], "they touch");
-        let warm = episode("drift", "warm_friction_nm", 4, 6);
+        let warm = episode(AnomalyKind::Drift, Quantity::WarmFriction, 4, 6);
         assert_eq!(pairs(&[warm], &[drift(5, 9)]), [Some(0)]);
-        let production = episode("drift", "production_friction", 4, 6);
+        let production = episode(AnomalyKind::Drift, Quantity::ProductionFriction, 4, 6);
         assert_eq!(
             pairs(&[drift(4, 6), production.clone()], &[production, drift(4, 6)]),
             [Some(1), Some(0)],
@@ -171,11 +171,17 @@ mod tests {
     fn an_alarm_of_a_joint_is_told_of_the_arm_where_joints_are_joined_at_the_time() {
         let is_told = |old: &Episode, new: Episode| is_told_of_arm(old, &[new], &starts());
         let of_arm = |of: Episode| Episode { joint: None, ..of };
-        let swing = |from, to| episode("oscillation", "friction_swing", from, to);
-        let warm_up = episode("thermal", "warm_up_time_ratio", 5, 9);
+        let swing = |from, to| episode(AnomalyKind::Oscillation, Quantity::FrictionSwing, from, to);
+        let warm_up = episode(AnomalyKind::Thermal, Quantity::WarmUpTimeRatio, 5, 9);
         assert!(is_told(&swing(5, 9), of_arm(swing(6, 10))));
-        assert!(is_told(&warm_up, of_arm(episode("thermal", "common_warm_up_time_ratio", 6, 10))));
-        assert!(!is_told(&warm_up, of_arm(episode("thermal", "common_friction_ratio", 6, 10))), "the hall");
+        assert!(is_told(
+            &warm_up,
+            of_arm(episode(AnomalyKind::Thermal, Quantity::CommonWarmUpTimeRatio, 6, 10))
+        ));
+        assert!(
+            !is_told(&warm_up, of_arm(episode(AnomalyKind::Thermal, Quantity::CommonFrictionRatio, 6, 10))),
+            "the hall"
+        );
         assert!(!is_told(&ended(swing(1, 3)), of_arm(swing(6, 10))), "it was before");
         assert!(!is_told(&warm_up, of_arm(swing(6, 10))), "another kind");
         assert!(!is_told(&swing(5, 9), swing(6, 10)), "of a joint");
@@ -201,10 +207,13 @@ mod tests {
 
     #[test]
     fn a_kind_is_corrected_where_the_old_one_vanishes_at_once() {
-        let step = episode("step", "friction_index", 6, 9);
+        let step = episode(AnomalyKind::Step, Quantity::FrictionIndex, 6, 9);
         assert_eq!(pairs(&[drift(5, 9)], std::slice::from_ref(&step)), [Some(0)]);
         assert_eq!(pairs(&[drift(5, 9)], &[step.clone(), drift(5, 9)]), [None, Some(0)], "both are found");
-        assert_eq!(pairs(&[episode("fleet", "friction_index", 5, 9)], &[drift(5, 9)]), [None]);
+        assert_eq!(
+            pairs(&[episode(AnomalyKind::Fleet, Quantity::FrictionIndex, 5, 9)], &[drift(5, 9)]),
+            [None]
+        );
         let withdrawn = Episode { withdrawn: true, ..drift(5, 9) };
         assert_eq!(
             pairs(std::slice::from_ref(&withdrawn), std::slice::from_ref(&step)),
@@ -217,6 +226,9 @@ mod tests {
             "and comes back as what it was"
         );
         assert_eq!(pairs(&[withdrawn, step], &[drift(6, 10)]), [Some(1)], "what is shown goes first");
-        assert!(!is_another_fault("drift", "step") && is_another_fault("oscillation", "drift"));
+        assert!(
+            !is_another_fault(AnomalyKind::Drift, AnomalyKind::Step)
+                && is_another_fault(AnomalyKind::Oscillation, AnomalyKind::Drift)
+        );
     }
 }

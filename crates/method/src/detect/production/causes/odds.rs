@@ -43,7 +43,7 @@ pub(super) fn odds(fits: &[Fit], asked: Asked) -> Why {
     let rejected = weights.into_iter().skip(1).take(MOST_ALTERNATIVES);
     let alternatives =
         rejected.map(|(fit, weight)| Alternative { cause: fit.words(asked), odds: odds(weight) }).collect();
-    Why { onset: None, odds: own, alternatives }
+    Why { odds: own, alternatives, ..Why::default() }
 }
 
 impl Fit {

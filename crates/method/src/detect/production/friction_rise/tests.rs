@@ -1,6 +1,7 @@
 //! Friction that rises in ordinary work, on histories made by hand.
 
 use crate::detect::production::fixtures::{USUAL, detected, history, wobble};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, ProductionSummary, Severity};
 
 #[test]
@@ -8,7 +9,7 @@ fn a_joint_that_wears_between_tests_is_named_and_the_next_test_takes_it_in() {
     let wear = |i: usize, j: usize| if j == 2 && (15..20).contains(&i) { 0.25 } else { 0.0 };
     let found = detected(&history(40, |i, j| (wear(i, j) + wobble(i, j), USUAL)));
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:?}") };
-    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
+    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, Quantity::ProductionFriction));
     assert_eq!((anomaly.joint.expect("one").number(), anomaly.severity), (3, Severity::Warning));
     // four tenths of a quarter are within the limit after the first log, two thirds are not after the second
     assert_eq!((anomaly.first_run_id, anomaly.last_run_id, anomaly.ended), (17, 20, true));
@@ -43,7 +44,7 @@ fn wear_that_is_there_in_the_first_logs_after_a_test_is_not_learnt() {
     let worn = |test: usize, joint: usize| if test == 6 && joint == 2 { 0.4 } else { 0.0 };
     let found = detected(&tested(8, 0.02, worn));
     let [anomaly] = &found[..] else { panic!("one anomaly: {found:#?}") };
-    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, "production_friction"));
+    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Drift, Quantity::ProductionFriction));
     assert_eq!(anomaly.joint.expect("one").number(), 3);
     assert!((61..=63).contains(&anomaly.first_run_id), "{anomaly:#?}");
     assert!(anomaly.ended && anomaly.last_run_id == 70, "the next test takes it in: {anomaly:#?}");

@@ -12,6 +12,7 @@ use crate::detect::runs::arm::baseline::{LEAST_NOISE_RATIO, LEAST_RMSD_RATIO};
 use crate::detect::runs::arm::cause::{ArmCause, Load, SignalFault};
 use crate::detect::runs::arm::{ArmEvidence, LEAST_GAIN, LEAST_POSITION_OFFSET};
 use crate::detect::verdict::{MOST_ODDS, Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Severity};
 use armwatch_model::robot::JointIndex;
 
@@ -54,23 +55,23 @@ pub(in crate::detect::runs) fn arm_changes(
         ArmCause::Load(load) => Some(of_load(&load)),
         _ => None,
     });
-    let mut found = episodes(runs, None, AnomalyKind::Payload, "load_kg", load);
+    let mut found = episodes(runs, None, AnomalyKind::Payload, Quantity::Load, load);
     for joint in (0..joints).map(JointIndex::new) {
         let signal = verdicts(0.0, &|cause| match cause {
             ArmCause::TorqueSignal { joint: of, fault } if of == joint => Some(of_signal(fault)),
             _ => None,
         });
-        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "torque_signal", signal));
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, Quantity::TorqueOffset, signal));
         let position = verdicts(0.0, &|cause| match cause {
             ArmCause::PositionSignal { joint: of, offset } if of == joint => Some(of_position(offset)),
             _ => None,
         });
-        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, "position_offset_rad", position));
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Sensor, Quantity::PositionOffset, position));
         let rest = verdicts(0.0, &|cause| match cause {
             ArmCause::UnexplainedTorque { joint: of, ratio } if of == joint => Some(of_rest(ratio)),
             _ => None,
         });
-        found.extend(episodes(runs, Some(joint), AnomalyKind::Accuracy, "unexplained_torque", rest));
+        found.extend(episodes(runs, Some(joint), AnomalyKind::Accuracy, Quantity::UnexplainedTorque, rest));
     }
     let unknown = verdicts(LEAST_UNKNOWN, &|cause| (cause == ArmCause::Unknown).then(of_unknown));
     found.extend(episodes(runs, None, AnomalyKind::Accuracy, UNKNOWN_CHANGE, unknown));
@@ -78,9 +79,11 @@ pub(in crate::detect::runs) fn arm_changes(
 }
 
 /// Quantity of a change of no known cause.
-pub(in crate::detect::runs) const UNKNOWN_CHANGE: &str = "inertial_parameters";
+pub(in crate::detect::runs) const UNKNOWN_CHANGE: Quantity = Quantity::InertialParameters;
 
 struct Figure {
+    /// The quantity, if the cause decides which it is.
+    quantity: Option<Quantity>,
     score: f64,
     threshold: f64,
     value: f64,
@@ -91,7 +94,14 @@ struct Figure {
 impl Figure {
     /// Of a change that no figure measures.
     fn without_value() -> Self {
-        Self { score: 1.0, threshold: 1.0, value: f64::NAN, baseline: f64::NAN, message: String::new() }
+        Self {
+            quantity: None,
+            score: 1.0,
+            threshold: 1.0,
+            value: f64::NAN,
+            baseline: f64::NAN,
+            message: String::new(),
+        }
     }
 
     fn verdict(self, evidence: &ArmEvidence, fault: &ArmCause, is_confirmed: bool) -> Verdict {
@@ -105,6 +115,7 @@ impl Figure {
             baseline: self.baseline,
             message: self.message,
             why: Why {
+                quantity: self.quantity,
                 onset: None,
                 odds: own,
                 alternatives: others
@@ -134,6 +145,7 @@ fn of_load(load: &Load) -> Figure {
         false => (-load.mass, "less", "look for a tool or part that was lost or taken off"),
     };
     Figure {
+        quantity: None,
         score: amount / load.std_error,
         threshold: 5.0,
         value: load.mass,
@@ -149,6 +161,7 @@ fn of_load(load: &Load) -> Figure {
 fn of_signal(fault: SignalFault) -> Figure {
     match fault {
         SignalFault::Offset(torque) => Figure {
+            quantity: Some(Quantity::TorqueOffset),
             score: torque.abs(),
             threshold: 0.0,
             value: torque,
@@ -160,6 +173,7 @@ fn of_signal(fault: SignalFault) -> Figure {
             ),
         },
         SignalFault::Noise(ratio) => Figure {
+            quantity: Some(Quantity::TorqueNoiseRatio),
             score: ratio,
             threshold: LEAST_NOISE_RATIO,
             value: ratio,
@@ -169,6 +183,7 @@ fn of_signal(fault: SignalFault) -> Figure {
             ),
         },
         SignalFault::Gain(part) => Figure {
+            quantity: Some(Quantity::TorqueGainRatio),
             score: part.abs(),
             threshold: LEAST_GAIN,
             value: 1.0 + part,
@@ -185,6 +200,7 @@ fn of_signal(fault: SignalFault) -> Figure {
 
 fn of_rest(ratio: f64) -> Figure {
     Figure {
+        quantity: None,
         score: ratio,
         threshold: LEAST_RMSD_RATIO,
         value: ratio,
@@ -198,6 +214,7 @@ fn of_rest(ratio: f64) -> Figure {
 
 fn of_position(offset: f64) -> Figure {
     Figure {
+        quantity: None,
         score: offset.abs(),
         threshold: LEAST_POSITION_OFFSET,
         value: offset,

@@ -14,6 +14,7 @@ use crate::detect::runs::arm::cause::ArmCause;
 use crate::detect::runs::history::friction_history::FrictionHistory;
 use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::median;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Severity};
 
 /// Fewest other joints whose median is no single joint's affair.
@@ -98,7 +99,7 @@ pub(in crate::detect::runs) fn common_changes(
         }
     };
     let verdicts = (0..runs.len()).map(verdict).collect();
-    episodes(runs, None, AnomalyKind::Thermal, "common_friction_ratio", verdicts)
+    episodes(runs, None, AnomalyKind::Thermal, Quantity::CommonFrictionRatio, verdicts)
 }
 
 #[cfg(test)]

@@ -25,6 +25,7 @@ use crate::detect::runs::curve::run_cause::RunCause;
 use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::robust_deviation;
 use armwatch_model::anomaly::cycle_peaks::{Cycles, Distances, pauses, peaks_of_joint};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
@@ -332,7 +333,7 @@ fn anomalies(
             _ => Verdict::Quiet,
         };
         let verdicts = found.iter().zip(history).map(verdict).collect();
-        episodes(moments, joint, AnomalyKind::Accuracy, "contact", verdicts)
+        episodes(moments, joint, AnomalyKind::Accuracy, Quantity::Contact, verdicts)
     };
     named.into_iter().flat_map(of_joint).collect()
 }

@@ -10,6 +10,7 @@ use super::first_level::{FirstLevels, LEVEL_CHANGE};
 use crate::detect::control_chart::median_variance;
 use crate::statistics::descriptive::{median, robust_deviation};
 use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
+use armwatch_model::anomaly::quantity::Quantity;
 
 /// Smallest run-to-run standard deviation that a baseline of a few runs is believed to have, as a
 /// fraction of friction: the ambient temperature alone moves warm friction by about this.
@@ -57,12 +58,20 @@ pub(in crate::detect::runs) enum Source {
 }
 
 impl Source {
-    /// Name of the quantity.
-    pub(in crate::detect::runs) fn quantity(self) -> &'static str {
+    /// The quantity of its level.
+    pub(in crate::detect::runs) fn quantity(self) -> Quantity {
         match self {
-            Self::Index => "friction_index",
-            Self::Warm => "warm_friction_nm",
-            Self::Excitation => "excitation_friction_nm",
+            Self::Index => Quantity::FrictionIndex,
+            Self::Warm => Quantity::WarmFriction,
+            Self::Excitation => Quantity::ExcitationFriction,
+        }
+    }
+
+    /// The quantity of a jump inside a test, which compares only cycles of that test: always a ratio.
+    pub(in crate::detect::runs) fn quantity_of_jump(self) -> Quantity {
+        match self {
+            Self::Index => Quantity::FrictionIndex,
+            Self::Warm | Self::Excitation => Quantity::FrictionJumpRatio,
         }
     }
 

@@ -10,11 +10,10 @@ use super::one_of_several::{joints_of, one_of_arm};
 use crate::detect::runs::curve::points::{Curve, curves};
 use crate::detect::runs::curve::within_run;
 use crate::statistics::distributions::normal_quantile;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary};
 use armwatch_model::robot::JointIndex;
 
-/// The quantity of oscillations that are compared.
-const FRICTION_SWING: &str = "friction_swing";
 /// Least correlation: half of what one joint does is what the other does.
 const LEAST_CORRELATION: f64 = 0.7;
 /// Probability with which a pair of joints that swing by themselves may be taken for a coupled one.
@@ -50,7 +49,7 @@ pub(in crate::detect::runs) fn joined(
     let swings: Vec<(Option<JointIndex>, (usize, usize))> = free
         .iter()
         .map(|&at| &found[at])
-        .filter(|of| of.quantity == FRICTION_SWING)
+        .filter(|of| of.quantity == Quantity::FrictionSwing)
         .map(|of| (of.joint, span(of)))
         .collect();
     for (at, (joint, (from, to))) in swings.iter().enumerate() {
@@ -115,7 +114,7 @@ fn coupled(
     let (a, b) = (one.joint?, other.joint?);
     let ((from, to), (from_other, to_other)) = (span(one), span(other));
     let (first, last) = (from.max(from_other), to.min(to_other));
-    if a == b || [one, other].iter().any(|of| of.quantity != FRICTION_SWING) || first > last {
+    if a == b || [one, other].iter().any(|of| of.quantity != Quantity::FrictionSwing) || first > last {
         return None;
     }
     let [mut own, mut others, mut products] = [0.0; 3];

@@ -13,11 +13,12 @@ use crate::detect::runs::curve::warm_up_jump::{LEAST_FACTOR, jump_at};
 use crate::detect::runs::parts::Part;
 use crate::statistics::descriptive::mean;
 use armwatch_model::analysis::Estimate;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind};
 
 /// The quantities of warm-ups, of a joint and of the arm.
-const OF_JOINT: &str = "warm_up_time_ratio";
-const OF_ARM: &str = "common_warm_up_time_ratio";
+const OF_JOINT: Quantity = Quantity::WarmUpTimeRatio;
+const OF_ARM: Quantity = Quantity::CommonWarmUpTimeRatio;
 /// Least jump of what all joints share, as a part of the joint's, in logarithms.
 const LEAST_PART: f64 = 0.6;
 /// Standard errors that it is away from none.

@@ -16,6 +16,7 @@ use crate::detect::detector::Detector;
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why, apart};
 use crate::diagnose::model::weigh::WeighSettings;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// A relative RMSD beyond its limit that is within this factor of the joint's own baseline is how
@@ -52,8 +53,8 @@ impl Detector<JointSeries<'_>> for Accuracy {
         AnomalyKind::Accuracy
     }
 
-    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
-        "moving_relative_rmsd"
+    fn quantity(&self, _: &JointSeries<'_>) -> Quantity {
+        Quantity::MovingRelativeRmsd
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {

@@ -20,6 +20,7 @@ use crate::detect::runs::history::friction_history::{FrictionHistory, Observed, 
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why, apart};
 use armwatch_model::anomaly::forecast::{Forecast, Trend};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Standard errors of a run's own ratio below which no change counts: much of them is the map's, which errs alike from
@@ -35,7 +36,7 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
         AnomalyKind::Drift
     }
 
-    fn quantity(&self, series: &JointSeries<'_>) -> &'static str {
+    fn quantity(&self, series: &JointSeries<'_>) -> Quantity {
         series.friction.source.quantity()
     }
 
@@ -67,7 +68,7 @@ impl Detector<JointSeries<'_>> for FrictionDrift {
 pub(super) fn why_level(series: &JointSeries<'_>, run: usize) -> Why {
     let compared = series.causes.get(run).and_then(Option::as_ref).and_then(RunCause::odds_of_level);
     let (odds, alternatives) = compared.unzip();
-    Why { onset: None, odds, alternatives: alternatives.unwrap_or_default() }
+    Why { odds, alternatives: alternatives.unwrap_or_default(), ..Why::default() }
 }
 
 /// When friction will reach its limits, as the latest run lets expect. A jump of friction says nothing of a trend, so

@@ -14,6 +14,7 @@ use crate::detect::detector::Detector;
 use crate::detect::runs::curve::hypothesis::Cause;
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 pub(in crate::detect::runs) struct FrictionStep;
@@ -23,7 +24,7 @@ impl Detector<JointSeries<'_>> for FrictionStep {
         AnomalyKind::Step
     }
 
-    fn quantity(&self, series: &JointSeries<'_>) -> &'static str {
+    fn quantity(&self, series: &JointSeries<'_>) -> Quantity {
         series.friction.source.quantity()
     }
 
@@ -98,6 +99,7 @@ fn inside(series: &JointSeries<'_>, run: usize) -> Option<Verdict> {
             100.0 * change
         ),
         why: Why {
+            quantity: Some(series.friction.source.quantity_of_jump()),
             onset: Some((run, Some(cycle))),
             odds: Some(found.odds()),
             alternatives: found.alternatives(),

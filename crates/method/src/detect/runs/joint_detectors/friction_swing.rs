@@ -10,6 +10,7 @@ use crate::detect::detector::Detector;
 use crate::detect::runs::curve::hypothesis::Cause;
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Swing that is a warning, and one that is critical, as fractions of friction.
@@ -25,8 +26,8 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
         AnomalyKind::Oscillation
     }
 
-    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
-        "friction_swing"
+    fn quantity(&self, _: &JointSeries<'_>) -> Quantity {
+        Quantity::FrictionSwing
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
@@ -59,7 +60,7 @@ impl Detector<JointSeries<'_>> for FrictionSwing {
                     found.cycles,
                     100.0 * found.scatter
                 ),
-                why: Why { onset: None, odds: Some(found.odds()), alternatives: found.alternatives() },
+                why: Why { odds: Some(found.odds()), alternatives: found.alternatives(), ..Why::default() },
             }
         };
         (0..series.causes.len()).map(verdict).collect()

@@ -17,6 +17,7 @@ use crate::detect::detector::Detector;
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::median;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// Swings of the relative RMSD below this are noise of a good fit, whatever their ratio: healthy
@@ -42,8 +43,8 @@ impl Detector<JointSeries<'_>> for Oscillation {
         AnomalyKind::Oscillation
     }
 
-    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
-        "moving_relative_rmsd"
+    fn quantity(&self, _: &JointSeries<'_>) -> Quantity {
+        Quantity::MovingRelativeRmsd
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {

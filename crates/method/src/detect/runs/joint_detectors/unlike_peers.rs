@@ -15,6 +15,7 @@ use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::{median, robust_deviation};
 use crate::statistics::distributions::student_quantile;
 use armwatch_model::analysis::JointSummary;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
 /// First tests without which an arm is not judged.
@@ -94,10 +95,10 @@ impl Detector<JointSeries<'_>> for UnlikePeers {
         AnomalyKind::Fleet
     }
 
-    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
+    fn quantity(&self, _: &JointSeries<'_>) -> Quantity {
         match self {
-            Self::Friction => "friction_of_model_nm",
-            Self::Accuracy => "rmsd_of_model",
+            Self::Friction => Quantity::FrictionOfModel,
+            Self::Accuracy => Quantity::RmsdOfModel,
         }
     }
 
@@ -217,7 +218,7 @@ mod tests {
         let others = [10.0, 12.0, 14.0, 11.0, 9.0];
         let of = found(8, 11.0, 0.11, &others);
         assert_eq!(of.len(), 1, "{of:?}");
-        assert_eq!((of[0].quantity, of[0].severity), ("rmsd_of_model", Severity::Warning));
+        assert_eq!((of[0].quantity, of[0].severity), (Quantity::RmsdOfModel, Severity::Warning));
         assert_eq!(found(8, 11.0, 0.045, &others), vec![]);
     }
 }

@@ -22,6 +22,7 @@ use crate::detect::runs::curve::run_cause::RunCause;
 use crate::detect::runs::curve::warm_up_jump::{LEAST_FACTOR, Limits, WarmUpJump};
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Severity};
 
@@ -32,8 +33,8 @@ impl Detector<JointSeries<'_>> for WarmUp {
         AnomalyKind::Thermal
     }
 
-    fn quantity(&self, _: &JointSeries<'_>) -> &'static str {
-        "warm_up_time_ratio"
+    fn quantity(&self, _: &JointSeries<'_>) -> Quantity {
+        Quantity::WarmUpTimeRatio
     }
 
     fn judge(&self, series: &JointSeries<'_>) -> Vec<Verdict> {
@@ -82,7 +83,7 @@ pub(in crate::detect::runs) fn of_common_warm_up(
     verdicts: &[Verdict],
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
-    episodes(runs, None, AnomalyKind::Thermal, "common_warm_up_time_ratio", verdicts.to_vec())
+    episodes(runs, None, AnomalyKind::Thermal, Quantity::CommonWarmUpTimeRatio, verdicts.to_vec())
 }
 
 fn alpha(settings: &DetectSettings, joints: usize, starts: &[Timestamp]) -> f64 {
@@ -148,6 +149,7 @@ impl WarmUps<'_> {
                     self.remedy
                 ),
                 why: Why {
+                    quantity: None,
                     onset,
                     odds: is_own.then(|| found.odds()),
                     alternatives: if is_own { found.alternatives() } else { Vec::new() },
@@ -169,6 +171,7 @@ const MOST_EVIDENCE: f64 = 1.5;
 mod tests {
     use crate::detect::runs::cause_tests::{State, alarms, fleet, only};
     use armwatch_model::anomaly::AnomalyKind;
+    use armwatch_model::anomaly::quantity::Quantity;
 
     #[test]
     fn another_warm_up_of_all_joints_is_one_alarm_of_the_arm() {
@@ -176,7 +179,7 @@ mod tests {
             let history =
                 fleet(24, seed, |run| State { lubricant: (run >= 12).then_some(factor), ..State::default() });
             let alarm = only(&history, AnomalyKind::Thermal, None);
-            assert_eq!(alarm.quantity, "common_warm_up_time_ratio", "{alarm:?}");
+            assert_eq!(alarm.quantity, Quantity::CommonWarmUpTimeRatio, "{alarm:?}");
             assert!((12..=18).contains(&alarm.first_run_id), "{alarm:?}");
             assert!(!alarm.ended, "{alarm:?}");
             assert!((alarm.value / factor).ln().abs() < 0.5, "{alarm:?}");

@@ -3,6 +3,7 @@
 use crate::detect::runs::detect;
 use crate::detect::runs::fixtures::{CYCLES, JOINTS, healthy, indexed, refusal, refused};
 use armwatch_model::analysis::refusal::Channel;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{AnomalyKind, Findings, Knowledge, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
@@ -17,7 +18,7 @@ fn a_stuck_channel_is_a_sensor_anomaly_and_nothing_is_known_of_any_joint() {
     history.push(refused(10, vec![refusal("stuck_channel", Channel::Torque, Some(1), CYCLES)]));
     let found = found(&history);
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
-    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Sensor, "torque_signal"));
+    assert_eq!((anomaly.kind, anomaly.quantity), (AnomalyKind::Sensor, Quantity::TorqueSignal));
     assert_eq!((anomaly.joint, anomaly.severity), (Some(JointIndex::new(1)), Severity::Warning));
     assert_eq!((anomaly.first_run_id, anomaly.first_cycle, anomaly.ended), (11, Some(1), false));
     assert_eq!(anomaly.message, "the test gave no result: the torque is wrong");
@@ -57,11 +58,11 @@ fn what_is_wrong_with_most_joints_alike_is_the_whole_arms() {
     let [anomaly] = &degrees[..] else { panic!("one anomaly: {degrees:?}") };
     assert_eq!(
         (anomaly.kind, anomaly.quantity, anomaly.joint),
-        (AnomalyKind::Sensor, "position_signal", None)
+        (AnomalyKind::Sensor, Quantity::PositionSignal, None)
     );
     assert!(anomaly.message.contains("(3 joints alike)"), "{}", anomaly.message);
 
     history[8] = refused(8, vec![refusal("negative_inertia", Channel::Model, Some(2), CYCLES)]);
     let model = &found(&history).anomalies[0];
-    assert_eq!((model.kind, model.quantity), (AnomalyKind::Accuracy, "model"));
+    assert_eq!((model.kind, model.quantity), (AnomalyKind::Accuracy, Quantity::Model));
 }

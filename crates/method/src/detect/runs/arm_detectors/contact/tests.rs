@@ -12,6 +12,7 @@ use crate::detect::runs::open_run::{UsualTests, detect_open};
 use armwatch_model::analysis::friction::CycleFriction;
 use armwatch_model::analysis::measurements::CycleRmsd;
 use armwatch_model::anomaly::CycleSeries;
+use armwatch_model::anomaly::quantity::Quantity;
 
 const JOINTS: usize = 6;
 /// RMS of the torque of each joint, and the deviation of a warm cycle, Nm.
@@ -67,7 +68,7 @@ fn test(run: i64, cold: f64, pushes: &[(usize, u32, f64, f64)]) -> RunSummary {
 
 fn found(history: &[RunSummary]) -> Vec<Anomaly> {
     let mut found = detect(history, &DetectSettings::default()).anomalies;
-    found.retain(|of| of.quantity == "contact");
+    found.retain(|of| of.quantity == Quantity::Contact);
     found
 }
 
@@ -115,7 +116,11 @@ fn what_a_push_does_to_the_rmsd_of_its_test_is_no_oscillation() {
     let swings = |of: &&Anomaly| of.kind == AnomalyKind::Oscillation;
     assert_eq!(without.anomalies.iter().filter(swings).count(), 1, "{:?}", without.anomalies);
     let with = found(&[PUSH]);
-    assert_eq!(with.anomalies.iter().map(|of| of.quantity).collect::<Vec<_>>(), ["contact"], "{with:?}");
+    assert_eq!(
+        with.anomalies.iter().map(|of| of.quantity).collect::<Vec<_>>(),
+        [Quantity::Contact],
+        "{with:?}"
+    );
 }
 
 #[test]
@@ -188,8 +193,11 @@ fn a_push_is_told_one_cycle_after_it_while_the_test_is_written() {
         open.whole_cycle_rmsd.retain(|of| of.cycle <= cycles);
         let found = detect_open(&usual, &[], &open, &settings);
         let shown: Vec<_> = found.iter().map(|of| (of.quantity, of.joint, of.onset.cycle)).collect();
-        let wanted =
-            if cycles > PUSH.1 { vec![("contact", Some(JointIndex::new(2)), Some(5))] } else { vec![] };
+        let wanted = if cycles > PUSH.1 {
+            vec![(Quantity::Contact, Some(JointIndex::new(2)), Some(5))]
+        } else {
+            vec![]
+        };
         assert_eq!(shown, wanted, "after cycle {cycles}: {found:#?}");
     }
 }

@@ -6,6 +6,7 @@ use crate::detect::runs::detect;
 use crate::detect::runs::fixtures::{history, wobble};
 use armwatch_model::analysis::{Estimate, WarmFriction};
 use armwatch_model::anomaly::forecast::{Forecast, Trend};
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{AnomalyKind, Knowledge, RunSummary, Severity};
 use armwatch_model::robot::JointIndex;
@@ -90,7 +91,7 @@ fn wear_in_the_index_says_so_and_uncertain_runs_have_less_of_a_say() {
     let found =
         detect(&with_index(history(20, |_| 12.0), |i| Some((wear(i), 0.005))), &DetectSettings::default());
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
-    assert_eq!((anomaly.quantity, anomaly.baseline), ("friction_index", 1.0));
+    assert_eq!((anomaly.quantity, anomaly.baseline), (Quantity::FrictionIndex, 1.0));
     assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
     assert!(anomaly.message.contains("equal speed and warmth"), "{}", anomaly.message);
     let unsure = |i: usize| Some(if i < 14 { (wobble(i), 0.005) } else { (1.1, 0.08) });
@@ -107,7 +108,7 @@ fn a_run_without_an_index_is_held_against_warm_friction_and_says_why() {
         detect(&with_index(worn, |i| (i < 10).then(|| (wobble(i), 0.005))), &DetectSettings::default());
     let [anomaly] = &found.anomalies[..] else { panic!("one anomaly: {:?}", found.anomalies) };
     assert!(anomaly.message.contains("has no friction index"), "{}", anomaly.message);
-    assert_eq!(anomaly.quantity, "friction_index");
+    assert_eq!(anomaly.quantity, Quantity::FrictionIndex);
 }
 
 /// Takes the friction stage from runs and gives them friction of the excitation.
@@ -133,11 +134,11 @@ fn without_a_friction_stage_the_identified_friction_is_watched() {
     let health = &healthy.health[2];
     assert_eq!(
         (health.knowledge, health.friction_quantity),
-        (Knowledge::Compared, Some("excitation_friction_nm"))
+        (Knowledge::Compared, Some(Quantity::ExcitationFriction))
     );
     let worn = bare(&|i| 9.0 * wobble(i) * (1.0 + 0.03 * i.saturating_sub(7) as f64), 20);
     let [anomaly] = &worn.anomalies[..] else { panic!("one anomaly: {:?}", worn.anomalies) };
-    assert_eq!((anomaly.quantity, anomaly.joint), ("excitation_friction_nm", Some(JointIndex::new(2))));
+    assert_eq!((anomaly.quantity, anomaly.joint), (Quantity::ExcitationFriction, Some(JointIndex::new(2))));
     assert!((10..=13).contains(&anomaly.first_run_id), "{}", anomaly.first_run_id);
     assert!((anomaly.baseline - 9.0).abs() < 0.1 && anomaly.value > 11.0, "{anomaly:?}");
     assert!(anomaly.message.contains("the recordings have no friction stage"), "{}", anomaly.message);

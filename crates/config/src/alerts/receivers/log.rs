@@ -1,0 +1,18 @@
+//! `[alerts.route.log]`: the log of the program.
+
+use super::Receiver;
+use crate::toml::table::Table;
+
+/// The log of the program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LogSettings;
+
+impl Receiver for LogSettings {
+    fn read(_: &Table<'_>) -> Option<Self> {
+        Some(Self)
+    }
+
+    fn target(&self) -> String {
+        "the log".into()
+    }
+}
