@@ -130,6 +130,8 @@ export function actionButton(name, anomaly, done) {
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
       const back = BACK[anomaly.state];
       toast(`The alarm of ${nameOf(anomaly)} is ${action.said}.`, back ? async () => {
+        // A closed alarm cannot be shelved.
+        if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
         await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });
         done();
       } : null);
