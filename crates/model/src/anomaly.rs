@@ -4,8 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 
-use self::brief::Brief;
 use self::forecast::Forecast;
 use crate::analysis::friction::CycleFriction;
 use crate::analysis::measurements::CycleRmsd;
@@ -16,7 +16,6 @@ use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
 pub mod baseline_runs;
-pub mod brief;
 pub mod cycle_peaks;
 pub mod epoch;
 pub mod forecast;
@@ -26,7 +25,7 @@ pub mod settings;
 pub mod settled;
 
 /// What kind of change an anomaly is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum AnomalyKind {
     /// Slow change over runs.
     Drift,
@@ -82,7 +81,7 @@ impl fmt::Display for AnomalyKind {
 }
 
 /// How soon a person should look.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum Severity {
     /// Worth knowing.
     Info,
@@ -140,14 +139,10 @@ pub struct RunSummary {
     /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
     /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
     pub epochs: Vec<u32>,
-    /// What stands for the cycles; `None` where nothing is stored of it.
-    pub brief: Option<Arc<Brief>>,
-    /// Whether `cycle_friction`, `whole_cycle_rmsd` and `parameters` are left out, for which `brief` stands.
-    pub is_brief: bool,
 }
 
 /// Friction of one joint in one cycle of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleSeries {
     /// Number of the cycle, from 1.
     pub cycle: u32,
@@ -172,20 +167,6 @@ pub struct RunParameter {
 }
 
 impl RunSummary {
-    /// What stands for the cycles, where they are left out.
-    #[must_use]
-    pub fn left_out(&self) -> Option<&Brief> {
-        self.brief.as_deref().filter(|_| self.is_brief)
-    }
-
-    /// Leaves out what its brief stands for.
-    pub fn leave_out(&mut self) {
-        if self.brief.is_some() {
-            self.is_brief = true;
-            (self.cycle_friction, self.whole_cycle_rmsd, self.parameters) = Default::default();
-        }
-    }
-
     /// Whether no joint has any figure: a test that says nothing of the arm.
     #[must_use]
     pub fn is_without_result(&self) -> bool {
@@ -221,7 +202,7 @@ pub struct ProductionSummary {
 }
 
 /// Where a change most likely began.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Onset {
     /// The first run that has it.
     pub run_id: i64,
@@ -232,7 +213,7 @@ pub struct Onset {
 }
 
 /// A cause that was compared and rejected.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alternative {
     /// What it would be, in words that follow "rather than".
     pub cause: String,
@@ -242,14 +223,15 @@ pub struct Alternative {
 
 /// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
 /// recognised by its joint, its cause and the time in which it is seen.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Anomaly {
     /// The joint; `None` where the cause is the whole arm's.
     pub joint: Option<JointIndex>,
     /// What kind of change.
     pub kind: AnomalyKind,
     /// The quantity that changed, with its unit where it has one.
-    pub quantity: &'static str,
+    #[serde(deserialize_with = "settled::read_quantity")]
+    pub quantity: settled::QuantityName,
     /// Severity in the latest run that showed it, as score, threshold, value, baseline and message are.
     pub severity: Severity,
     /// How far out the value is, in the scale of `threshold`.
