@@ -54,8 +54,8 @@ pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSet
     findings(&mut parts, peers)
 }
 
-/// [`detect_among`] with what earlier conclusions found in the cycles of tests. The findings are the same. Only tests are judged
-/// anew for which `kept` has no judgement that still holds.
+/// [`detect_among`] with what earlier conclusions found in the cycles of tests. The findings are the same. A test is judged again
+/// only if `kept` has no valid judgement of it.
 #[must_use]
 pub fn detect_with(
     history: &[RunSummary],

@@ -1,4 +1,4 @@
-//! The part of a long history by which a robot is judged. A conclusion after the ten thousandth run costs as much as one after the
+//! The window: the part of a long history that detectors use. A conclusion after the ten thousandth run costs as much as one after the
 //! thousandth.
 //!
 //! Tests and logs of production are histories of their own. Boundaries are at every [`Lengths::step`]th run in the order of

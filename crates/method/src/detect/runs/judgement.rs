@@ -22,7 +22,7 @@ pub(super) struct Judgement {
 }
 
 impl Judgement {
-    /// The same where a cause of a curve is clear from this advantage on.
+    /// The same judgement, with this least advantage of a clear cause.
     pub(super) fn at_least(mut self, advantage: f64) -> Self {
         let RunCauses { of_joints, of_arm } = &mut self.causes;
         of_joints.iter_mut().chain([of_arm]).flatten().for_each(|cause| cause.least_advantage = advantage);
@@ -114,8 +114,8 @@ impl Write for Hashed {
     }
 }
 
-/// Hash of what a judgement of a test follows from: the frame, the test, and the [`content`] of the tests whose parameters are
-/// judged together with its own. `own` is the test's content.
+/// Hash of the inputs of a test's judgement: the frame, the test, and the [`content`] of the tests whose parameters are judged
+/// together with its own. `own` is the test's content.
 pub(super) fn key(frame: u64, run: &RunSummary, own: u64, together: impl Iterator<Item = u64>) -> u64 {
     let mut hasher = DefaultHasher::new();
     (frame, own).hash(&mut hasher);

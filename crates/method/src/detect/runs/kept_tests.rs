@@ -1,4 +1,4 @@
-//! Detectors find the same with kept judgements as without, whatever arrived in which order, and judge few tests recomputed.
+//! Kept judgements change no finding, in any order of arrival, and detectors compute few of them again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -50,13 +50,13 @@ pub(super) struct Parts<'h> {
     /// By the places of the tests.
     found: Vec<(Vec<usize>, Part<'h>)>,
     kept: Option<&'h Kept>,
-    /// Hash of what each test has of cycles and parameters; empty if no judgements are kept.
+    /// Hash of the cycles and parameters of each test; empty if no judgements are kept.
     contents: Vec<u64>,
     pub(super) judged: Judged,
 }
 
 impl<'h> Parts<'h> {
-    /// Of a history, with the judgements that earlier conclusions made.
+    /// Parts of a history, with the judgements of earlier conclusions.
     pub(super) fn new(
         history: &'h [RunSummary],
         settings: &'h DetectSettings,

@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use super::packed::{Reader, add_count, add_joint, add_numbers};
+use super::packed::{packed, unpacked};
 use crate::engine::{EngineConnection, EngineExecutor};
 use armwatch_model::analysis::FrictionPoint;
 
