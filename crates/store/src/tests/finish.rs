@@ -146,9 +146,8 @@ async fn fits_of_each_shape_show_their_own_columns() {
     finish(&store, run_id, 1, &findings(vec![])).await;
     let shape = |model: &str| {
         AssertSqlSafe(format!(
-            "SELECT count(a_nm) || count(b_nm) || count(t1_min) || count(c_nm) || count(t2_min)
-                    || count(a_std_error_nm) || count(b_std_error_nm) || count(t1_std_error_min)
-                    || count(c_std_error_nm) || count(t2_std_error_min)
+            "SELECT concat(count(a_nm), count(b_nm), count(t1_min), count(c_nm), count(t2_min), count(a_std_error_nm),
+                           count(b_std_error_nm), count(t1_std_error_min), count(c_std_error_nm), count(t2_std_error_min))
              FROM warmup_fits WHERE model = '{model}' AND run_id IS NOT NULL"
         ))
     };
@@ -164,8 +163,7 @@ async fn fits_of_each_shape_show_their_own_columns() {
         number(&store, "SELECT t2_std_error_min FROM warmup_fits WHERE t2_min > 0").await,
         Some(5.0 / 16.0)
     );
-    let windows =
-        "SELECT group_concat(\"window\") FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
+    let windows = "SELECT string_agg(\"window\", ',') FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
     assert_eq!(text(&store, windows).await.as_deref(), Some("after_5,all"));
 }
 
@@ -445,7 +443,7 @@ const ASKED_BY_NAME: [&str; 5] = [
 /// dozens of rows, may be read from end to end.
 #[tokio::test]
 async fn natural_questions_are_answered_from_indexes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     finish(&store, run_id, 1, &findings(vec![])).await;
     let mut questions = Vec::new();
