@@ -381,6 +381,82 @@ fn what_a_server_refuses_is_told_in_plain_words() {
     assert!(told(&["ingest", "inbox", "--db", &latin], 74).contains("UTF8"));
 }
 
+/// A database of an earlier version on a server has the rows afterwards that a file with the same rows has, the rights that
+/// were granted, and the keys that were never given.
+#[test]
+fn an_earlier_version_on_a_server_keeps_its_rows() {
+    let Some(server) = Server::start() else { return };
+    let fixtures = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/migrations");
+    let unpacked = |name: &str| {
+        let packed = fs::read(format!("{fixtures}/{name}.zst")).expect("a fixture");
+        zstd::decode_all(&packed[..]).expect("unpacked")
+    };
+    server.sql("CREATE ROLE reader");
+    for schema in [46, 50] {
+        let name = format!("earlier{schema}");
+        server.sql(&format!("CREATE DATABASE {name}"));
+        let there = String::from_utf8(unpacked(&format!("{schema:04}.postgres.sql"))).expect("text");
+        server.sql_in(&name, &there);
+        let grants =
+            "GRANT USAGE ON SCHEMA armwatch TO reader; GRANT SELECT ON armwatch.runs, armwatch.run TO reader";
+        server.sql_in(&name, grants);
+        let last_run = "SELECT CAST(last_value AS text) FROM armwatch.run_run_id_seq";
+        let given = server.sql_in(&name, last_run);
+        let workshop = small::workshop();
+        let file = workshop.path("earlier.db");
+        fs::write(&file, unpacked(&format!("{schema:04}.db"))).expect("a database");
+        let both = Both {
+            workshop,
+            databases: [
+                file.to_str().expect("a path").to_owned(),
+                server.fleet().replace("/fleet", &format!("/{name}")),
+            ],
+        };
+        let refused = both.workshop.run(&["status", "--db", &both.databases[1]]);
+        assert!(text(&refused.stderr).contains("bring it up to date"), "{}", text(&refused.stderr));
+        for database in &both.databases {
+            both.workshop.stdout(&["ingest", "inbox", "--db", database], 0);
+        }
+        let rows_of = both.dump(&format!("schema {schema}"));
+        for view in
+            ["runs", "cycles", "cycle_parameters", "maintenance_log", "deliveries", "baseline_changes"]
+        {
+            assert!(rows(&rows_of, view) > 0, "no row in {view}");
+        }
+        assert_eq!(server.sql_in(&name, last_run), given);
+        let may = "SELECT CAST(has_table_privilege('reader', 'armwatch.runs', 'SELECT') AS text)";
+        assert_eq!(server.sql_in(&name, may), ["true"]);
+        let made = |database: &str| server.sql_in(database, DEFINITIONS);
+        if schema == 46 {
+            both.workshop.stdout(&["ingest", "inbox", "--db", &server.fleet()], 0);
+        }
+        assert_eq!(made(&name), made("fleet"), "schema {schema} and a new database");
+    }
+}
+
+/// What the schema of a server consists of: columns, constraints, indexes, triggers, functions and views.
+const DEFINITIONS: &str = "
+    SELECT format('%s.%s %s %s %s %s', t.relname, a.attname, format_type(a.atttypid, a.atttypmod), a.attnotnull,
+                  a.attidentity, pg_get_expr(d.adbin, d.adrelid))
+    FROM pg_class AS t JOIN pg_attribute AS a ON a.attrelid = t.oid
+    LEFT JOIN pg_attrdef AS d ON d.adrelid = t.oid AND d.adnum = a.attnum
+    WHERE t.relnamespace = CAST('armwatch' AS regnamespace) AND t.relkind IN ('r', 'v') AND a.attnum > 0
+    UNION ALL
+    SELECT format('%s %s %s', CAST(conrelid AS regclass), conname, pg_get_constraintdef(oid)) FROM pg_constraint
+    WHERE connamespace = CAST('armwatch' AS regnamespace)
+    UNION ALL
+    SELECT indexdef FROM pg_indexes WHERE schemaname = 'armwatch'
+    UNION ALL
+    SELECT pg_get_triggerdef(g.oid) FROM pg_trigger AS g JOIN pg_class AS t ON t.oid = g.tgrelid
+    WHERE t.relnamespace = CAST('armwatch' AS regnamespace) AND NOT g.tgisinternal
+    UNION ALL
+    SELECT pg_get_viewdef(oid) FROM pg_class
+    WHERE relnamespace = CAST('armwatch' AS regnamespace) AND relkind = 'v'
+    UNION ALL
+    SELECT CAST(relname AS text) FROM pg_class
+    WHERE relnamespace = CAST('armwatch' AS regnamespace) AND relkind IN ('S', 'r')
+    ORDER BY 1";
+
 /// An administrator makes a schema for a user who may not make any; one with something in it is left alone.
 #[test]
 fn an_empty_schema_is_taken_and_one_of_another_program_is_refused() {
@@ -448,7 +524,7 @@ fn tables_and_views_of_both_engines_have_the_same_columns() {
     let of_file = both.workshop.query(
         "SELECT t.name, c.name, CASE WHEN t.type = 'view' THEN '' ELSE lower(c.type) END, c.\"notnull\"
          FROM sqlite_schema AS t JOIN pragma_table_info(t.name) AS c
-         WHERE t.type IN ('table', 'view') AND t.name NOT LIKE 'sqlite%' AND t.name <> '_sqlx_migrations'
+         WHERE t.type IN ('table', 'view') AND t.name NOT LIKE 'sqlite%'
          ORDER BY t.name, c.cid",
     );
     let of_server = server.sql_in(
@@ -461,7 +537,6 @@ fn tables_and_views_of_both_engines_have_the_same_columns() {
                 CASE WHEN a.attnotnull THEN '1' ELSE '0' END
          FROM pg_class AS t JOIN pg_attribute AS a ON a.attrelid = t.oid
          WHERE t.relnamespace = CAST('armwatch' AS regnamespace) AND t.relkind IN ('r', 'v') AND a.attnum > 0
-               AND t.relname <> 'schema_version'
          ORDER BY t.relname, a.attnum",
     );
     // a key is never NULL, which SQLite does not say of it

@@ -123,6 +123,20 @@ pub enum StoreError {
         /// Schema version of this program.
         known: i64,
     },
+    /// The schema is older than those that can be brought up to date.
+    #[error(
+        "database {} has schema {found}, and this program brings schemas from {oldest} on up to date; open it once with a \
+         program that made schema 50, or move it away and ingest the exports again",
+        .path.display()
+    )]
+    TooOld {
+        /// Database file.
+        path: PathBuf,
+        /// Schema version of the file.
+        found: i64,
+        /// Oldest schema version that can be brought up to date.
+        oldest: i64,
+    },
     /// The content is damaged.
     #[error(
         "database {} is damaged ({detail}); move it away and ingest the exports again, or restore a copy",
@@ -409,17 +423,6 @@ impl StoreError {
     pub(super) fn from_rusqlite(path: &Path, error: &rusqlite::Error) -> Self {
         let code = error.sqlite_error().map_or(0, |of| of.extended_code);
         Self::from_code(path.to_path_buf(), code, error.to_string())
-    }
-
-    /// The same for a migration that failed.
-    pub(super) fn from_migrate(path: &Path, error: &sqlx::migrate::MigrateError) -> Self {
-        use sqlx::migrate::MigrateError;
-        match error {
-            MigrateError::Execute(source) | MigrateError::ExecuteMigration(source, _) => {
-                Self::from_sqlx(path, source)
-            }
-            other => Self::NotADatabase { path: path.to_path_buf(), detail: other.to_string() },
-        }
     }
 
     /// Result codes: <https://www.sqlite.org/rescode.html>; the low byte is the primary one.

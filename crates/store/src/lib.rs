@@ -27,7 +27,6 @@ mod monitoring;
 mod soundness;
 mod synthetic;
 mod write_ahead_log;
-mod new_schema;
 mod schema;
 mod server;
 mod open;

@@ -7,15 +7,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
-use sqlx::{ConnectOptions, Connection, SqliteConnection};
+use sqlx::{ConnectOptions, Connection};
 
-use super::engine::{Dialect, EngineConnectOptions, EnginePool, EnginePoolOptions, catalog};
+use super::engine::{
+    Dialect, EngineConnectOptions, EngineConnection, EnginePool, EnginePoolOptions, catalog,
+};
 use super::error::StoreError;
 use super::handle::Store;
 use super::open_files::OpenFiles;
 use super::own_host::OwnHost;
-use super::results::intervals;
-use super::schema::{latest_schema, migrate};
+use super::schema::latest_schema;
+use super::schema::on_file::{migrate, refuse_too_old, version};
 use super::verified_copy::{APPLICATION_ID, SNAPSHOT};
 use super::{descriptor, server, small_blocks, view_columns, write_ahead_log};
 use armwatch_config::{ClusterSettings, foreign_scheme, is_on_server, shown_database};
@@ -153,6 +155,9 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
         .disable_statement_logging();
     small_blocks::refuse_full(&path, small_blocks::LEAST_TO_WRITE_BYTES)?;
     let (found, is_snapshot) = inspect(&path, &options).await?;
+    if found > 0 {
+        refuse_too_old(&path, found)?;
+    }
     if is_snapshot {
         return Err(StoreError::Snapshot { path: path.to_path_buf() });
     }
@@ -171,7 +176,6 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     let writer = writer_pool(&path, writing, busy_timeout).await?;
     let is_older = found > 0 && found < latest_schema();
     migrate(&path, &writer).await?;
-    intervals::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     view_columns::fill(&writer).await.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     if is_older {
         tracing::info!(path = %path.display(), schema = latest_schema(), "the schema of the database is up to date");
@@ -229,6 +233,7 @@ async fn open_existing(path: &Path, oldest: i64) -> Result<Option<Store>, StoreE
         error => error,
     })?;
     if found < oldest {
+        refuse_too_old(&path, found)?;
         return Err(StoreError::Older { path: path.to_path_buf(), found, known: latest_schema() });
     }
     let probe = probe(options.clone());
@@ -335,7 +340,7 @@ async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(i64, bo
         return Ok((0, false));
     }
     write_ahead_log::refuse_foreign(path)?;
-    let result = match options.connect().await {
+    let result = match EngineConnectOptions::Sqlite(options.clone()).connect().await {
         Ok(mut connection) => {
             let identity = identity(&mut connection).await;
             connection.close().await.and(identity)
@@ -364,17 +369,15 @@ enum FileIdentity {
     Foreign,
 }
 
-async fn identity(connection: &mut SqliteConnection) -> Result<FileIdentity, sqlx::Error> {
+async fn identity(connection: &mut EngineConnection) -> Result<FileIdentity, sqlx::Error> {
     let application_id: i64 = sqlx::query_scalar("PRAGMA application_id").fetch_one(&mut *connection).await?;
     let tables: i64 =
         sqlx::query_scalar("SELECT count(*) FROM sqlite_schema").fetch_one(&mut *connection).await?;
     match (application_id, tables) {
         (APPLICATION_ID, _) => {
-            let schema: Option<i64> = sqlx::query_scalar("SELECT max(version) FROM _sqlx_migrations")
-                .fetch_one(&mut *connection)
-                .await?;
-            let version: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(connection).await?;
-            Ok(FileIdentity::Ours { schema: schema.unwrap_or(0), is_snapshot: version == SNAPSHOT })
+            let schema = version(connection).await?.unwrap_or(0);
+            let mark: i64 = sqlx::query_scalar("PRAGMA user_version").fetch_one(connection).await?;
+            Ok(FileIdentity::Ours { schema, is_snapshot: mark == SNAPSHOT })
         }
         (0, 0) => Ok(FileIdentity::New),
         _ => Ok(FileIdentity::Foreign),

@@ -217,9 +217,10 @@ mod tests {
             rows.iter().map(|row| (row.0.clone(), row.1.clone(), row.2)).collect()
         };
         assert_eq!(untyped(&described), untyped(&real), "docs/schema.md on the left, the views on the right");
-        // SQLite knows no type of a computed column
+        // SQLite knows no type of a computed column, except that of a cast
         for (found, stated) in real.iter().zip(&described) {
-            assert!(found.3.is_empty() || found.3 == stated.3, "{found:?}, {stated:?}");
+            let kind = if found.3 == "int" { "integer" } else { &found.3 };
+            assert!(kind.is_empty() || kind == stated.3, "{found:?}, {stated:?}");
         }
         for view in public_views() {
             assert!(!view.row_is.is_empty(), "what is a row of {}?", view.name);

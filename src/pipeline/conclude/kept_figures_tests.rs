@@ -117,9 +117,9 @@ async fn a_summary_of_an_older_revision_or_method_is_made_again_and_none_is_dele
     let held =
         "SELECT count(*) FROM run_summary JOIN run USING (run_id) WHERE run_summary.revision = run.revision";
     for (statement, left) in [
-        ("UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3", 5),
+        ("UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3", 5),
         ("UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 3 AND joint = 1", 5),
-        ("UPDATE run SET cycles_stored = 1 WHERE run_id = 4", 5),
+        ("UPDATE run SET cycles_stored = cycles_stored WHERE run_id = 4", 5),
         ("INSERT INTO parameter_statistic SELECT run_id, model_parameter_id, 'other', mean, min, max, d_mm, d_se, sdv, cycles
           FROM parameter_statistic WHERE run_id = 5 LIMIT 1", 5),
     ] {

@@ -6,8 +6,6 @@
 //! columns that are grouped by or aggregated, `TRUE` and `FALSE` for flags. What only one engine has is a file of this
 //! folder.
 
-use sqlx::SqliteConnection;
-
 pub(crate) mod catalog;
 pub(crate) mod host_lock;
 mod either;
@@ -41,19 +39,6 @@ pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
     match *pool.connect_options() {
         EngineConnectOptions::Sqlite(_) => Dialect::Sqlite,
         EngineConnectOptions::Postgres(_) => Dialect::Postgres,
-    }
-}
-
-/// The connection of SQLite's driver, for what only that can do.
-///
-/// # Errors
-/// The connection is one to a server.
-pub(crate) fn as_sqlite(connection: &mut EngineConnection) -> Result<&mut SqliteConnection, sqlx::Error> {
-    match connection {
-        EngineConnection::Sqlite(connection) => Ok(connection),
-        EngineConnection::Postgres(_) => {
-            Err(sqlx::Error::Protocol("what only SQLite has was asked of a server".into()))
-        }
     }
 }
 

@@ -69,7 +69,7 @@ async fn nothing_is_changed_and_nothing_but_views_is_read() {
         "SELECT (SELECT max(run_id) FROM \"run\") FROM runs".into(),
         "SELECT * FROM (SELECT * FROM run) AS runs".into(),
         "SELECT * FROM runs JOIN cycle".into(),
-        "SELECT * FROM _sqlx_migrations".into(),
+        "SELECT * FROM schema_version".into(),
         "SELECT * FROM pragma_table_info('run')".into(),
         "SELECT * FROM pragma_database_list".into(),
         "SELECT load_extension('x')".into(),

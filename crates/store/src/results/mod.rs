@@ -4,7 +4,6 @@ pub(super) mod record;
 pub(super) mod factors;
 pub(super) mod joined_factors;
 pub(super) mod channel_response;
-pub(super) mod intervals;
 pub(super) mod temperatures;
 pub(super) mod torque_noise;
 pub(super) mod verification;

@@ -128,8 +128,8 @@ async fn delete_run_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Resu
 }
 
 async fn delete_mixed_fits(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
-    // ifnull() as in the unique index, which this then uses.
-    sqlx::query("DELETE FROM warmup_fit WHERE robot_id = $1 AND ifnull(run_id, 0) = 0")
+    // coalesce() as in the unique index, which this then uses.
+    sqlx::query("DELETE FROM warmup_fit WHERE robot_id = $1 AND coalesce(run_id, 0) = 0")
         .bind(robot_id)
         .execute(executor)
         .await?;

@@ -6,11 +6,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use sqlx::postgres::{PgConnectOptions, PgConnection};
+use sqlx::postgres::PgConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use super::engine::host_lock::HostLock;
-use super::engine::{EngineConnectOptions, EnginePool, EnginePoolOptions};
+use super::engine::{EngineConnectOptions, EngineConnection, EnginePool, EnginePoolOptions};
 use super::error::StoreError;
 use super::handle::Store;
 use super::own_host::OwnHost;
@@ -112,9 +112,11 @@ fn options(path: &Path, address: &Path) -> Result<PgConnectOptions, StoreError> 
 }
 
 /// The first connection, whose fault is told as it is: that of a pool would be tried again and come out as a lack of time.
-async fn connect(path: &Path, options: &PgConnectOptions) -> Result<PgConnection, StoreError> {
+async fn connect(path: &Path, options: &PgConnectOptions) -> Result<EngineConnection, StoreError> {
     match tokio::time::timeout(CONNECT_TIMEOUT, options.connect()).await {
-        Ok(connected) => connected.map_err(|error| StoreError::from_sqlx(path, &error)),
+        Ok(connected) => {
+            connected.map(EngineConnection::Postgres).map_err(|error| StoreError::from_sqlx(path, &error))
+        }
         Err(_) => Err(StoreError::Unreachable {
             path: path.to_path_buf(),
             detail: format!("no answer within {} s", CONNECT_TIMEOUT.as_secs()),

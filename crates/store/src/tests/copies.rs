@@ -31,7 +31,7 @@ async fn is_whole(copy: &Path) -> bool {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn copies_to_one_file_at_once_are_each_whole() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 4, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let folder = tempfile::tempdir().expect("a folder");
@@ -54,7 +54,7 @@ async fn copies_to_one_file_at_once_are_each_whole() {
 
 #[tokio::test]
 async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let folder = tempfile::tempdir().expect("a folder");
     let target = folder.path().join("copy.db");
     let two_days_ago = SystemTime::now() - Duration::from_secs(2 * 86_400);
@@ -73,7 +73,7 @@ async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
 #[tokio::test]
 async fn a_backup_of_a_damaged_database_is_refused() {
     const PAGE: usize = 4096;
-    let (source, store) = fresh().await;
+    let (source, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 4, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let folder = tempfile::tempdir().expect("a folder");
@@ -103,7 +103,7 @@ async fn a_backup_of_a_damaged_database_is_refused() {
 /// The copy holds what the database held at one moment, while others write.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
-    let (folder, store) = fresh().await;
+    let (folder, store) = fresh_file().await;
     let writer = store.clone();
     let writing = tokio::spawn(async move {
         for number in 0.. {
@@ -121,10 +121,10 @@ async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
 /// A database as an earlier version left it is copied without being changed, and copied once more before its schema is.
 #[tokio::test]
 async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
-    const OLD: i64 = 20;
+    const OLD: i64 = 46;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    super::open::make_schema(&path, OLD).await;
+    super::open::make_schema(&path, OLD);
     let before = std::fs::read(&path).expect("the database");
     let cluster = armwatch_config::ClusterSettings::default();
     let any = Store::open_any_schema(&path, &cluster).await.expect("opened").expect("a database");
@@ -136,14 +136,14 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
     assert!(matches!(Store::open_existing(&backup).await, Err(StoreError::Older { found: OLD, .. })));
 
     // an earlier upgrade left a copy, and a user a file that looks like one
-    std::fs::copy(&backup, folder.path().join("fleet.db.schema-19")).expect("a copy");
-    std::fs::write(folder.path().join("fleet.db.schema-18"), "notes").expect("a file");
+    std::fs::copy(&backup, folder.path().join("fleet.db.schema-45")).expect("a copy");
+    std::fs::write(folder.path().join("fleet.db.schema-44"), "notes").expect("a file");
     let store = Store::open(&path).await.expect("brought up to date");
     assert_eq!(store.runs().await.expect("runs").len(), 4);
-    let copy = folder.path().join("fleet.db.schema-20");
+    let copy = folder.path().join("fleet.db.schema-46");
     assert!(matches!(Store::open_existing(&copy).await, Err(StoreError::Older { found: OLD, .. })));
     store.close().await.expect("closed");
-    assert_eq!(files(folder.path()), ["backup.db", "fleet.db", "fleet.db.schema-18", "fleet.db.schema-20"]);
+    assert_eq!(files(folder.path()), ["backup.db", "fleet.db", "fleet.db.schema-44", "fleet.db.schema-46"]);
 }
 
 /// A damaged database is not changed by a new version.
@@ -151,7 +151,7 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
 async fn the_schema_of_a_damaged_database_stays() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    super::open::make_schema(&path, 20).await;
+    super::open::make_schema(&path, 46);
     let asked = async |question: &'static str| -> i64 {
         let mut connection = SqliteConnectOptions::new().filename(&path).connect().await.expect("opened");
         sqlx::query_scalar(question).fetch_one(&mut connection).await.expect("a number")
@@ -163,5 +163,5 @@ async fn the_schema_of_a_damaged_database_stays() {
     std::fs::write(&path, &bytes).expect("the damaged database");
     let error = Store::open(&path).await.expect_err("a refusal");
     assert!(matches!(error, StoreError::Corrupt { .. }), "{error:?}");
-    assert_eq!(asked("SELECT max(version) FROM _sqlx_migrations").await, 20);
+    assert_eq!(asked("SELECT max(version) FROM _sqlx_migrations").await, 46);
 }

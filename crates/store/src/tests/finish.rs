@@ -145,9 +145,8 @@ async fn fits_of_each_shape_show_their_own_columns() {
     finish(&store, run_id, 1, &findings(vec![])).await;
     let shape = |model: &str| {
         AssertSqlSafe(format!(
-            "SELECT count(a_nm) || count(b_nm) || count(t1_min) || count(c_nm) || count(t2_min)
-                    || count(a_std_error_nm) || count(b_std_error_nm) || count(t1_std_error_min)
-                    || count(c_std_error_nm) || count(t2_std_error_min)
+            "SELECT concat(count(a_nm), count(b_nm), count(t1_min), count(c_nm), count(t2_min), count(a_std_error_nm),
+                           count(b_std_error_nm), count(t1_std_error_min), count(c_std_error_nm), count(t2_std_error_min))
              FROM warmup_fits WHERE model = '{model}' AND run_id IS NOT NULL"
         ))
     };
@@ -163,8 +162,7 @@ async fn fits_of_each_shape_show_their_own_columns() {
         number(&store, "SELECT t2_std_error_min FROM warmup_fits WHERE t2_min > 0").await,
         Some(5.0 / 16.0)
     );
-    let windows =
-        "SELECT group_concat(\"window\") FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
+    let windows = "SELECT string_agg(\"window\", ',') FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
     assert_eq!(text(&store, windows).await.as_deref(), Some("after_5,all"));
 }
 
@@ -444,7 +442,7 @@ const ASKED_BY_NAME: [&str; 5] = [
 /// dozens of rows, may be read from end to end.
 #[tokio::test]
 async fn natural_questions_are_answered_from_indexes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     finish(&store, run_id, 1, &findings(vec![])).await;
     let mut questions = Vec::new();
@@ -462,7 +460,7 @@ async fn natural_questions_are_answered_from_indexes() {
     questions
         .push("SELECT * FROM cycle_parameters WHERE robot = 'R00' AND joint = 1 AND parameter = 'f1'".into());
     questions.push("SELECT * FROM anomalies WHERE anomaly_id > 7".into());
-    questions.push("DELETE FROM warmup_fit WHERE robot_id = 1 AND ifnull(run_id, 0) = 0".into());
+    questions.push("DELETE FROM warmup_fit WHERE robot_id = 1 AND coalesce(run_id, 0) = 0".into());
     for question in questions {
         let plan: Vec<(i64, i64, i64, String)> =
             sqlx::query_as(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {question}")))

@@ -77,7 +77,7 @@ fn looks_through(step: &str) -> bool {
 
 #[tokio::test]
 async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut planned = 0;
     for source in SOURCES {
@@ -102,7 +102,7 @@ async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
 /// years.
 #[tokio::test]
 async fn settled_anomalies_and_kept_estimates_are_not_read() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     // the second index has what is open and nothing else, so that it may be read as a whole
     let anomalies = ["anomaly_by_state (state=?", "INDEX anomaly_in_force"];
     let cycles = ["cycle_by_estimator (estimator=? AND estimator_wanted=?"];

@@ -89,7 +89,7 @@ async fn execute(store: &Store, statement: &'static str) {
 
 #[tokio::test]
 async fn factors_of_tests_have_their_time_except_what_conclusions_need() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let mut tests = Vec::new();
     for day in 0..12 {
         tests.push(test_of_day(&store, "R00", day).await);
@@ -136,7 +136,7 @@ async fn factors_of_tests_have_their_time_except_what_conclusions_need() {
 
 #[tokio::test]
 async fn windows_are_joined_part_by_part_and_by_one_program_only() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let test = test_of_day(&store, "R00", 0).await;
     let log = log_of_day(&store, 1, test).await;
     assert_eq!(runs(&due(&store, &nothing_kept()).await), [log]);
@@ -161,7 +161,7 @@ async fn windows_are_joined_part_by_part_and_by_one_program_only() {
 
 #[tokio::test]
 async fn checks_of_joined_windows_outlive_a_change_of_their_test() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let test = test_of_day(&store, "R00", 0).await;
     let log = log_of_day(&store, 1, test).await;
     let first = store.windows_to_join(log, 2).await.expect("read").expect("windows");
@@ -175,7 +175,7 @@ async fn checks_of_joined_windows_outlive_a_change_of_their_test() {
 
 #[tokio::test]
 async fn a_joined_window_that_goes_takes_the_factor_of_its_log_along() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let test = test_of_day(&store, "R00", 0).await;
     let log = log_of_day(&store, 1, test).await;
     let first = store.windows_to_join(log, 2).await.expect("read").expect("windows");
@@ -202,7 +202,7 @@ async fn a_joined_window_that_goes_takes_the_factor_of_its_log_along() {
 
 #[tokio::test]
 async fn a_new_database_gives_free_pages_back() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let tests = [test_of_day(&store, "R00", 0).await];
     let before = store.free_space().await.expect("space");
     assert!(before.can_shrink && before.free_pages < 4, "{before:?}");
@@ -221,7 +221,7 @@ async fn a_new_database_gives_free_pages_back() {
 
 #[tokio::test]
 async fn a_log_that_ends_again_without_a_new_window_has_its_summary_again() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let test = test_of_day(&store, "R00", 0).await;
     log_of_day(&store, 1, test).await;
     execute(
@@ -244,7 +244,7 @@ async fn a_log_that_ends_again_without_a_new_window_has_its_summary_again() {
 
 #[tokio::test]
 async fn a_window_at_rest_leaves_a_log_the_evidence_of_its_other_windows() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let test = test_of_day(&store, "R00", 0).await;
     let log = log_of_day(&store, 1, test).await;
     let moving = |number: u32| {

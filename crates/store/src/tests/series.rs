@@ -41,7 +41,7 @@ async fn summarise(store: &Store) {
 
 #[tokio::test]
 async fn summaries_are_those_of_the_tables_whatever_changes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     for day in 0..3 {
         let run_id = streaming_run(&store, "R00", day, 2).await;
         finish(&store, run_id, 2, &findings(vec![])).await;
@@ -59,8 +59,8 @@ async fn summaries_are_those_of_the_tables_whatever_changes() {
          UPDATE cycle SET status = status WHERE cycle_id = 3",
         "UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 2 AND joint = 1",
         "UPDATE run_joint_summary SET estimator = 'ordinary' WHERE run_id = 2 AND joint = 2",
-        "UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3",
-        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1 WHERE run_id = 2",
+        "UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3",
+        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1, cycles_total = 1 WHERE run_id = 2",
         "UPDATE run SET status = 'streaming' WHERE run_id = 2",
         "DELETE FROM run WHERE run_id = 3",
     ];
@@ -82,7 +82,7 @@ async fn summaries_are_those_of_the_tables_whatever_changes() {
 
 #[tokio::test]
 async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 2, runs: 3, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let runs = store.run_summaries(2).await.expect("summaries");
@@ -155,16 +155,16 @@ async fn keep_friction_points(store: &Store) {
 
 #[tokio::test]
 async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let changes = [
         "UPDATE friction_point SET torque_nm = 7 WHERE cycle_id = 3 AND joint = 1;
          UPDATE cycle SET estimator = estimator WHERE cycle_id = 3",
-        "UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3",
+        "UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3",
         "INSERT INTO cycle_refusal VALUES (3, 1, 'stuck_channel', 'torque', 1, 'it is stuck');
-         UPDATE cycle SET status = 'refused', doubtful = 0, reason = 'stuck' WHERE cycle_id = 3",
-        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1 WHERE run_id = 2",
+         UPDATE cycle SET status = 'refused', doubtful = FALSE, reason = 'stuck' WHERE cycle_id = 3",
+        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1, cycles_total = 1 WHERE run_id = 2",
         "UPDATE run SET status = 'streaming' WHERE run_id = 2",
         "DELETE FROM run WHERE run_id = 3",
     ];
@@ -195,7 +195,7 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
 
 #[tokio::test]
 async fn the_parameters_of_one_cycle_have_its_standard_error() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     change(&store, "UPDATE parameter_statistic SET sdv = NULL, cycles = 1").await;
@@ -209,7 +209,7 @@ async fn the_parameters_of_one_cycle_have_its_standard_error() {
     let found = read(&runs[0]);
     assert!(found.len() == 24 && found.iter().all(|key| *key >= 1.0 && key.fract() == 0.0), "{found:?}");
     // a cycle that does not count says nothing
-    change(&store, "UPDATE cycle SET doubtful = 1").await;
+    change(&store, "UPDATE cycle SET doubtful = TRUE").await;
     let runs = store.run_summaries(1).await.expect("summaries");
     assert!(runs[0].parameters.iter().all(|of| of.std_dev.is_nan()), "{runs:?}");
 }

@@ -4,6 +4,7 @@ use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
 use tempfile::TempDir;
 
+use crate::engine::{Dialect, catalog};
 use crate::handle::Store;
 use crate::ledger::quarantine::ExportFault;
 use crate::ledger::runs::RunTotals;
@@ -33,13 +34,19 @@ pub(crate) fn fault(problem: &str, place: Option<(u64, &str)>) -> ExportFault {
 /// A fresh database; the folder lives as long as the first value.
 ///
 /// `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` has it on that server, in a database of its own
-/// whose name takes the place of `{}`. Tests whose statements are SQLite's fail there.
+/// whose name takes the place of `{}`. Tests whose statements are SQLite's take [`fresh_file`].
 pub(crate) async fn fresh() -> (TempDir, Store) {
-    let folder = tempfile::tempdir().expect("a folder");
     if let Ok(address) = std::env::var("ARMWATCH_TEST_SERVER") {
+        let folder = tempfile::tempdir().expect("a folder");
         let store = on_server(&address, &folder).await;
         return (folder, store);
     }
+    fresh_file().await
+}
+
+/// A fresh database in a file `fleet.db` of the folder.
+pub(crate) async fn fresh_file() -> (TempDir, Store) {
+    let folder = tempfile::tempdir().expect("a folder");
     let store = Store::open(&folder.path().join("fleet.db")).await.expect("a store");
     (folder, store)
 }
@@ -366,20 +373,16 @@ pub(crate) fn totals(cycles: u32) -> RunTotals {
     RunTotals { rows: 30_026 * cycles as usize, rows_skipped: 0, sample_rate: 100.0, cycles }
 }
 
-pub(crate) async fn columns(store: &Store, table: &str) -> Vec<String> {
-    sqlx::query_scalar("SELECT name FROM pragma_table_info($1) ORDER BY cid")
-        .bind(table)
-        .fetch_all(&store.readers)
-        .await
-        .expect("columns")
+pub(crate) async fn columns(store: &Store, view: &str) -> Vec<String> {
+    catalog::columns_of_view(&store.readers, view).await.expect("columns")
 }
 
 /// The public views of the schema, by name.
 pub(crate) async fn views(store: &Store) -> Vec<String> {
-    sqlx::query_scalar("SELECT name FROM sqlite_schema WHERE type = 'view' ORDER BY name")
-        .fetch_all(&store.readers)
-        .await
-        .expect("views")
+    let mut views: Vec<String> =
+        catalog::views(&store.readers).await.expect("views").into_iter().map(|(view, _)| view).collect();
+    views.dedup();
+    views
 }
 
 /// Columns with times of the machine's clock, which differ from test to test.
@@ -399,7 +402,11 @@ pub(crate) async fn dump(store: &Store) -> Vec<String> {
     for view in views(store).await.into_iter().filter(|view| view != "view_columns") {
         let columns = columns(store, &view).await;
         let compared = columns.iter().filter(|column| !CLOCK.contains(&(view.as_str(), column.as_str())));
-        let cells: Vec<String> = compared.map(|column| format!("quote(\"{column}\")")).collect();
+        let quoted = |column: &String| match store.dialect() {
+            Dialect::Sqlite => format!("quote(\"{column}\")"),
+            Dialect::Postgres => format!("coalesce(quote_literal(\"{column}\"), 'NULL')"),
+        };
+        let cells: Vec<String> = compared.map(quoted).collect();
         let query = format!("SELECT {} FROM {view}", cells.join(" || ' ' || "));
         let mut rows: Vec<String> = sqlx::query_scalar(AssertSqlSafe(query))
             .fetch_all(&store.readers)
@@ -413,7 +420,7 @@ pub(crate) async fn dump(store: &Store) -> Vec<String> {
 
 /// One figure.
 pub(crate) async fn number(store: &Store, query: &'static str) -> Option<f64> {
-    sqlx::query_scalar(AssertSqlSafe(format!("SELECT CAST(({query}) AS REAL)")))
+    sqlx::query_scalar(AssertSqlSafe(format!("SELECT CAST(({query}) AS DOUBLE PRECISION)")))
         .fetch_one(&store.readers)
         .await
         .expect("a figure")
@@ -426,6 +433,9 @@ pub(crate) async fn text(store: &Store, query: &'static str) -> Option<String> {
 
 /// Nothing dangles and nothing is damaged.
 pub(crate) async fn assert_sound(store: &Store) {
+    if store.dialect() == Dialect::Postgres {
+        return;
+    }
     let dangling = sqlx::query("PRAGMA foreign_key_check").fetch_all(&store.readers).await.expect("a check");
     assert!(dangling.is_empty(), "{} rows refer to nothing", dangling.len());
     let integrity = sqlx::query("PRAGMA integrity_check").fetch_one(&store.readers).await.expect("a check");
