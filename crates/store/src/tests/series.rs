@@ -162,8 +162,9 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
         "UPDATE friction_point SET torque_nm = 7 WHERE cycle_id = 3 AND joint = 1;
          UPDATE cycle SET estimator = estimator WHERE cycle_id = 3",
         "UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3",
+        "UPDATE cycle SET status = 'refused', doubtful = FALSE, reason = 'stuck' WHERE cycle_id = 3",
         "INSERT INTO cycle_refusal VALUES (3, 1, 'stuck_channel', 'torque', 1, 'it is stuck');
-         UPDATE cycle SET status = 'refused', doubtful = FALSE, reason = 'stuck' WHERE cycle_id = 3",
+         UPDATE cycle SET status = status WHERE cycle_id = 3",
         "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1, cycles_total = 1 WHERE run_id = 2",
         "UPDATE run SET status = 'streaming' WHERE run_id = 2",
         "DELETE FROM run WHERE run_id = 3",
