@@ -17,6 +17,8 @@ CREATE TABLE robot (
     name TEXT NOT NULL UNIQUE,
     history INTEGER NOT NULL DEFAULT 0,
     concluded INTEGER NOT NULL DEFAULT 0,
+    -- Changes of tests before the latest one, and of work on the robot.
+    past_revision INTEGER NOT NULL DEFAULT 0,
     expected_by TEXT,
     watched INTEGER NOT NULL DEFAULT 0 CHECK (watched IN (0, 1)),
     overdue INTEGER NOT NULL DEFAULT 0 CHECK (overdue IN (0, 1)),
@@ -148,6 +150,8 @@ CREATE TABLE run (
     -- The recorded start, if a person has corrected or confirmed it.
     recorded_start INTEGER,
     recorded_start_text TEXT,
+    -- Changes of its figures.
+    revision INTEGER NOT NULL DEFAULT 0,
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
     CHECK (status <> 'complete' OR (rows IS NOT NULL AND cycles_total = cycles_stored))
 ) STRICT;
@@ -744,41 +748,46 @@ CREATE TABLE friction_baseline_run (
 
 CREATE TABLE friction_plan (
     robot_id INTEGER PRIMARY KEY REFERENCES robot ON DELETE CASCADE,
-    follows_until INTEGER NOT NULL,
-    basis INTEGER NOT NULL,
+    -- The row is valid for this robot.past_revision, this version of the method and this number of tests in a baseline.
+    revision INTEGER NOT NULL,
+    method INTEGER NOT NULL,
+    baseline_runs INTEGER NOT NULL,
     numbers BLOB NOT NULL
 ) STRICT;
 
--- Histories in brief, which follow from the tables above.
+-- Summaries of runs, which follow from the tables above. A row is valid for this run.revision and this version of the method.
 
-CREATE TABLE run_series (
+CREATE TABLE run_summary (
     run_id INTEGER PRIMARY KEY REFERENCES run ON DELETE CASCADE,
-    numbers BLOB NOT NULL
+    revision INTEGER NOT NULL,
+    method INTEGER NOT NULL,
+    numbers BLOB NOT NULL,
+    -- Findings in the cycles, each with a hash of its inputs.
+    judgements BLOB
 ) STRICT;
 
 CREATE TABLE run_friction_series (
     robot_id INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
     run_id INTEGER NOT NULL REFERENCES run ON DELETE CASCADE,
     speed_fraction REAL NOT NULL,
+    revision INTEGER NOT NULL,
+    method INTEGER NOT NULL,
     numbers BLOB NOT NULL,
     PRIMARY KEY (run_id, speed_fraction)
 ) STRICT;
 
-CREATE TABLE run_brief (
-    run_id INTEGER PRIMARY KEY REFERENCES run ON DELETE CASCADE,
-    joints BLOB NOT NULL,
-    brief BLOB NOT NULL,
-    judgements BLOB NOT NULL
-) STRICT;
-
+-- The part of a history before a boundary, which conclusions do not judge again.
 CREATE TABLE settled_history (
     settled_history_id INTEGER PRIMARY KEY AUTOINCREMENT,
     robot_id INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
     kind TEXT NOT NULL CHECK (kind IN ('test', 'production')),
     runs INTEGER NOT NULL CHECK (runs > 0),
-    -- Start of the latest run that it follows from, microseconds since 1970.
+    -- Start of the first run behind the boundary, microseconds since 1970.
+    boundary_at INTEGER NOT NULL,
+    -- Start of the latest run that the row follows from, microseconds since 1970.
     follows_until INTEGER NOT NULL,
-    basis INTEGER NOT NULL,
+    -- Largest key of a run at that time. Runs with larger keys that began before the boundary are not judged.
+    latest_run_id INTEGER NOT NULL,
     numbers BLOB NOT NULL,
     UNIQUE (robot_id, kind, runs)
 ) STRICT;

@@ -1,15 +1,27 @@
 -- Triggers. Columns of other tables are qualified. PostgreSQL runs the same statements in a function.
 
-CREATE TRIGGER run_changes_history AFTER UPDATE OF status ON run
+-- A complete test that becomes the latest changes no earlier one.
+CREATE TRIGGER run_changes_history
+AFTER UPDATE OF status, started_at, robot_id, kind, robot_model_id, figures_hash ON run
 WHEN OLD.status = 'complete' OR NEW.status = 'complete'
 BEGIN
-    UPDATE robot SET history = history + 1 WHERE robot_id IN (OLD.robot_id, NEW.robot_id);
+    UPDATE robot
+    SET history = history + 1,
+        past_revision = past_revision
+            + CASE WHEN 'test' IN (OLD.kind, NEW.kind)
+                        AND (OLD.status = 'complete'
+                             OR EXISTS (SELECT 1 FROM run AS later
+                                        WHERE later.robot_id = NEW.robot_id AND later.kind = 'test'
+                                              AND later.status = 'complete'
+                                              AND (later.started_at, later.run_id) > (NEW.started_at, NEW.run_id)))
+                   THEN 1 ELSE 0 END
+    WHERE robot_id IN (OLD.robot_id, NEW.robot_id);
 END;
 
 CREATE TRIGGER run_leaves_history AFTER DELETE ON run
 WHEN OLD.status = 'complete'
 BEGIN
-    UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    UPDATE robot SET history = history + 1, past_revision = past_revision + 1 WHERE robot_id = OLD.robot_id;
 END;
 
 CREATE TRIGGER quarantined_production_changes_history AFTER UPDATE OF status ON run
@@ -26,12 +38,12 @@ END;
 
 CREATE TRIGGER maintenance_changes_history AFTER INSERT ON maintenance
 BEGIN
-    UPDATE robot SET history = history + 1 WHERE robot_id = NEW.robot_id;
+    UPDATE robot SET history = history + 1, past_revision = past_revision + 1 WHERE robot_id = NEW.robot_id;
 END;
 
 CREATE TRIGGER maintenance_taken_back_changes_history AFTER DELETE ON maintenance
 BEGIN
-    UPDATE robot SET history = history + 1 WHERE robot_id = OLD.robot_id;
+    UPDATE robot SET history = history + 1, past_revision = past_revision + 1 WHERE robot_id = OLD.robot_id;
 END;
 
 CREATE TRIGGER open_run_changes_history AFTER UPDATE OF status ON run
@@ -80,159 +92,6 @@ BEGIN
                          WHERE cycle.run_id = production_summary.run_id);
 END;
 
-CREATE TRIGGER run_series_goes_with_status AFTER UPDATE OF status ON run
-WHEN NEW.status <> OLD.status
-BEGIN
-    DELETE FROM run_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_new_cycle AFTER INSERT ON cycle
-BEGIN
-    DELETE FROM run_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_cycle AFTER DELETE ON cycle
-BEGIN
-    DELETE FROM run_series WHERE run_id = OLD.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_cycle AFTER UPDATE OF run_id, number, status, doubtful ON cycle
-BEGIN
-    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_new_rmsd AFTER INSERT ON torque_rmsd
-WHEN NEW.stage = 'all' AND NEW.verification = 'self'
-BEGIN
-    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_rmsd AFTER UPDATE ON torque_rmsd
-WHEN 'all' IN (OLD.stage, NEW.stage)
-BEGIN
-    DELETE FROM run_series
-    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
-END;
-
-CREATE TRIGGER run_series_goes_with_rmsd AFTER DELETE ON torque_rmsd
-WHEN OLD.stage = 'all' AND OLD.verification = 'self'
-BEGIN
-    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_new_level AFTER INSERT ON cycle_friction_level
-BEGIN
-    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_level AFTER UPDATE ON cycle_friction_level
-BEGIN
-    DELETE FROM run_series
-    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
-END;
-
-CREATE TRIGGER run_series_goes_with_level AFTER DELETE ON cycle_friction_level
-BEGIN
-    DELETE FROM run_series WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_new_parameter AFTER INSERT ON parameter_statistic
-BEGIN
-    DELETE FROM run_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_parameter AFTER UPDATE ON parameter_statistic
-BEGIN
-    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_parameter AFTER DELETE ON parameter_statistic
-BEGIN
-    DELETE FROM run_series WHERE run_id = OLD.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_new_summary AFTER INSERT ON run_joint_summary
-BEGIN
-    DELETE FROM run_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_summary AFTER UPDATE ON run_joint_summary
-BEGIN
-    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_summary AFTER DELETE ON run_joint_summary
-BEGIN
-    DELETE FROM run_series WHERE run_id = OLD.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_new_index AFTER INSERT ON run_friction_index
-BEGIN
-    DELETE FROM run_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_series_goes_with_changed_index AFTER UPDATE ON run_friction_index
-BEGIN
-    DELETE FROM run_series WHERE run_id IN (OLD.run_id, NEW.run_id);
-END;
-
-CREATE TRIGGER run_series_goes_with_index AFTER DELETE ON run_friction_index
-BEGIN
-    DELETE FROM run_series WHERE run_id = OLD.run_id;
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_run AFTER UPDATE OF status, robot_id ON run
-WHEN NEW.status <> OLD.status OR NEW.robot_id <> OLD.robot_id
-BEGIN
-    DELETE FROM run_friction_series WHERE run_id = NEW.run_id;
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_cycle AFTER DELETE ON cycle
-BEGIN
-    DELETE FROM run_friction_series WHERE run_id = OLD.run_id;
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_changed_cycle AFTER UPDATE OF run_id, number, status, doubtful ON cycle
-BEGIN
-    DELETE FROM run_friction_series WHERE run_id IN (OLD.run_id, NEW.run_id);
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_new_point AFTER INSERT ON friction_point
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_changed_point AFTER UPDATE ON friction_point
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_point AFTER DELETE ON friction_point
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_new_refusal AFTER INSERT ON cycle_refusal
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_changed_refusal AFTER UPDATE OF cycle_id ON cycle_refusal
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id IN (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id IN (OLD.cycle_id, NEW.cycle_id));
-END;
-
-CREATE TRIGGER run_friction_series_goes_with_refusal AFTER DELETE ON cycle_refusal
-BEGIN
-    DELETE FROM run_friction_series
-    WHERE run_id = (SELECT cycle.run_id FROM cycle WHERE cycle.cycle_id = OLD.cycle_id);
-END;
-
 CREATE TRIGGER check_takes_evidence AFTER DELETE ON production_check
 BEGIN
     DELETE FROM window_evidence WHERE cycle_id = OLD.cycle_id;
@@ -243,217 +102,30 @@ BEGIN
     DELETE FROM log_evidence WHERE run_id = OLD.run_id AND reference_run_id = OLD.reference_run_id;
 END;
 
-CREATE TRIGGER run_brief_goes_with_series AFTER DELETE ON run_series
+-- The revision of a run counts changes of the figures that kept values follow from. Rows of a cycle change only together with the
+-- cycle, and cycles are added or deleted only together with their number in the run.
+
+CREATE TRIGGER run_counts_revision AFTER UPDATE OF status, cycles_stored ON run
 BEGIN
-    DELETE FROM run_brief WHERE run_id = OLD.run_id;
+    UPDATE run SET revision = revision + 1 WHERE run_id = NEW.run_id;
 END;
 
-CREATE TRIGGER settled_history_goes_with_new_test AFTER INSERT ON run
-WHEN NEW.status = 'complete' AND NEW.kind = 'test'
+CREATE TRIGGER cycle_counts_revision AFTER UPDATE OF number, status, doubtful, estimator ON cycle
 BEGIN
-    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    UPDATE run SET revision = revision + 1 WHERE run_id = NEW.run_id;
 END;
 
-CREATE TRIGGER settled_history_goes_with_changed_test
-AFTER UPDATE OF robot_id, kind, status, started_at, cycles_stored, robot_model_id, figures_hash ON run
-WHEN 'complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind)
+CREATE TRIGGER run_joint_summary_counts_revision AFTER UPDATE ON run_joint_summary
 BEGIN
-    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
-    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
+    UPDATE run SET revision = revision + 1 WHERE run_id = NEW.run_id;
 END;
 
-CREATE TRIGGER settled_history_goes_with_test AFTER DELETE ON run
-WHEN OLD.status = 'complete' AND OLD.kind = 'test'
+CREATE TRIGGER parameter_statistic_counts_revision AFTER INSERT ON parameter_statistic
 BEGIN
-    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
+    UPDATE run SET revision = revision + 1 WHERE run_id = NEW.run_id;
 END;
 
-CREATE TRIGGER settled_history_goes_with_brief AFTER DELETE ON run_brief
+CREATE TRIGGER run_friction_counts_revision AFTER INSERT ON run_friction
 BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_reason AFTER UPDATE OF reason ON cycle
-WHEN 'refused' IN (OLD.status, NEW.status)
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_new_refusal AFTER INSERT ON cycle_refusal
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
-          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id)
-                                WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_refusal AFTER UPDATE ON cycle_refusal
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
-          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id)
-                                WHERE cycle.cycle_id = OLD.cycle_id);
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = NEW.cycle_id)
-          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id)
-                                WHERE cycle.cycle_id = NEW.cycle_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_refusal AFTER DELETE ON cycle_refusal
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM cycle JOIN run USING (run_id) WHERE cycle.cycle_id = OLD.cycle_id)
-          AND follows_until >= (SELECT run.started_at FROM cycle JOIN run USING (run_id)
-                                WHERE cycle.cycle_id = OLD.cycle_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_new_response AFTER INSERT ON channel_response
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_response AFTER UPDATE ON channel_response
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_response AFTER DELETE ON channel_response
-BEGIN
-    DELETE FROM settled_history
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_new_work AFTER INSERT ON maintenance
-BEGIN
-    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_work AFTER UPDATE ON maintenance
-BEGIN
-    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
-    DELETE FROM settled_history WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
-END;
-
-CREATE TRIGGER settled_history_goes_with_work AFTER DELETE ON maintenance
-BEGIN
-    DELETE FROM settled_history WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_new_test AFTER INSERT ON run
-WHEN NEW.status = 'complete' AND NEW.kind = 'test'
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_changed_test
-AFTER UPDATE OF robot_id, kind, status, started_at, robot_model_id, figures_hash ON run
-WHEN 'complete' IN (OLD.status, NEW.status) AND 'test' IN (OLD.kind, NEW.kind)
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
-    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_test AFTER DELETE ON run
-WHEN OLD.status = 'complete' AND OLD.kind = 'test'
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_friction AFTER DELETE ON run_friction
-BEGIN
-    DELETE FROM friction_plan
-    WHERE robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
-END;
-
-CREATE TRIGGER friction_plan_goes_with_new_work AFTER INSERT ON maintenance
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_changed_work AFTER UPDATE ON maintenance
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
-    DELETE FROM friction_plan WHERE robot_id = NEW.robot_id AND follows_until >= NEW.at;
-END;
-
-CREATE TRIGGER friction_plan_goes_with_work AFTER DELETE ON maintenance
-BEGIN
-    DELETE FROM friction_plan WHERE robot_id = OLD.robot_id AND follows_until >= OLD.at;
-END;
-
-CREATE TRIGGER settled_history_goes_with_new_log AFTER INSERT ON production_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_log AFTER UPDATE ON production_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_log AFTER DELETE ON production_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT run.started_at FROM run WHERE run.run_id = OLD.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_changed_work_run AFTER UPDATE OF robot_id, kind, status, started_at ON run
-WHEN 'complete' IN (OLD.status, NEW.status) AND 'production' IN (OLD.kind, NEW.kind)
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = NEW.robot_id AND follows_until >= NEW.started_at;
-END;
-
-CREATE TRIGGER settled_history_goes_with_work_run AFTER DELETE ON run
-WHEN OLD.status = 'complete' AND OLD.kind = 'production'
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = OLD.robot_id AND follows_until >= OLD.started_at;
-END;
-
-CREATE TRIGGER settled_history_goes_with_error_of_test AFTER UPDATE OF relative_rmsd ON run_joint_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT min(log.started_at)
-                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
-                                WHERE production_summary.reference_run_id = NEW.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_test_without_error AFTER DELETE ON run_joint_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = OLD.run_id)
-          AND follows_until >= (SELECT min(log.started_at)
-                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
-                                WHERE production_summary.reference_run_id = OLD.run_id);
-END;
-
-CREATE TRIGGER settled_history_goes_with_test_with_error AFTER INSERT ON run_joint_summary
-BEGIN
-    DELETE FROM settled_history
-    WHERE kind = 'production' AND robot_id = (SELECT run.robot_id FROM run WHERE run.run_id = NEW.run_id)
-          AND follows_until >= (SELECT min(log.started_at)
-                                FROM production_summary JOIN run AS log ON log.run_id = production_summary.run_id
-                                WHERE production_summary.reference_run_id = NEW.run_id);
+    UPDATE run SET revision = revision + 1 WHERE run_id = NEW.run_id;
 END;

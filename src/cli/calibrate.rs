@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::context::{CliError, EXIT_DONE, Global, runtime};
 use super::shared::output;
+use crate::pipeline::conclude::method::METHOD;
 use armwatch_config::Config;
 use armwatch_method::detect::runs::calibration::{CHANGES, Calibration, LevelCalibration, calibration};
 use armwatch_model::text;
@@ -68,7 +69,7 @@ async fn print(global: &Global, config: &Config, store: &Store, robot: Option<&s
     for (place, (robot_id, name)) in
         known.iter().filter(|(_, name)| robot.is_none_or(|wanted| wanted == name)).enumerate()
     {
-        let history = store.run_summaries(*robot_id).await?;
+        let history = store.latest_window(*robot_id, METHOD).await?;
         let found = calibration(&history, &config.detect);
         if global.json {
             output::json(&as_value(name, &found));

@@ -14,7 +14,7 @@ const MAX_WIDTH: usize = 100;
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Look at robots", &["status", "robots", "runs", "cycles", "sql", "snapshot", "export"]),
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
-    ("Take exports", &["run", "ingest", "explain", "quarantine", "run-date", "set-aside"]),
+    ("Take exports", &["run", "ingest", "explain", "quarantine", "conclude", "run-date", "set-aside"]),
     ("Identify, verify, plot", &["identify", "parameters", "verify", "torque", "rmsd", "friction", "report"]),
     (
         "Set up",

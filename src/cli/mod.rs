@@ -27,6 +27,7 @@ mod lists;
 mod sql;
 mod snapshot;
 mod prune;
+mod conclude;
 mod backup;
 mod doctor;
 mod export;
@@ -128,6 +129,8 @@ enum Command {
     Export(export::ExportArgs),
     /// Exports that were not understood: list, explain, retry, dismiss
     Quarantine(quarantine::command::QuarantineArgs),
+    /// Judge a history again from a time on
+    Conclude(conclude::ConcludeArgs),
     /// Correct or confirm the start of runs
     RunDate(one_run::RunDateArgs),
     /// Leave runs out of conclusions, or take them in again
@@ -305,6 +308,7 @@ fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
         Command::Backup(args) => backup::backup(global, &args),
         Command::Doctor(args) => doctor::doctor(global, &args),
         Command::Prune(args) => prune::prune(global, &args),
+        Command::Conclude(args) => conclude::conclude(global, &args),
         Command::Export(args) => export::export(global, &args),
         Command::Quarantine(args) => quarantine::command::quarantine(global, &args),
         Command::RunDate(args) => one_run::run_date(global, &args),

@@ -4,6 +4,7 @@ use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
+use super::conclude::method::INDEX_METHOD;
 use super::context::PipelineError;
 use armwatch_method::friction::index::baseline::{FormedMaps, fit_maps};
 use armwatch_method::friction::index::held_map::HeldMap;
@@ -84,16 +85,16 @@ pub async fn planned(
     baseline_runs: usize,
     of_all: bool,
 ) -> Result<Planned, PipelineError> {
-    if !of_all && let Some(known) = store.friction_plan(robot_id, baseline_runs).await? {
+    if !of_all && let Some(known) = store.friction_plan(robot_id, baseline_runs, INDEX_METHOD).await? {
         let mut found = store.friction_tests_of(robot_id, &known).await?;
         let unseen = look_at_points(store, &mut found).await?;
-        if let Some((plan, known)) = known.extended(&found, baseline_runs) {
+        if let Some((plan, known)) = known.extended(&found, baseline_runs, INDEX_METHOD) {
             return Ok(Planned { found, plan, unseen, is_whole: false, known: Some(known) });
         }
     }
     let mut found = store.friction_tests(robot_id).await?;
     let unseen = look_at_points(store, &mut found).await?;
-    let plan = plan(&found, baseline_runs);
+    let plan = plan(&found, baseline_runs, INDEX_METHOD);
     let known = KnownPlan::of(&found, &plan);
     Ok(Planned { found, plan, unseen, is_whole: true, known })
 }

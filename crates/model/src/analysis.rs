@@ -19,6 +19,8 @@ pub mod work_evidence;
 
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use finding::{Finding, FindingSeverity};
 
 use self::refusal::RefusalCause;
@@ -308,7 +310,7 @@ pub struct CycleFactors {
 }
 
 /// Mean friction torque on one constant-speed plateau: joint, speed level and direction.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FrictionPoint {
     /// The joint that moves.
     pub joint: JointIndex,
@@ -332,7 +334,7 @@ pub struct FrictionPoint {
 }
 
 /// How the load of gravity was taken from a friction point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum GravityRemoval {
     /// The axis is vertical in this posture: gravity does no work on the joint.
     AxisVertical,
@@ -378,7 +380,7 @@ impl WarmUpModel {
 }
 
 /// A value with its standard error.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -494,7 +496,7 @@ pub struct ParameterStatistics {
 }
 
 /// What one run says of one joint, condensed for the detectors.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JointSummary {
     /// The joint.
     pub joint: JointIndex,
@@ -528,7 +530,7 @@ impl JointSummary {
 }
 
 /// Friction at the reference speed over the last third of a run's cycles.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WarmFriction {
     /// Mean of the torque magnitudes of both directions, Nm.
     pub torque: f64,
@@ -542,7 +544,7 @@ pub struct WarmFriction {
 
 /// Standard deviation of a series from cycle to cycle, blind to slow trends: root of half the mean
 /// squared successive difference (von Neumann 1941).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RmsdSwing {
     /// The standard deviation, same unit as the series.
     pub value: f64,

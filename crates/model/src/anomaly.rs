@@ -4,9 +4,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use self::brief::Brief;
 use self::forecast::Forecast;
 use self::quantity::Quantity;
 use crate::analysis::friction::CycleFriction;
@@ -18,7 +17,6 @@ use crate::analysis::{JointSummary, ProductionJoint};
 use crate::robot::{JointIndex, ParameterId};
 
 pub mod baseline_runs;
-pub mod brief;
 pub mod cycle_peaks;
 pub mod epoch;
 pub mod forecast;
@@ -147,14 +145,10 @@ pub struct RunSummary {
     /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
     /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
     pub epochs: Vec<u32>,
-    /// What stands for the cycles; `None` where nothing is stored of it.
-    pub brief: Option<Arc<Brief>>,
-    /// Whether `cycle_friction`, `whole_cycle_rmsd` and `parameters` are left out, for which `brief` stands.
-    pub is_brief: bool,
 }
 
 /// Friction of one joint in one cycle of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleSeries {
     /// Number of the cycle, from 1.
     pub cycle: u32,
@@ -179,20 +173,6 @@ pub struct RunParameter {
 }
 
 impl RunSummary {
-    /// What stands for the cycles, where they are left out.
-    #[must_use]
-    pub fn left_out(&self) -> Option<&Brief> {
-        self.brief.as_deref().filter(|_| self.is_brief)
-    }
-
-    /// Leaves out what its brief stands for.
-    pub fn leave_out(&mut self) {
-        if self.brief.is_some() {
-            self.is_brief = true;
-            (self.cycle_friction, self.whole_cycle_rmsd, self.parameters) = Default::default();
-        }
-    }
-
     /// Whether no joint has any figure: a test that says nothing of the arm.
     #[must_use]
     pub fn is_without_result(&self) -> bool {
@@ -228,7 +208,7 @@ pub struct ProductionSummary {
 }
 
 /// Where a change most likely began.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Onset {
     /// The first run that has it.
     pub run_id: i64,
@@ -239,7 +219,7 @@ pub struct Onset {
 }
 
 /// A cause that was compared and rejected.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alternative {
     /// What it would be, in words that follow "rather than".
     pub cause: String,
@@ -249,7 +229,7 @@ pub struct Alternative {
 
 /// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
 /// recognised by its joint, its cause and the time in which it is seen.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Anomaly {
     /// The joint; `None` where the cause is the whole arm's.
     pub joint: Option<JointIndex>,

@@ -23,8 +23,9 @@ pub(super) const SNAPSHOT: i64 = 0x736e_6170;
 /// Pause before a locked page is tried again.
 const LOCK_RETRY: Duration = Duration::from_millis(20);
 
-/// Free space that a migration needs for its log, in addition to the copy, as a multiple of the database.
-const ROOM_OF_MIGRATION: u64 = 1;
+/// Free space that a change of all tables needs for its log and for the new tables, in addition to the copy, as a multiple
+/// of the database.
+const ROOM_OF_MIGRATION: u64 = 2;
 
 /// Content of a verified backup.
 #[derive(Debug, Clone, PartialEq, Eq)]

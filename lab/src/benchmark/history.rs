@@ -11,14 +11,13 @@ use super::shipped_queries::shipped_queries;
 use crate::context::Global;
 use armwatch::cli::context::{CliError, EXIT_DONE, runtime};
 use armwatch::cli::shared::output;
-use armwatch::pipeline::conclude::windows::judged;
-use armwatch::pipeline::conclude::work::judged_work;
+use armwatch::pipeline::conclude::method::{INDEX_METHOD, METHOD};
+use armwatch::pipeline::conclude::windows::{judge_logs, judge_tests};
 use armwatch::pipeline::context::PipelineError;
 use armwatch::pipeline::friction::planned;
 use armwatch_method::detect::window::Lengths;
 use armwatch_model::analysis::Estimator;
 use armwatch_model::anomaly::settings::DetectSettings;
-use armwatch_model::run::RunKind;
 use armwatch_store::{Store, SyntheticSize};
 
 /// A query that took longer is not asked a second time.
@@ -128,8 +127,8 @@ struct Conclusion {
     slowest: Duration,
     /// Logs of ordinary work that were judged, the first time and then.
     logs: [usize; 2],
-    /// Tests whose cycles were read, the first time and then.
-    read: [usize; 2],
+    /// Tests whose cycles were judged again, the first time and then.
+    recomputed: [usize; 2],
     /// Tests that the detectors had.
     judged: [usize; 2],
 }
@@ -156,7 +155,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         };
         store.latest_warm_levels(1).await?;
         lap(0);
-        let over_tests = store.friction_history(1, 1.0).await?;
+        let over_tests = store.friction_history(1, 1.0, METHOD).await?;
         lap(1);
         let friction = planned(store, 1, BASELINE_RUNS, false).await?;
         lap(2);
@@ -164,31 +163,31 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         lap(3);
         store.production_windows(1, Estimator::Weighted).await?;
         lap(4);
-        let mut conclusion = store.conclude(1).await?;
-        let history = conclusion.history().await?;
-        conclusion.keep_friction_points(&over_tests).await?;
+        let mut figures = store.conclude(1).await?;
+        let history = figures.history().await?;
+        figures.keep_friction_points(&over_tests, METHOD).await?;
         if let Some(plan) = &friction.known {
-            conclusion.keep_friction_plan(plan, BASELINE_RUNS).await?;
+            figures.keep_friction_plan(plan, BASELINE_RUNS, INDEX_METHOD).await?;
         }
-        let found = judged(&mut conclusion, None, &peers, &settings, &Lengths::OF_TESTS).await?;
+        figures.summarise_settled_logs().await?;
+        figures.commit_figures().await?;
+        let found = judge_tests(store, 1, None, &peers, &settings, &Lengths::OF_TESTS).await?;
         lap(5);
-        conclusion.summarise_settled_logs().await?;
-        let work = judged_work(&mut conclusion, Estimator::Weighted, &settings, &Lengths::OF_LOGS).await?;
-        let mut findings = found.findings.clone();
-        findings.anomalies.extend(work.anomalies);
-        conclusion.reconcile(&findings, &[&found.settled[..], &work.settled].concat()).await?;
-        conclusion.settle_withdrawn(RunKind::Test, &found.at).await?;
-        conclusion.settle_withdrawn(RunKind::Production, &work.at).await?;
+        let logs = judge_logs(store, 1, &settings, &Lengths::OF_LOGS).await?;
+        let mut findings = found.findings;
+        findings.anomalies.extend(logs.findings.anomalies);
+        let mut conclusion = store.conclude(1).await?;
+        conclusion.reconcile(&findings, &[found.settled, logs.settled].concat()).await?;
         conclusion.commit(history).await?;
         lap(6);
         times[5] = times[5].saturating_sub(found.computing);
-        times[6] = times[6].saturating_sub(work.computing);
+        times[6] = times[6].saturating_sub(logs.computing);
         turns.push(Turn {
             times,
-            detectors: [found.computing, work.computing],
-            logs: work.logs,
-            read: found.read,
-            judged: found.tests,
+            detectors: [found.computing, logs.computing],
+            logs: logs.runs,
+            recomputed: found.recomputed,
+            judged: found.runs,
         });
     }
     let first = turns.remove(0);
@@ -209,7 +208,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         detectors,
         slowest,
         logs: [first.logs, then.logs],
-        read: [first.read, then.read],
+        recomputed: [first.recomputed, then.recomputed],
         judged: [first.judged, then.judged],
     })
 }
@@ -219,7 +218,7 @@ struct Turn {
     times: [Duration; 7],
     detectors: [Duration; 2],
     logs: usize,
-    read: usize,
+    recomputed: usize,
     judged: usize,
 }
 
@@ -239,7 +238,7 @@ fn report(
     mut queries: Vec<Asked>,
 ) {
     let ms = |time: Duration| (time.as_secs_f64() * 1e5).round() / 100.0;
-    let Conclusion { asked: conclusion, detectors, slowest, logs: judged_logs, read, judged } = conclusion;
+    let Conclusion { asked: conclusion, detectors, slowest, logs: judged_logs, recomputed, judged } = conclusion;
     let together = |of: fn(&Asked) -> Duration| ms(conclusion.iter().map(of).sum());
     let (first, then) = (together(|asked| asked.first), together(|asked| asked.then));
     queries.sort_by_key(|asked| asked.then);
@@ -257,7 +256,7 @@ fn report(
         return output::json(&json!({
             "robots": robots, "runs": runs, "cycles": cycles, "logs": logs, "joint_cycles": joint_cycles, "bytes": bytes,
             "made_s": made.as_secs_f64(), "conclusion": rows(conclusion), "conclusion_first_ms": first,
-            "conclusion_then_ms": then, "conclusion_slowest_ms": ms(*slowest), "detectors": rows(detectors), "tests_read": read, "tests_judged": judged, "logs_judged": judged_logs,
+            "conclusion_then_ms": then, "conclusion_slowest_ms": ms(*slowest), "detectors": rows(detectors), "tests_judged_again": recomputed, "tests_judged": judged, "logs_judged": judged_logs,
             "queries": rows(&queries), "queries_p95_ms": p95(&all),
         }));
     }
@@ -274,11 +273,11 @@ fn report(
     rows.extend(detectors.iter().map(row));
     output::line(&output::table(&["conclusion of one robot", "first_ms", "then_ms"], &rows));
     output::line(&format!(
-        "the slowest of {LATER} conclusions after the first took {:.1} ms; cycles of {} tests were read the first time, then of {}; \
+        "the slowest of {LATER} conclusions after the first took {:.1} ms; cycles of {} tests were judged again the first time, then of {}; \
          {} tests and {} logs were judged, then {} and {}",
         ms(*slowest),
-        read[0],
-        read[1],
+        recomputed[0],
+        recomputed[1],
         judged[0],
         judged_logs[0],
         judged[1],

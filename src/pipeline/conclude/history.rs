@@ -1,26 +1,24 @@
 //! What follows from a robot's whole history: fits over its runs, its friction map, what production is held
 //! against, anomalies and health.
 //!
-//! Conclusions depend on the set of complete runs alone. They are drawn in a transaction of their own, after
-//! one run or after many: a backlog of a thousand exports is not judged a thousand times. The database knows
-//! which robots wait for it, so that nothing is forgotten if the program ends in between.
+//! Conclusions are drawn after one run or after many: a backlog of a thousand exports is not judged a thousand times. The database
+//! knows which robots wait for it, so that nothing is forgotten if the program ends in between.
 //!
-//! Two programs may conclude at once. Reading and computing are done without a lock; the transaction that stores looks
-//! whether the history is still the one that was read. If not, it is read again, so that no older reading is stored
-//! over a newer one; if the other program has stored the same conclusions, nothing is left to do. What happened to
-//! anomalies is therefore written once.
+//! Reading and computing are done without a lock, in two steps with a short transaction each: first the figures that detectors
+//! compare (indices, checks of production), then the findings. Each transaction verifies that the history is still the one that
+//! was read. If it is not, the history is read again, so that no older reading is stored over a newer one. If another program has
+//! stored the same conclusions, nothing is left to do. What happened to anomalies is therefore written once.
 
 use std::collections::HashSet;
 
-use super::windows::{judged, release};
-use super::work::judged_work;
+use super::method::{INDEX_METHOD, METHOD};
+use super::windows::{judge_logs, judge_tests};
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::friction::friction_conclusion;
 use crate::pipeline::production;
 use armwatch_method::analyse_run::warm_up_fits_on;
 use armwatch_method::detect::window::Lengths;
 use armwatch_method::friction::points::level_means::nearest_level;
-use armwatch_model::run::RunKind;
 use armwatch_store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
@@ -109,12 +107,11 @@ impl Pipeline {
         let reference = self.config.analysis.reference_speed_fraction;
         // that of the latest warm friction, the reference itself without one
         let level = nearest_level(levels.into_iter(), reference).unwrap_or(reference);
-        let over_tests = self.store.friction_history(robot.robot_id, level).await?;
+        let over_tests = self.store.friction_history(robot.robot_id, level, METHOD).await?;
         let points = over_tests.points();
         let spare = self.spare_threads();
         let mixed = tokio::task::spawn_blocking(move || warm_up_fits_on(&spare, &points)).await?;
         let baseline_runs = self.config.detect.baseline_runs;
-        // what completes meanwhile is told from what is known by the keys of all tests
         let (friction, plan) =
             friction_conclusion(&self.store, robot.robot_id, baseline_runs, in_any_case).await?;
         for remark in &friction.remarks {
@@ -122,9 +119,9 @@ impl Pipeline {
         }
         let peers = self.store.peers(robot.robot_id, baseline_runs).await?;
         let settled = production::settle(&self.store, robot.robot_id, self.config.analysis.estimator).await?;
-        let mut conclusion = self.store.conclude(robot.robot_id).await?;
-        let now = conclusion.history().await?;
-        if now == history && conclusion.is_concluded().await? {
+        let mut figures = self.store.conclude(robot.robot_id).await?;
+        let now = figures.history().await?;
+        if now == history && figures.is_concluded().await? {
             return Ok(Reading::Done(None));
         }
         if now != history && !in_any_case {
@@ -133,51 +130,55 @@ impl Pipeline {
         // a test that has changed meanwhile gave parameters that nobody stores any more
         if now == history {
             for (run_id, checks) in &settled {
-                conclusion.settle_production(*run_id, checks).await?;
+                figures.settle_production(*run_id, checks).await?;
             }
-            conclusion.summarise_settled_logs().await?;
-            conclusion.keep_friction_points(&over_tests).await?;
+            figures.summarise_settled_logs().await?;
+            figures.keep_friction_points(&over_tests, METHOD).await?;
         }
-        conclusion.replace_mixed_fits(&mixed).await?;
-        let replaced = conclusion.replace_friction(&friction).await?;
+        figures.replace_mixed_fits(&mixed).await?;
+        let replaced = figures.replace_friction(&friction).await?;
         if let Some(plan) = plan.filter(|_| now == history) {
-            conclusion.keep_friction_plan(&plan, baseline_runs).await?;
+            figures.keep_friction_plan(&plan, baseline_runs, INDEX_METHOD).await?;
         }
-        // detectors watch the indices that were stored just now; a test that completed meanwhile has none yet
-        let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
-        let settings = &self.config.detect;
-        let known = Some(&known).filter(|_| now != history);
-        let judged = judged(&mut conclusion, known, &peers, settings, &Lengths::OF_TESTS).await?;
-        let estimator = self.config.analysis.estimator.of_factors();
-        let work = judged_work(&mut conclusion, estimator, settings, &Lengths::OF_LOGS).await?;
-        tracing::debug!(
-            robot = robot.name,
-            tests = judged.tests,
-            read = judged.read,
-            logs = work.logs,
-            settled = judged.settled.len() + work.settled.len(),
-            computing_ms = (judged.computing + work.computing).as_secs_f64() * 1e3,
-            "judged"
-        );
-        let mut findings = judged.findings.clone();
-        findings.anomalies.extend(work.anomalies);
-        findings.anomalies.extend(dates.anomaly());
-        let settled = [&judged.settled[..], &work.settled].concat();
-        let reconciled = conclusion.reconcile(&findings, &settled).await?;
-        conclusion.settle_withdrawn(RunKind::Test, &judged.at).await?;
-        conclusion.settle_withdrawn(RunKind::Production, &work.at).await?;
-        release(&mut conclusion, &judged).await?;
-        conclusion.compared_with(peers.len(), baseline_runs).await?;
-        conclusion.commit(history).await?;
+        figures.commit_figures().await?;
         for of in &replaced {
             tracing::info!(
                 robot = robot.name,
                 joint = %of.joint,
                 epoch = of.epoch,
-                "the friction baseline is formed anew: {} (view baseline_changes)",
+                "the friction baseline is formed recomputed: {} (view baseline_changes)",
                 of.because
             );
         }
+        // a test that completed meanwhile has no index yet
+        let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
+        let (known, settings) = (in_any_case.then_some(&known), &self.config.detect);
+        let tests =
+            judge_tests(&self.store, robot.robot_id, known, &peers, settings, &Lengths::OF_TESTS).await?;
+        let logs = judge_logs(&self.store, robot.robot_id, settings, &Lengths::OF_LOGS).await?;
+        tracing::debug!(
+            robot = robot.name,
+            tests = tests.runs,
+            recomputed = tests.recomputed,
+            logs = logs.runs,
+            settled = tests.settled.len() + logs.settled.len(),
+            computing_ms = (tests.computing + logs.computing).as_secs_f64() * 1e3,
+            "judged"
+        );
+        let mut findings = tests.findings;
+        findings.anomalies.extend(logs.findings.anomalies);
+        findings.anomalies.extend(dates.anomaly());
+        let mut conclusion = self.store.conclude(robot.robot_id).await?;
+        let now = conclusion.history().await?;
+        if now == history && conclusion.is_concluded().await? {
+            return Ok(Reading::Done(None));
+        }
+        if now != history && !in_any_case {
+            return Ok(Reading::Overtaken(now));
+        }
+        let reconciled = conclusion.reconcile(&findings, &[tests.settled, logs.settled].concat()).await?;
+        conclusion.compared_with(peers.len(), baseline_runs).await?;
+        conclusion.commit(history).await?;
         let events = self.store.anomaly_events(&reconciled.events).await?;
         let new_anomalies = self.opened(&reconciled.opened()).await?;
         Ok(Reading::Done(Some(Concluded { robot: robot.name.clone(), new_anomalies, events })))

@@ -1,16 +1,15 @@
-//! What the history of a robot says.
+//! Conclusions from the history of a robot.
 
 mod dates;
 pub mod history;
-pub mod in_brief;
 pub mod isolation;
+pub mod method;
 pub mod open_test;
 pub mod windows;
-pub mod work;
 
 #[cfg(test)]
-mod judged_in_brief_tests;
+mod kept_figures_tests;
 #[cfg(test)]
-mod test_database;
+pub(in crate::pipeline) mod test_database;
 #[cfg(test)]
 mod settled_windows_tests;

@@ -12,6 +12,7 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use super::isolation::panic_reason;
+use super::method::METHOD;
 use crate::pipeline::context::{Pipeline, PipelineError, Usual};
 use armwatch_method::detect::runs::open_run::{UsualTests, detect_open};
 use armwatch_method::partial_run::first_cycles;
@@ -122,24 +123,16 @@ impl Pipeline {
         if let Some(usual) = known.filter(holds) {
             return Ok(usual);
         }
-        let mut history = self.store.latest_window(test.robot_id).await?;
+        let history = self.store.latest_window(test.robot_id, METHOD).await?;
         let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
         let of_open = self.store.run_measurements(test.run_id).await?;
         let of_open = first_cycles(&RunSummary::default(), &of_open, test.cycles).joints.len();
         let joints = joints.max(of_open);
         let epochs = self.store.open_test_epochs(test, joints).await?;
-        let (tests, epochs) = loop {
-            let of_robot = epochs.clone();
-            let (tests, known) = tokio::task::spawn_blocking(move || {
-                (UsualTests::new(&history, joints, &of_robot, &settings), history)
-            })
-            .await?;
-            history = known;
-            if tests.needs().iter().all(|&place| !history[place].is_brief) {
-                break (tests, epochs);
-            }
-            self.store.read_cycles(&mut history, tests.needs()).await?;
-        };
+        let (tests, history, epochs) = tokio::task::spawn_blocking(move || {
+            (UsualTests::new(&history, joints, &epochs, &settings), history, epochs)
+        })
+        .await?;
         let mut first = Vec::new();
         for run in history.into_iter().filter(|run| tests.arm_run_ids().contains(&run.run_id)) {
             let measured = self.store.run_measurements(run.run_id).await?;

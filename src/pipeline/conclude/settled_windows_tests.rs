@@ -1,16 +1,14 @@
-//! What is settled of a long history holds until something changes that it follows from.
+//! The settled part of a long history stays as it is until a person opens it.
 
 use std::path::Path;
 
 use super::test_database::{Database, assert_sound, change, count, fresh};
-use super::windows::{Judged, judged};
-use super::work::{JudgedWork, judged_work};
+use super::windows::{Judged, judge_logs, judge_tests};
 use armwatch_method::detect::window::Lengths;
-use armwatch_model::analysis::Estimator;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings};
 use armwatch_model::run::RunKind;
-use armwatch_store::{AlarmAction, AlarmState, Reconciled};
+use armwatch_store::{AlarmAction, AlarmState, NewMaintenance, Reconciled};
 
 /// Windows so short that a hundred tests have several.
 const SHORT: Lengths = Lengths { step: 30, lead: 15, head: 10, around: 6 };
@@ -20,14 +18,30 @@ fn said<'a>(anomalies: impl IntoIterator<Item = &'a Anomaly>) -> Vec<String> {
     anomalies.into_iter().map(|of| format!("{of:?}")).collect()
 }
 
-async fn conclude(store: &Database, settings: &DetectSettings, lengths: &Lengths) -> (Judged, Reconciled) {
+/// Stores findings; what happened to anomalies.
+async fn reconcile(store: &Database, found: &Judged) -> Reconciled {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    let found = judged(&mut conclusion, None, &[], settings, lengths).await.expect("findings");
     let reconciled = conclusion.reconcile(&found.findings, &found.settled).await.expect("reconciled");
-    conclusion.settle_withdrawn(RunKind::Test, &found.at).await.expect("settled");
     conclusion.commit(history).await.expect("a commit");
+    reconciled
+}
+
+async fn conclude(store: &Database, settings: &DetectSettings, lengths: &Lengths) -> (Judged, Reconciled) {
+    let found = judge_tests(store, 1, None, &[], settings, lengths).await.expect("findings");
+    let reconciled = reconcile(store, &found).await;
     (found, reconciled)
+}
+
+/// Runs before the latest boundary.
+async fn settled_runs(store: &Database, kind: RunKind) -> usize {
+    store.settled(1, kind).await.expect("a boundary").runs
+}
+
+/// The start of a run.
+async fn start(store: &Database, run_id: i64) -> jiff::Timestamp {
+    let micros = sqlx::query_scalar("SELECT started_at FROM run WHERE run_id = $1").bind(run_id);
+    jiff::Timestamp::from_microsecond(micros.fetch_one(&store.rows).await.expect("a run")).expect("a time")
 }
 
 async fn short(store: &Database) -> Judged {
@@ -59,146 +73,172 @@ async fn synthetic(runs: u32, cycles: u32) -> (tempfile::TempDir, Database) {
 
 /// A load in these tests.
 async fn load(store: &Database, first: i64, last: i64) {
-    let statement =
-        format!("UPDATE parameter_statistic SET mean = mean * 1.05 WHERE run_id BETWEEN {first} AND {last}");
+    let statement = format!(
+        "UPDATE parameter_statistic SET mean = mean * 1.05 WHERE run_id BETWEEN {first} AND {last};
+         UPDATE cycle SET estimator = estimator WHERE run_id BETWEEN {first} AND {last}"
+    );
     assert!(change(store, &statement).await > 0);
 }
 
 #[tokio::test]
-async fn what_is_settled_goes_with_whatever_it_follows_from() {
+async fn what_is_settled_stays_until_a_person_opens_it() {
     let (_folder, store) = synthetic(170, 3).await;
     load(&store, 40, 44).await;
     load(&store, 90, 160).await;
-    let first = short(&store).await;
-    // boundaries at 30, 60, 90, 120: thirty tests stand behind each
-    assert_eq!((boundaries(&store).await, first.at.runs), (4, 120));
-    assert!(short(&store).await.settled.is_empty(), "all of it holds");
+    short(&store).await;
+    // boundaries at 30, 60, 90, 120: thirty tests are behind each
+    assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Test).await), (4, 120));
+    assert!(short(&store).await.settled.is_empty());
+    let before = stored(&store).await;
     let day = 86_400_000_000_i64;
-    // the tests of a boundary are those before it and the thirty behind it
-    let changes = [
-        ("UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 100 AND joint = 1".to_owned(), 2),
-        ("UPDATE cycle SET doubtful = 1 WHERE run_id = 70 AND number = 2".into(), 1),
-        ("UPDATE run_friction_index SET friction_index = 1.4 WHERE run_id BETWEEN 121 AND 130".into(), 3),
-        ("DELETE FROM run WHERE run_id = 149".into(), 3),
-        (format!("UPDATE run SET started_at = started_at - {} WHERE run_id = 165", 50 * day), 2),
-        ("UPDATE run SET status = 'streaming' WHERE run_id = 61".into(), 1),
-        ("UPDATE cycle SET status = 'refused', doubtful = 0, reason = 'stuck' WHERE run_id = 80".into(), 1),
-        (
-            "INSERT INTO cycle_refusal SELECT cycle_id, 1, 'stuck_channel', 'torque', 1, 'it is stuck' FROM cycle
-             WHERE run_id = 80"
-                .into(),
-            1,
-        ),
-        ("UPDATE cycle_refusal SET sentence = 'it was stuck'".into(), 1),
-        ("UPDATE cycle SET reason = 'it stood' WHERE run_id = 80".into(), 1),
-        ("DELETE FROM cycle_refusal".into(), 1),
-        // among them the one that was moved
-        ("UPDATE run SET figures_hash = CAST(printf('%032d', 7) AS BLOB) WHERE run_id > 125".into(), 2),
-        (
-            format!(
-                "INSERT INTO maintenance (robot_id, joint, at, what)
-                 SELECT 1, 2, started_at - {day} / 2, 'new gear' FROM run WHERE run_id = 95"
-            ),
-            2,
-        ),
-        ("DELETE FROM maintenance".into(), 2),
-    ];
-    for (statement, left) in changes {
+    // a settled fault vanishes, a test goes, one comes late, and other settings
+    for statement in [
+        "UPDATE parameter_statistic SET mean = mean / 1.05 WHERE run_id BETWEEN 40 AND 44;
+         UPDATE cycle SET estimator = estimator WHERE run_id BETWEEN 40 AND 44"
+            .to_owned(),
+        "DELETE FROM run WHERE run_id = 20".into(),
+        format!("UPDATE run SET started_at = started_at - {} WHERE run_id = 165", 90 * day),
+    ] {
+        assert!(change(&store, &statement).await > 0, "{statement}");
         short(&store).await;
         assert_eq!(boundaries(&store).await, 4, "{statement}");
-        assert!(change(&store, &statement).await > 0, "{statement}");
-        assert_eq!(boundaries(&store).await, left, "{statement}");
-        let goes_on = short(&store).await;
-        let of_all = stored(&store).await;
-        assert_eq!(goes_on.settled.len() as i64, 4 - left, "{statement}");
-        // the same as from the first test on
-        change(&store, "DELETE FROM settled_history").await;
-        let at_once = short(&store).await;
-        // values that are no numbers equal nothing
-        assert_eq!(format!("{:?}", at_once.at), format!("{:?}", goes_on.at), "{statement}");
-        assert_eq!(said(&at_once.findings.anomalies), said(&goes_on.findings.anomalies), "{statement}");
-        assert_eq!(stored(&store).await, of_all, "{statement}");
+        assert_eq!(stored(&store).await, before, "{statement}");
     }
-    for statement in [
-        "INSERT INTO channel_response VALUES (100, '[]', x'01')",
-        "UPDATE channel_response SET numbers = x'02'",
-        "DELETE FROM channel_response",
-    ] {
-        change(&store, "INSERT INTO settled_history SELECT 77, 1, 'test', 990, 1 << 60, 7, x'01'").await;
-        assert!(change(&store, statement).await > 0, "{statement}");
-        assert_eq!(boundaries(&store).await, 2, "{statement}");
-    }
-    // other settings, and the same again
     let other = DetectSettings { false_alarms_per_robot_year: 5.0, ..DetectSettings::default() };
-    assert_eq!(conclude(&store, &other, &SHORT).await.0.settled.len(), 4);
-    assert_eq!(conclude(&store, &other, &SHORT).await.0.settled.len(), 0);
-    assert_eq!(short(&store).await.settled.len(), 4);
+    assert!(conclude(&store, &other, &SHORT).await.0.settled.is_empty());
+    assert_eq!(stored(&store).await, before);
+    // opened from a test between the first boundary and the runs that it follows from
+    let robots = store.reopen_history(Some("S001"), start(&store, 50).await).await.expect("opened");
+    assert_eq!((robots, boundaries(&store).await), (vec!["S001".to_owned()], 0));
+    let again = short(&store).await;
+    assert_eq!(again.settled.len(), 4);
+    let after = stored(&store).await;
+    assert_ne!(after, before, "the settled fault is gone");
+    // the same as from the first test on
+    change(&store, "DELETE FROM settled_history").await;
+    let at_once = short(&store).await;
+    assert_eq!(said(&at_once.findings.anomalies), said(&again.findings.anomalies));
+    assert_eq!(stored(&store).await, after);
+    // boundaries that follow from earlier tests alone stay
+    store.reopen_history(None, start(&store, 125).await).await.expect("opened");
+    assert_eq!(boundaries(&store).await, 2);
+    assert_eq!(short(&store).await.settled.len(), 2);
+    assert_eq!(stored(&store).await, after);
+    assert!(
+        store.reopen_history(Some("nobody"), start(&store, 1).await).await.expect("an answer").is_empty()
+    );
     assert_sound(&store).await;
+}
+
+#[tokio::test]
+async fn a_test_that_arrives_before_the_boundary_is_named_and_counts_once_opened() {
+    let (_folder, store) = synthetic(170, 3).await;
+    load(&store, 40, 41).await;
+    // the second of two tests with a load arrives late
+    change(&store, "UPDATE run SET status = 'streaming' WHERE run_id = 41").await;
+    short(&store).await;
+    let boundary = start(&store, 121).await;
+    assert_eq!(store.arrived_too_late(40).await.expect("an answer"), None);
+    // its key is that of a run that arrived later
+    change(
+        &store,
+        "PRAGMA foreign_keys = OFF; UPDATE run SET run_id = 1041, status = 'complete' WHERE run_id = 41;
+         UPDATE cycle SET run_id = 1041 WHERE run_id = 41; UPDATE parameter_statistic SET run_id = 1041 WHERE run_id = 41;
+         UPDATE run_joint_summary SET run_id = 1041 WHERE run_id = 41; UPDATE run_friction_index SET run_id = 1041 WHERE run_id = 41",
+    )
+    .await;
+    let loads = "SELECT count(*) FROM anomaly WHERE last_run_id = 1041 AND NOT withdrawn";
+    short(&store).await;
+    assert_eq!(count(&store, loads).await, 0);
+    // the boundary moved by one test, which had not arrived
+    let late = store.arrived_too_late(1041).await.expect("an answer").expect("too late");
+    assert!(late >= boundary && late < start(&store, 123).await);
+    store.reopen_history(None, start(&store, 1041).await).await.expect("opened");
+    short(&store).await;
+    assert!(count(&store, loads).await > 0);
+    assert_eq!(store.arrived_too_late(1041).await.expect("an answer"), None);
+}
+
+#[tokio::test]
+async fn work_that_is_entered_late_opens_the_history_from_its_time() {
+    let (_folder, store) = synthetic(170, 2).await;
+    short(&store).await;
+    let work = NewMaintenance {
+        robot: "S001".into(),
+        joint: None,
+        at: start(&store, 95).await,
+        what: "new gear".into(),
+        who: None,
+    };
+    let entered = store.enter_maintenance(&work).await.expect("an answer").expect("entered");
+    assert_eq!(boundaries(&store).await, 2);
+    short(&store).await;
+    assert_eq!(boundaries(&store).await, 4);
+    store.remove_maintenance(entered).await.expect("removed");
+    assert_eq!(boundaries(&store).await, 2);
+}
+
+#[tokio::test]
+async fn nothing_is_settled_while_a_test_is_left_out() {
+    let (_folder, store) = synthetic(170, 2).await;
+    load(&store, 40, 44).await;
+    let settings = DetectSettings::default();
+    let known = (1..=170).filter(|run_id| *run_id != 168).collect();
+    let found = judge_tests(&store, 1, Some(&known), &[], &settings, &SHORT).await.expect("findings");
+    assert!(found.settled.is_empty());
+    let latest = found.findings.health.first().and_then(|of| of.last_result_run_id);
+    assert_eq!(latest, Some(170), "all others are judged");
+    let whole = short(&store).await;
+    let ended = whole.settled.iter().flat_map(|of| &of.ended);
+    assert!(!whole.settled.is_empty() && ended.clone().count() > 0);
+    let early = |of: &&Anomaly| of.last_run_id < 60;
+    assert_eq!(said(found.findings.anomalies.iter().filter(early)), said(ended.filter(early)));
 }
 
 /// Windows of logs so short that a hundred have several.
 const SHORT_WORK: Lengths = Lengths { step: 30, lead: 15, head: 3, around: 4 };
 
-async fn conclude_work(store: &Database) -> (JudgedWork, Reconciled) {
-    let mut conclusion = store.conclude(1).await.expect("a transaction");
-    let history = conclusion.history().await.expect("a history");
-    let settings = DetectSettings::default();
-    let found =
-        judged_work(&mut conclusion, Estimator::Weighted, &settings, &SHORT_WORK).await.expect("findings");
-    let findings = Findings { anomalies: found.anomalies.clone(), ..Findings::default() };
-    let reconciled = conclusion.reconcile(&findings, &found.settled).await.expect("reconciled");
-    conclusion.settle_withdrawn(RunKind::Production, &found.at).await.expect("settled");
-    conclusion.commit(history).await.expect("a commit");
+async fn conclude_work(store: &Database) -> (Judged, Reconciled) {
+    let found = judge_logs(store, 1, &DetectSettings::default(), &SHORT_WORK).await.expect("findings");
+    let reconciled = reconcile(store, &found).await;
     (found, reconciled)
 }
 
 #[tokio::test]
-async fn what_is_settled_of_ordinary_work_goes_with_whatever_it_follows_from() {
+async fn settled_production_stays_until_a_person_opens_it() {
     let (_folder, store) = fresh().await;
     let size = armwatch_store::SyntheticSize { robots: 1, runs: 60, cycles: 1, logs: 3 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     // friction by the summaries alone; logs have the numbers from 61 on, three behind each test
     change(&store, "DELETE FROM log_evidence").await;
-    let worn = |first: i64, last: i64| {
+    let worn = |first: i64, last: i64, by: f64| {
         format!(
-            "UPDATE production_summary SET friction_excess = 0.5
+            "UPDATE production_summary SET friction_excess = {by}
              WHERE joint = 2 AND run_id BETWEEN {first} AND {last}"
         )
     };
-    change(&store, &worn(85, 93)).await;
-    change(&store, &worn(140, 240)).await;
+    change(&store, &worn(85, 93, 0.5)).await;
+    change(&store, &worn(140, 240, 0.5)).await;
     let (first, reconciled) = conclude_work(&store).await;
-    // boundaries at 30, 60, 90, 120: thirty logs stand behind each, and thirty more behind the last
-    assert_eq!((boundaries(&store).await, first.at.runs), (5, 150));
+    // boundaries at 30, 60, 90, 120, 150: thirty logs are behind each, and thirty more behind the last
+    assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Production).await), (5, 150));
     assert!(reconciled.events.iter().any(|event| event.what.name() == "opened"));
-    assert!(first.settled.iter().any(|(_, ended)| !ended.is_empty()), "wear that was over");
-    assert!(conclude_work(&store).await.0.settled.is_empty(), "all of it holds");
-    let hour = 3_600_000_000_i64;
-    let changes = [
-        ("UPDATE production_summary SET relative_rmsd = 0.9 WHERE run_id = 160 AND joint = 1".to_owned(), 2),
-        ("UPDATE run_joint_summary SET relative_rmsd = 0.04 WHERE run_id = 20 AND joint = 1".into(), 0),
-        ("DELETE FROM run WHERE run_id = 215".into(), 4),
-        (format!("UPDATE run SET started_at = started_at - {} WHERE run_id = 230", 480 * hour), 2),
-        ("UPDATE run SET status = 'streaming' WHERE run_id = 125".into(), 1),
-        ("DELETE FROM production_summary WHERE run_id = 200 AND joint = 3".into(), 3),
-    ];
-    for (statement, left) in changes {
-        conclude_work(&store).await;
-        let before = boundaries(&store).await;
-        assert!(change(&store, &statement).await > 0, "{statement}");
-        let held = boundaries(&store).await;
-        assert!(held < before, "{statement}");
-        assert_eq!(held, left, "{statement}");
-        let (goes_on, _) = conclude_work(&store).await;
-        let of_all = stored(&store).await;
-        // the same as from the first log on
-        change(&store, "DELETE FROM settled_history").await;
-        let (at_once, again) = conclude_work(&store).await;
-        assert_eq!(again.events, [], "{statement}");
-        assert_eq!(format!("{:?}", at_once.at), format!("{:?}", goes_on.at), "{statement}");
-        assert_eq!(said(&at_once.anomalies), said(&goes_on.anomalies), "{statement}");
-        assert_eq!(stored(&store).await, of_all, "{statement}");
-    }
+    assert!(first.settled.iter().any(|of| !of.ended.is_empty()), "wear that was over");
+    assert!(conclude_work(&store).await.0.settled.is_empty());
+    let before = stored(&store).await;
+    change(&store, &worn(85, 93, 0.0)).await;
+    conclude_work(&store).await;
+    assert_eq!((boundaries(&store).await, stored(&store).await), (5, before.clone()));
+    store.reopen_history(None, start(&store, 85).await).await.expect("opened");
+    let (again, _) = conclude_work(&store).await;
+    let after = stored(&store).await;
+    assert!(again.settled.len() >= 4 && after != before);
+    // the same as from the first log on
+    change(&store, "DELETE FROM settled_history").await;
+    let (at_once, events) = conclude_work(&store).await;
+    assert_eq!(events.events, []);
+    assert_eq!(said(&at_once.findings.anomalies), said(&again.findings.anomalies));
+    assert_eq!(stored(&store).await, after);
     assert_sound(&store).await;
 }
 
@@ -209,16 +249,16 @@ async fn a_conclusion_reads_so_many_logs_and_no_more() {
         let (_folder, store) = fresh().await;
         let size = armwatch_store::SyntheticSize { robots: 1, runs, cycles: 1, logs: 24 };
         store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
-        let mut conclusion = store.conclude(1).await.expect("a transaction");
-        let settings = DetectSettings::default();
-        let mut judged = Vec::new();
+        let mut logs = 0;
         for _ in 0..2 {
-            let found = judged_work(&mut conclusion, Estimator::Weighted, &settings, &Lengths::OF_LOGS).await;
+            let found = judge_logs(&store, 1, &DetectSettings::default(), &Lengths::OF_LOGS).await;
             let found = found.expect("findings");
-            judged.push((found.at.runs, found.logs));
+            reconcile(&store, &found).await;
+            logs = found.runs;
         }
-        assert_eq!(judged[1].0, ((runs as usize * 24 / 250).max(1) - 1) * 250);
-        read.push(judged[1].1);
+        let settled = settled_runs(&store, RunKind::Production).await;
+        assert_eq!(settled, ((runs as usize * 24 / 250).max(1) - 1) * 250);
+        read.push(logs);
     }
     assert_eq!(read[0], 480);
     // those of the lead and behind it, and of each test before the first six
@@ -277,17 +317,16 @@ async fn a_conclusion_reads_so_many_tests_and_no_more() {
     let mut read = Vec::new();
     for runs in [999, 1700, 3200] {
         let (_folder, store) = synthetic(runs, 1).await;
-        let (first, _) = conclude(&store, &settings, &lengths).await;
-        assert_eq!(first.at.runs, ((runs as usize / 500).max(1) - 1) * 500);
+        conclude(&store, &settings, &lengths).await;
+        let settled = settled_runs(&store, RunKind::Test).await;
+        assert_eq!(settled, ((runs as usize / 500).max(1) - 1) * 500);
         let (then, _) = conclude(&store, &settings, &lengths).await;
-        assert!(then.settled.is_empty());
-        read.push((then.tests, then.read));
+        assert!(then.settled.is_empty() && then.recomputed == 0);
+        read.push(then.runs);
     }
     // all of a short history; of a longer one the first tests of the epoch and the last one with figures before those that lead
     // in, these, and those behind the boundary
-    assert_eq!(read[0].0, 999);
-    assert_eq!([read[1].0, read[2].0], [700 + 250 + 64 + 1; 2], "{read:?}");
-    assert!(read[2].1 <= 30, "cycles of few tests: {read:?}");
+    assert_eq!(read, [999, 700 + 250 + 64 + 1, 700 + 250 + 64 + 1]);
 }
 
 /// Findings of a robot of which nothing is settled are told as they always were.

@@ -1,10 +1,11 @@
-//! A database for tests that conclude, with a connection of their own to change its rows.
+//! A database for tests that conclude, with a connection of their own to change its rows, and a check of kept summaries.
 
 use std::ops::Deref;
 
 use sqlx::{AssertSqlSafe, Row, SqlitePool};
 use tempfile::TempDir;
 
+use super::method::METHOD;
 use armwatch_store::Store;
 
 /// A store, and rows behind it.
@@ -29,6 +30,15 @@ pub(super) async fn fresh() -> (TempDir, Database) {
     let store = Store::open(&path).await.expect("a store");
     let rows = SqlitePool::connect(&path.display().to_string()).await.expect("connections");
     (folder, Database { store, rows })
+}
+
+/// Checks that kept summaries of all robots say what the tables say.
+pub(in crate::pipeline) async fn assert_summaries_hold(store: &Store) {
+    for (robot_id, robot) in store.tested_robots().await.expect("robots") {
+        let kept = store.latest_window(robot_id, METHOD).await.expect("a window");
+        let of_tables = store.run_summaries(robot_id).await.expect("summaries");
+        assert_eq!(format!("{kept:?}"), format!("{of_tables:?}"), "{robot}");
+    }
 }
 
 /// Runs a statement that changes rows; returns their number.

@@ -1,104 +1,168 @@
-//! Findings from a history of any length, of which a window of tests is read.
+//! Findings from a history of any length, of which a window is read: of tests, and of production logs.
+//!
+//! Reading and computing hold no lock of the database. The caller stores the findings if the history has not changed meanwhile.
 
 use std::collections::HashSet;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
 
-use super::in_brief::detected;
-use armwatch_method::detect::runs::window::basis;
-use armwatch_method::detect::window::{Lengths, is_over, next, put_together};
+use super::method::METHOD;
+use crate::pipeline::context::PipelineError;
+use armwatch_method::detect::production::detect_production;
+use armwatch_method::detect::production::window::work_logs;
+use armwatch_method::detect::runs::detect_with;
+use armwatch_method::detect::runs::judgement::Kept;
+use armwatch_method::detect::window::{Lengths, Windowed, is_over, next, put_together};
 use armwatch_model::anomaly::peer::Peer;
 use armwatch_model::anomaly::settings::DetectSettings;
-use armwatch_model::anomaly::settled::Settled;
-use armwatch_model::anomaly::{Anomaly, Findings, RunSummary};
+use armwatch_model::anomaly::settled::{NewlySettled, Settled};
+use armwatch_model::anomaly::{Anomaly, Findings};
 use armwatch_model::run::RunKind;
-use armwatch_store::{ConclusionTransaction, StoreError};
+use armwatch_model::text;
+use armwatch_store::{Store, TestWindow};
 
-/// What a history says, and what it took.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Judged {
-    /// What is not settled of it.
-    pub findings: Findings,
-    /// What was settled now: by the key of what settles them, anomalies that ended before a boundary.
-    pub settled: Vec<(i64, Vec<Anomaly>)>,
-    /// What is settled at the boundary in force.
-    pub at: Settled,
-    /// Tests that the detectors had, of all windows.
-    pub tests: usize,
-    /// Tests whose cycles were read.
-    pub read: usize,
-    /// Time of the detectors.
-    pub computing: Duration,
-    /// Start of the first test that was left out.
-    left_out: Option<Timestamp>,
+/// What is said of a run of this robot that began before the first one that is not settled.
+#[must_use]
+pub fn too_late(robot: &str, boundary: Timestamp) -> String {
+    format!(
+        "it began before {}, and conclusions of {} from before that time are settled: it is stored, but no conclusion uses it; \
+         `armwatch conclude {} --from TIME` judges the history again from a time before it",
+        boundary.strftime("%Y-%m-%dT%H:%MZ"),
+        text::shown(robot),
+        text::shown(robot)
+    )
 }
 
-/// Judges the history of a robot: one window, and before it those whose boundary came into force since, or that something has
-/// changed in. `known` are the tests that count; `None` where all do. What is settled follows from these, so that the robot
-/// has to be [released](release) where some were left out.
+/// Findings from a history, and the work that they took.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Judged {
+    /// Findings that are not settled.
+    pub findings: Findings,
+    /// The parts of the history that these findings settle, oldest first.
+    pub settled: Vec<NewlySettled>,
+    /// Runs that the detectors had, of all windows.
+    pub runs: usize,
+    /// Tests whose cycles were judged again.
+    pub recomputed: usize,
+    /// Time of the detectors.
+    pub computing: Duration,
+}
+
+/// Judges the tests of a robot: the window behind the latest boundary and, where so many tests have come since, those behind later
+/// boundaries. `known` are the tests that count; `None` where all do. Nothing is settled while a test is left out.
 ///
 /// # Errors
-/// Those of the store.
-pub async fn judged(
-    conclusion: &mut ConclusionTransaction,
+/// Those of the store, and panics of detectors.
+pub async fn judge_tests(
+    store: &Store,
+    robot_id: i64,
     known: Option<&HashSet<i64>>,
     peers: &[Peer],
     settings: &DetectSettings,
     lengths: &Lengths,
-) -> Result<Judged, StoreError> {
-    let basis = basis(settings, peers, lengths);
-    let mut judged = Judged { at: conclusion.settled(RunKind::Test, basis).await?, ..Judged::default() };
+) -> Result<Judged, PipelineError> {
+    let mut at = store.settled(robot_id, RunKind::Test).await?;
+    let (mut judged, mut is_any_left_out) = (Judged::default(), false);
     loop {
-        let most = lengths.most_behind(&judged.at);
-        let (mut tests, left_out) = window(conclusion, &judged.at, most, known).await?;
-        judged.left_out = judged.left_out.into_iter().chain(left_out).min();
-        let found = detected(conclusion, &mut tests, peers, settings).await?;
-        judged.tests += tests.len();
-        judged.read += found.read;
-        judged.computing += found.computing;
-        let anomalies = put_together(&judged.at, &tests, found.findings.anomalies, lengths);
-        if !is_over(&judged.at, &tests, lengths) {
-            judged.findings = Findings { anomalies, ..found.findings };
-            return Ok(judged);
+        let most = if known.is_some() { usize::MAX } else { 2 * lengths.step };
+        let [mut before, mut behind] = store.window_keys(robot_id, RunKind::Test, &at, most).await?;
+        if let Some(known) = known {
+            let all = before.len() + behind.len();
+            before.retain(|run_id| known.contains(run_id));
+            behind.retain(|run_id| known.contains(run_id));
+            is_any_left_out |= before.len() + behind.len() < all;
+            behind.truncate(2 * lengths.step);
         }
-        let (next, ended) = next(&judged.at, &tests, &anomalies, lengths);
-        let key = conclusion.keep_settled(RunKind::Test, &next, basis).await?;
-        judged.settled.push((key, ended));
-        judged.at = next;
+        let keys = [before, behind].concat();
+        store.summarise_tests(&keys, METHOD).await?;
+        let window = store.test_window(robot_id, &keys, &at.first_of_epochs, METHOD).await?;
+        let (peers, settings) = (peers.to_vec(), *settings);
+        let detecting = tokio::task::spawn_blocking(move || detected(window, &peers, &settings));
+        let found = detecting.await?;
+        store.keep_judgements(&found.judgements).await?;
+        judged.recomputed += found.recomputed;
+        judged.computing += found.computing;
+        match judged.add(RunKind::Test, &at, &found.window.tests, found.findings, is_any_left_out, lengths) {
+            Some(next) => at = next,
+            None => return Ok(judged),
+        }
     }
 }
 
-/// Forgets what was settled without tests that were left out. Call when findings are stored.
+/// Findings in a window of tests.
+struct Detected {
+    window: TestWindow,
+    findings: Findings,
+    /// Judgements that are new, as bytes, by test.
+    judgements: Vec<(i64, Vec<u8>)>,
+    recomputed: usize,
+    computing: Duration,
+}
+
+fn detected(window: TestWindow, peers: &[Peer], settings: &DetectSettings) -> Detected {
+    let began = Instant::now();
+    let kept = Kept::new(METHOD, window.judgements.iter().map(|(run_id, bytes)| (*run_id, &bytes[..])));
+    let (findings, judged) = detect_with(&window.tests, peers, settings, &kept);
+    let (judgements, recomputed) = (judged.changed(&kept), judged.recomputed);
+    Detected { window, findings, judgements, recomputed, computing: began.elapsed() }
+}
+
+/// Judges the production logs of a robot, as [`judge_tests`] its tests.
 ///
 /// # Errors
-/// Those of the store.
-pub async fn release(conclusion: &mut ConclusionTransaction, judged: &Judged) -> Result<(), StoreError> {
-    match judged.left_out {
-        Some(from) => conclusion.unsettle(from).await,
-        None => Ok(()),
+/// Those of the store, and panics of detectors.
+pub async fn judge_logs(
+    store: &Store,
+    robot_id: i64,
+    settings: &DetectSettings,
+    lengths: &Lengths,
+) -> Result<Judged, PipelineError> {
+    let mut at = store.settled(robot_id, RunKind::Production).await?;
+    let mut judged = Judged::default();
+    loop {
+        let keys = store.window_keys(robot_id, RunKind::Production, &at, 2 * lengths.step).await?.concat();
+        let history = store.log_window(&keys).await?;
+        let settings = *settings;
+        let (history, anomalies, computing) = tokio::task::spawn_blocking(move || {
+            let began = Instant::now();
+            let found = detect_production(&history, &settings);
+            (history, found, began.elapsed())
+        })
+        .await?;
+        judged.computing += computing;
+        let findings = Findings { anomalies, ..Findings::default() };
+        match judged.add(RunKind::Production, &at, &work_logs(&history), findings, false, lengths) {
+            Some(next) => at = next,
+            None => return Ok(judged),
+        }
     }
 }
 
-/// Tests of a window that are known, at most `most` behind those that it names, and the start of the first one that is not.
-async fn window(
-    conclusion: &mut ConclusionTransaction,
-    settled: &Settled,
-    most: usize,
-    known: Option<&HashSet<i64>>,
-) -> Result<(Vec<RunSummary>, Option<Timestamp>), StoreError> {
-    let mut asked = most;
-    loop {
-        let mut tests = conclusion.window(settled, asked).await?;
-        let Some(known) = known else { return Ok((tests, None)) };
-        let all = tests.len();
-        let left_out = tests.iter().find(|of| !known.contains(&of.run_id)).map(|of| of.started_at);
-        tests.retain(|of| known.contains(&of.run_id));
-        let are_all = all < settled.read.len() + asked;
-        if are_all || tests.len() >= settled.read.len() + most {
-            tests.truncate(settled.read.len() + most);
-            return Ok((tests, left_out));
+impl Judged {
+    /// Adds the findings of a window. Gives the next boundary where that is in force.
+    fn add(
+        &mut self,
+        kind: RunKind,
+        at: &Settled,
+        window: &[impl Windowed],
+        found: Findings,
+        is_any_left_out: bool,
+        lengths: &Lengths,
+    ) -> Option<Settled> {
+        self.runs += window.len();
+        let anomalies = put_together(at, window, found.anomalies);
+        if !is_over(at, window, lengths) {
+            let earlier: Vec<Anomaly> = std::mem::take(&mut self.findings.anomalies);
+            self.findings = Findings { anomalies: [earlier, anomalies].concat(), ..found };
+            return None;
         }
-        asked += all - tests.len();
+        let (settled, ended) = next(at, window, &anomalies, lengths);
+        if is_any_left_out {
+            self.findings.anomalies.extend(ended);
+        } else {
+            self.settled.push(NewlySettled { kind, settled: settled.clone(), ended });
+        }
+        Some(settled)
     }
 }

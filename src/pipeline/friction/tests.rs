@@ -7,6 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use crate::pipeline::conclude::test_database::assert_summaries_hold;
 use crate::pipeline::context::Pipeline;
 use armwatch_config::Config;
 use armwatch_model::analysis::{
@@ -157,6 +158,7 @@ impl Fleet {
 
     async fn conclude(&self) {
         self.pipeline.conclude_named(ROBOT).await.expect("conclusions");
+        assert_summaries_hold(self.store()).await;
     }
 
     /// Indices of a joint by day.

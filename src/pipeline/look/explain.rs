@@ -7,6 +7,7 @@ use std::time::SystemTime;
 
 use jiff::Timestamp;
 
+use crate::pipeline::conclude::windows::too_late;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{CycleWork, work_alone};
 use crate::pipeline::take::cycles::RowCutter;
@@ -312,6 +313,11 @@ async fn doubts_of(
             "the start cannot be right: {date}; {effect}, until `armwatch run-date` corrects it"
         ));
     }
+    let boundary = match stored {
+        Some(run) => pipeline.store().arrived_too_late(run.run_id).await?,
+        None => pipeline.store().settled_after(&of.robot, kind, of.started_at).await?,
+    };
+    doubts.extend(boundary.map(|boundary| too_late(&of.robot, boundary)));
     Ok(doubts)
 }
 

@@ -7,6 +7,7 @@ use sqlx::{AssertSqlSafe, Connection, SqliteConnection};
 use tokio_util::sync::CancellationToken;
 
 use super::Reweighted;
+use crate::pipeline::conclude::test_database::assert_summaries_hold;
 use crate::pipeline::context::{Outcome, Pipeline, Retry};
 use armwatch_config::Config;
 use armwatch_model::analysis::Estimator;
@@ -122,6 +123,7 @@ async fn an_existing_database_comes_out_as_if_it_had_been_read_with_the_new_esti
     );
     let concluded = pipeline.conclude().await.expect("conclusions");
     assert_eq!(concluded.len(), 1, "the history has changed");
+    assert_summaries_hold(pipeline.store()).await;
     assert!(concluded[0].new_anomalies.is_empty(), "{concluded:?}");
     let again = pipeline.reweight(&CancellationToken::new(), &mut |_| ()).await.expect("done");
     assert_eq!(again, Reweighted::default());

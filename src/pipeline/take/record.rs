@@ -9,6 +9,7 @@ use tokio::sync::mpsc;
 use super::admitted::AdmittedExport;
 use super::cutting::ReadTotals;
 use crate::metrics::Stage;
+use crate::pipeline::conclude::windows::too_late;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
 use armwatch_config::UNKNOWN_ROBOT;
@@ -175,6 +176,10 @@ pub async fn finish(
             file = %intake.path.display(), run_id = intake.run_id,
             "does not replace run {kept}, which is the same recording, because no cycle has a result"
         );
+    }
+    if let Some(boundary) = pipeline.store().arrived_too_late(intake.run_id).await? {
+        let words = too_late(&intake.header.robot, boundary);
+        tracing::warn!(file = %text::of_path(&intake.path), run_id = intake.run_id, "{words}");
     }
     pipeline.metrics().stage(Stage::Finish, began.elapsed());
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {

@@ -11,8 +11,7 @@ mod arm;
 mod series;
 mod joint_detectors;
 mod arm_detectors;
-pub mod detection;
-mod judgement;
+pub mod judgement;
 mod parts;
 mod joined;
 mod without_result;
@@ -25,13 +24,13 @@ pub mod window;
 use self::arm_detectors::arm_change::arm_changes;
 use self::arm_detectors::common_change::common_changes;
 use self::arm_detectors::contact::contacts;
-use self::detection::Detection;
 use self::health::health;
 use self::joined::{coupled_swing, warm_up_of_arm};
 use self::joint_detectors::JOINT_DETECTORS;
 use self::joint_detectors::warm_up::of_common_warm_up;
+use self::judgement::{Judged, Kept};
 use self::next_test::expected_by;
-use self::parts::{Part, Parts, grouped};
+use self::parts::{Parts, grouped};
 use self::series::JointSeries;
 use self::without_result::without_result;
 use super::episodes::anomalies;
@@ -51,33 +50,38 @@ pub fn detect(history: &[RunSummary], settings: &DetectSettings) -> Findings {
 /// anomalies of an earlier one have ended.
 #[must_use]
 pub fn detect_among(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Findings {
-    detect_in_brief(history, peers, settings).findings
+    let mut parts = Parts::new(history, settings, None);
+    findings(&mut parts, peers)
 }
 
-/// [`detect_among`] for a history of which some tests are known in brief. It says the same, as soon as the cycles of the
-/// tests that it needs were read: those of baselines, those that nothing is kept of, and few others. The caller
-/// gives the tests their judgements, reads what is needed, may leave out what is not, and asks again.
+/// [`detect_among`] with what earlier conclusions found in the cycles of tests. The findings are the same. A test is judged again
+/// only if `kept` has no valid judgement of it.
 #[must_use]
-pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &DetectSettings) -> Detection {
-    let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
+pub fn detect_with(
+    history: &[RunSummary],
+    peers: &[Peer],
+    settings: &DetectSettings,
+    kept: &Kept,
+) -> (Findings, Judged) {
+    let mut parts = Parts::new(history, settings, Some(kept));
+    let findings = findings(&mut parts, peers);
+    (findings, parts.judged)
+}
+
+fn findings(parts: &mut Parts<'_>, peers: &[Peer]) -> Findings {
+    let Parts { history, settings, joints, .. } = *parts;
     let mut findings = Findings::default();
-    let Some(latest) = history.last() else { return Detection::default() };
+    let Some(latest) = history.last() else { return findings };
     let by_joint =
         |joint: JointIndex| grouped(history, |run| run.epochs.get(joint.index()).copied().unwrap_or(0));
     let of_joints: Vec<Vec<Vec<usize>>> = (0..joints).map(JointIndex::new).map(by_joint).collect();
     let of_arm = grouped(history, |run| run.epochs.clone());
-    let mut parts = Parts::new(history, joints, settings);
     of_joints.iter().flatten().chain(&of_arm).for_each(|places| parts.add(places));
-    if !parts.are_complete() {
-        return parts.detection(findings);
-    }
-    let mut needs = Vec::new();
-    let mut of_contacts = Vec::with_capacity(of_arm.len());
-    for places in &of_arm {
-        let mut asked = |at: usize| needs.push(places[at]);
-        let of = |part: &Part<'_>| contacts(&part.runs, &part.causes, &part.moments, settings, &mut asked);
-        of_contacts.push(parts.of(places).map_or_else(Vec::new, of));
-    }
+    let contacts_of = |places: &Vec<usize>| {
+        let part = parts.of(places);
+        part.map_or_else(Vec::new, |of| contacts(&of.runs, &of.causes, &of.moments, settings))
+    };
+    let of_contacts: Vec<Vec<Anomaly>> = of_arm.iter().map(contacts_of).collect();
     let is_of_contact = |of: &Anomaly| of_contacts.iter().flatten().any(|contact| explains(contact, of));
     for (joint, of_joint) in (0..joints).map(JointIndex::new).zip(&of_joints) {
         for places in of_joint {
@@ -110,12 +114,10 @@ pub fn detect_in_brief(history: &[RunSummary], peers: &[Peer], settings: &Detect
         findings.anomalies.extend(found);
         findings.anomalies = warm_up_of_arm::joined(findings.anomalies, part);
     }
-    findings.anomalies =
-        coupled_swing::joined(findings.anomalies, history, joints, &mut |place| needs.push(place));
+    findings.anomalies = coupled_swing::joined(findings.anomalies, history, joints);
     findings.anomalies.extend(without_result(history));
     findings.expected_by = expected_by(history, settings.overdue_factor);
-    parts.needs.extend(needs);
-    parts.detection(findings)
+    findings
 }
 
 /// Whether a contact is what an anomaly of one test alone shows: the torque of one cycle makes the RMSD swing, and shifts what is
@@ -132,6 +134,6 @@ mod cause_tests;
 #[cfg(test)]
 mod fixtures;
 #[cfg(test)]
-mod in_brief_tests;
+mod kept_tests;
 #[cfg(test)]
 mod tests;

@@ -1,21 +1,18 @@
-//! Of a long history, the runs by which a robot is judged: so many that a conclusion of the ten thousandth run costs what that of
-//! the thousandth did.
+//! The window: the part of a long history that detectors use. A conclusion after the ten thousandth run costs as much as one after the
+//! thousandth.
 //!
-//! Tests and logs of ordinary work are histories of their own. Boundaries lie at every [`Lengths::step`]th run in the order of recording.
-//! A history of fewer than two steps is judged as a whole. Of a longer one, the latest boundary with a step of runs behind it is in
-//! force, and the window has
+//! Tests and logs of production are histories of their own. Boundaries are at every [`Lengths::step`]th run in the order of
+//! recording. A history of fewer than two steps is judged as a whole. In a longer one, the latest boundary with a step of runs
+//! behind it is in force, and the window contains
 //!
-//! * what baselines and limits of runs that come are learnt from ([`Windowed::heads`]),
-//! * the runs about the beginning of each anomaly that is open at the boundary, so that it begins where it began,
+//! * the runs that baselines and limits of later runs are learnt from ([`Windowed::heads`]),
+//! * the runs around the beginning of each anomaly that is open at the boundary, so that its beginning stays,
 //! * some runs that lead in to the boundary, and all runs behind it.
 //!
-//! What had ended before the boundary is settled and stays as it is. It is what the window before says when a step of runs
-//! behind the boundary is known, so that nothing changes as a window takes the place of the one before. What is settled
-//! therefore follows from the runs alone, boundary by boundary from the first run on, in whatever order they came.
+//! Anomalies that ended before the boundary are settled and stay as they are. They are those of the window before, when a step
+//! of runs behind the boundary is known. A run that arrives later with a start before the boundary is not judged.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
-use std::fmt::Debug;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
 use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{Anomaly, AnomalyKind};
@@ -58,51 +55,27 @@ pub trait Windowed: Sized {
     fn heads(window: &[Self], until: usize, count: usize) -> BTreeSet<usize>;
 }
 
-/// Hash of what is settled in a history, beside its runs. `method` changes whenever the program settles something else in the same
-/// history; what another version of the program has settled is not believed either.
-pub(in crate::detect) fn hash_of(method: u64, of: &impl Debug) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    (method, env!("CARGO_PKG_VERSION")).hash(&mut hasher);
-    // numbers are written to their last bit
-    format!("{of:?}").hash(&mut hasher);
-    hasher.finish()
-}
-
-impl Lengths {
-    /// Most runs, from the first that leads in to the boundary on, that a window may have before another boundary is in
-    /// force.
-    #[must_use]
-    pub fn most_behind(&self, settled: &Settled) -> usize {
-        self.lead.min(settled.runs) + 2 * self.step
-    }
-}
-
 /// Place of the first run behind the boundary in the runs of its window.
-fn place(settled: &Settled, lengths: &Lengths) -> usize {
-    settled.read.len() + lengths.lead.min(settled.runs)
+fn place(settled: &Settled, window: &[impl Windowed]) -> usize {
+    settled.boundary.map_or(0, |boundary| window.partition_point(|run| run.moment() < boundary))
 }
 
 /// Whether there are so many runs in this window that the next boundary is in force. They end then with the last that
 /// what is settled there follows from.
 #[must_use]
 pub fn is_over(settled: &Settled, window: &[impl Windowed], lengths: &Lengths) -> bool {
-    window.len() >= place(settled, lengths) + 2 * lengths.step
+    window.len() >= place(settled, window) + 2 * lengths.step
 }
 
 /// Anomalies that are not settled, of those `found` in the window: what lies before the boundary is known already, and what
 /// was open there goes on as what it was.
 #[must_use]
-pub fn put_together(
-    settled: &Settled,
-    window: &[impl Windowed],
-    found: Vec<Anomaly>,
-    lengths: &Lengths,
-) -> Vec<Anomaly> {
-    if settled.runs == 0 {
+pub fn put_together(settled: &Settled, window: &[impl Windowed], found: Vec<Anomaly>) -> Vec<Anomaly> {
+    if settled.boundary.is_none() {
         return found;
     }
     let places = places(window);
-    let boundary = place(settled, lengths);
+    let boundary = place(settled, window);
     let is_behind = |of: &Anomaly| places.get(&of.last_run_id).is_some_and(|place| *place >= boundary);
     let known = matched(settled, &found);
     let mut together = Vec::with_capacity(found.len());
@@ -151,7 +124,7 @@ pub fn next(
     lengths: &Lengths,
 ) -> (Settled, Vec<Anomaly>) {
     let places = places(window);
-    let boundary = place(settled, lengths) + lengths.step;
+    let boundary = place(settled, window) + lengths.step;
     let leads_from = boundary - lengths.lead.min(lengths.step);
     let place_of = |run_id: i64| places.get(&run_id).copied();
     let (mut open, mut ended) = (Vec::new(), Vec::new());
@@ -176,6 +149,7 @@ pub fn next(
         runs: settled.runs + lengths.step,
         read: read.into_iter().map(|at| window[at].moment().1).collect(),
         leads_from: window.get(leads_from).map(Windowed::moment),
+        boundary: window.get(boundary).map(Windowed::moment),
         follows_until: window.last().map(Windowed::moment),
         first_of_epochs,
         epochs,

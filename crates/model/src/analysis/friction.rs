@@ -1,6 +1,8 @@
 //! Friction against speed and thermal state: what is computed of it. Speeds in rad/s (m/s for a sliding
 //! joint), torques in Nm (N).
 
+use serde::{Deserialize, Serialize};
+
 use super::Estimate;
 use crate::robot::JointIndex;
 
@@ -222,7 +224,7 @@ pub struct FrictionIndex {
 }
 
 /// Friction of one joint in one cycle as one number that compares between cycles of equal levels.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleFriction {
     /// The joint.
     pub joint: JointIndex,

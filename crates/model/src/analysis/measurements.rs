@@ -1,5 +1,7 @@
 //! What the cycles of a run measured, all that the analysis of the run as a whole starts from.
 
+use serde::{Deserialize, Serialize};
+
 use super::{FrictionPoint, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
 
@@ -41,7 +43,7 @@ pub struct CycleParameters {
 }
 
 /// Moving relative RMSD of one joint in one cycle, under the cycle's own parameters.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleRmsd {
     /// Number of the cycle, from 1.
     pub cycle: u32,

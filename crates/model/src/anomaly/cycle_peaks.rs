@@ -3,57 +3,50 @@
 use std::collections::BTreeMap;
 
 use super::RunSummary;
-use super::brief::JointBrief;
 use crate::analysis::median::median;
 
 /// Interval between two cycles that is a pause, as a multiple of the usual one.
 const PAUSE: f64 = 1.5;
 
-/// Signed distances of the cycles of a test from the mean of both neighbours, in logarithms.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Distances {
-    /// Of a test whose cycles were read.
-    Read(Vec<f64>),
-    /// So many, of a test whose cycles are left out.
-    LeftOut(usize),
+/// How the cycles of a joint in a test differ from their neighbours.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Peaks {
+    /// Signed distance of each cycle from the mean of both neighbours, in logarithms.
+    pub distances: Vec<f64>,
+    /// The most by which a cycle stands out of both neighbours, in logarithms; 0 at least. A cycle after a pause does not count.
+    pub furthest: f64,
 }
 
-impl Distances {
-    /// How many there are.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        match self {
-            Self::Read(of) => of.len(),
-            Self::LeftOut(count) => *count,
-        }
-    }
-}
-
-/// Distances of the cycles of a joint in a test, and the most by which one stands out of its neighbours, 0 at least.
-/// One after a pause is never judged and says nothing of that.
+/// The peaks of each of the first `joints` joints in a test.
 #[must_use]
-pub fn peaks_of_joint(run: &RunSummary, joint: usize) -> (Distances, f64) {
-    if let Some(brief) = run.left_out() {
-        let JointBrief { inner, furthest, .. } = brief.joint(joint);
-        return (Distances::LeftOut(inner as usize), furthest);
-    }
-    let cycles = Cycles::of(run, joint);
+pub fn peaks(run: &RunSummary, joints: usize) -> Vec<Peaks> {
     let pauses = pauses(run);
-    let (mut distances, mut furthest) = (Vec::new(), 0.0_f64);
-    for place in 1..cycles.0.len().saturating_sub(1) {
-        let Some((distance, by)) = cycles.distances(place) else { continue };
-        distances.push(distance);
-        if !pauses.contains(&cycles.0[place].0) {
-            furthest = furthest.max(by);
+    let mut by_joint = vec![Cycles(Vec::new()); joints];
+    for of in run.whole_cycle_rmsd.iter().filter(|of| of.relative_rmsd > 0.0) {
+        if let Some(cycles) = by_joint.get_mut(of.joint.index()) {
+            cycles.0.push((of.cycle, of.relative_rmsd));
         }
     }
-    (Distances::Read(distances), furthest)
+    by_joint.iter().map(|cycles| cycles.peaks(&pauses)).collect()
 }
 
 /// Numbers of the accepted cycles of a test with the RMSD of one joint.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Cycles(pub Vec<(u32, f64)>);
 
 impl Cycles {
+    fn peaks(&self, pauses: &[u32]) -> Peaks {
+        let mut found = Peaks::default();
+        for place in 1..self.0.len().saturating_sub(1) {
+            let Some((distance, by)) = self.distances(place) else { continue };
+            found.distances.push(distance);
+            if !pauses.contains(&self.0[place].0) {
+                found.furthest = found.furthest.max(by);
+            }
+        }
+        found
+    }
+
     /// Those of the joint at this position.
     #[must_use]
     pub fn of(run: &RunSummary, joint: usize) -> Self {

@@ -1,27 +1,42 @@
 //! The settled part of a history.
 
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 
 use super::Anomaly;
+use crate::run::RunKind;
 
 /// A run's place in time: its start and its key.
 pub type Moment = (Timestamp, i64);
 
-/// What is settled of a history before a boundary, as far as later windows ask for it.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// The settled part of a history, as far as later windows need it. Nothing is settled in a default value.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Settled {
-    /// Runs before the boundary; 0 where a history has none.
+    /// Runs before the boundary when it was settled.
     pub runs: usize,
-    /// Keys of the runs of the window that stand before those that lead in, oldest first.
+    /// Keys of the runs of the window that come before those that lead in, oldest first.
     pub read: Vec<i64>,
-    /// The first of those that lead in; `None` without a boundary.
+    /// The first of those that lead in to the boundary.
     pub leads_from: Option<Moment>,
+    /// The first run that is not settled.
+    pub boundary: Option<Moment>,
     /// The latest run that all of this follows from.
     pub follows_until: Option<Moment>,
-    /// Keys of the runs with which epochs of joints began before those that lead in, and how many epochs each joint had.
+    /// Keys of the runs with which epochs of joints began before those that lead in.
     pub first_of_epochs: Vec<i64>,
-    /// By position of the joint.
+    /// How many epochs each joint had by then, by position of the joint.
     pub epochs: Vec<u32>,
     /// Anomalies that go on beyond the boundary.
     pub open: Vec<Anomaly>,
+}
+
+/// A part of a history that a conclusion settles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewlySettled {
+    /// The history: that of tests, or of production logs.
+    pub kind: RunKind,
+    /// The settled part.
+    pub settled: Settled,
+    /// Anomalies that ended before its boundary.
+    pub ended: Vec<Anomaly>,
 }

@@ -9,14 +9,14 @@ use sqlx::{FromRow, Row};
 
 use super::alarms::anomalies::{self, Reconciled};
 use super::figures::friction_series::{self, FrictionHistory};
-use super::figures::run_brief;
-use super::{conclusion_faults, history, settled_rows};
+use super::{conclusion_faults, settled};
 use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::{production, run_analysis};
 use armwatch_model::analysis::{ProductionCheck, WarmUpFit};
-use armwatch_model::anomaly::{Anomaly, Findings, RunSummary};
+use armwatch_model::anomaly::settled::NewlySettled;
+use armwatch_model::anomaly::{Anomaly, Findings};
 use armwatch_model::run::RunKind;
 
 /// A robot whose conclusions are older than its history.
@@ -65,8 +65,12 @@ impl ConclusionTransaction {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn keep_friction_points(&mut self, history: &FrictionHistory) -> Result<(), StoreError> {
-        let result = friction_series::keep(&mut self.transaction, self.robot_id, history).await;
+    pub async fn keep_friction_points(
+        &mut self,
+        history: &FrictionHistory,
+        method: u64,
+    ) -> Result<(), StoreError> {
+        let result = friction_series::keep(&mut self.transaction, self.robot_id, history, method).await;
         self.checked(result)
     }
 
@@ -107,47 +111,52 @@ impl ConclusionTransaction {
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
-        let settled = settled_rows::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
+        let settled = settled::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
         // older ones have a summary: a log that loses it takes along what was settled with it
         let from = self.checked(settled)?.and_then(|settled| settled.leads_from).map(|(at, _)| at);
         let result = production::summarise_rest(&mut self.transaction, self.robot_id, from).await;
         self.checked(result)
     }
 
-    /// Reads the cycles of the tests at these places that are left out.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn read_cycles(&mut self, runs: &mut [RunSummary], places: &[usize]) -> Result<(), StoreError> {
-        let result = history::read_cycles(&mut self.transaction, runs, places).await;
-        self.checked(result)
-    }
-
-    /// Keeps what was found in the cycles of a test, as its brief has it.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn keep_judgements(&mut self, run: &RunSummary) -> Result<(), StoreError> {
-        let Some(brief) = &run.brief else { return Ok(()) };
-        let result = run_brief::keep_judgements(&mut *self.transaction, run.run_id, &brief.judgements).await;
-        self.checked(result)
-    }
-
     /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
     /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
-    /// that vanished withdrawn. `settled` has the anomalies that are settled from now on, with the key of what has settled
-    /// them; those that were settled before are left alone.
+    /// that vanished withdrawn. `settled` is settled from now on; anomalies that were settled before stay as they are.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
     pub async fn reconcile(
         &mut self,
         findings: &Findings,
-        settled: &[(i64, Vec<Anomaly>)],
+        settled: &[NewlySettled],
     ) -> Result<Reconciled, StoreError> {
-        let (robot_id, clock) = (self.robot_id, Timestamp::now());
-        let result = anomalies::reconcile(&mut self.transaction, robot_id, findings, settled, clock).await;
+        let result = self.reconciled(findings, settled).await;
         self.checked(result)
+    }
+
+    async fn reconciled(
+        &mut self,
+        findings: &Findings,
+        settled: &[NewlySettled],
+    ) -> Result<Reconciled, sqlx::Error> {
+        let mut ended: Vec<(i64, &[Anomaly])> = Vec::with_capacity(settled.len());
+        for of in settled {
+            ended.push((self.keep_settled(of.kind, &of.settled).await?, &of.ended));
+        }
+        let (robot_id, clock) = (self.robot_id, Timestamp::now());
+        let reconciled =
+            anomalies::reconcile(&mut self.transaction, robot_id, findings, &ended, clock).await?;
+        for kind in [RunKind::Test, RunKind::Production] {
+            settled::settle_withdrawn(&mut self.transaction, robot_id, kind).await?;
+        }
+        Ok(reconciled)
+    }
+
+    /// Makes the figures lasting that findings follow from. The robot stays stale until [`Self::commit`] of its findings.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database; nothing is stored then.
+    pub async fn commit_figures(self) -> Result<(), StoreError> {
+        self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
     /// Makes all of it lasting, as what the history says that had changed `history` times. If it has changed

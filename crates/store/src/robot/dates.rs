@@ -6,6 +6,7 @@
 use jiff::Timestamp;
 use sqlx::Row;
 
+use super::settled;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -268,6 +269,7 @@ async fn decide(
     if !matches!(status, RunStatus::Complete | RunStatus::SetAside) {
         return Ok(Err(NotDecided::Status(status)));
     }
+    let started_at = run.started_at;
     match decision {
         RunDecision::StartedAt(_) | RunDecision::StartedAtArrival | RunDecision::Confirm => {
             run.recorded_start = Some(run.recorded_start.unwrap_or(run.started_at));
@@ -291,6 +293,7 @@ async fn decide(
         }
         RunDecision::TakeBack => return Ok(Err(NotDecided::NothingToUndo)),
     }
+    settled::reopen(&mut *connection, &run.robot, started_at.min(run.started_at)).await?;
     // runs that were set aside before have changed no history, but their robot is judged again
     let stale = "UPDATE robot SET history = history + 1 WHERE name = $1";
     sqlx::query(stale).bind(&run.robot).execute(&mut *connection).await?;

@@ -9,6 +9,7 @@ use sqlx::Row;
 
 use super::alarms::alarm_life::{maintain, open_again};
 use super::alarms::anomalies::Person;
+use super::settled;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -161,6 +162,7 @@ async fn enter(
     .fetch_optional(&mut *connection)
     .await?;
     let Some(entered) = entered else { return Ok(Err(NotEntered::NoRobot)) };
+    settled::reopen(&mut *connection, &of.robot, of.at).await?;
     let by = Person { who: of.who.as_deref().unwrap_or(SOMEBODY), why: Some(&of.what) };
     for anomaly_id in unsettled_before(&mut *connection, of).await? {
         maintain(&mut *connection, anomaly_id, by).await?;
@@ -200,6 +202,7 @@ async fn remove(
         .execute(&mut *connection)
         .await?;
     if let Some(row) = &removed {
+        settled::reopen(&mut *connection, &row.robot, row.work.at).await?;
         for anomaly_id in maintained_by_nothing(&mut *connection, row).await? {
             open_again(&mut *connection, anomaly_id).await?;
         }

@@ -1,7 +1,6 @@
 //! What is concluded from the history of a robot.
 
 pub(super) mod figures;
-mod settled_rows;
 pub(super) mod alarms;
 pub(super) mod maintenance;
 pub(super) mod history;
@@ -9,7 +8,7 @@ pub(super) mod conclusion_faults;
 pub(super) mod conclude;
 pub(super) mod dates;
 pub(super) mod cycle_friction_rows;
-mod run_brief_rows;
+pub(super) mod summaries;
 mod settled;
 pub(super) mod indices;
 pub(super) mod open_test;

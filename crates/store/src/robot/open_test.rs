@@ -13,7 +13,7 @@ use super::alarms::anomalies::{
 };
 use super::alarms::episodes::{Episode, goes_on, is_another_fault, same};
 use super::conclude::ConclusionTransaction;
-use super::{maintenance, settled_rows};
+use super::{maintenance, settled};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -58,7 +58,7 @@ impl Store {
     pub async fn open_test_epochs(&self, test: &OpenTest, joints: usize) -> Result<Vec<u32>, StoreError> {
         let mut connection = self.checked(self.readers.acquire().await)?;
         let (robot_id, run_id) = (test.robot_id, test.run_id);
-        let among = self.checked(settled_rows::latest_keys(&mut connection, robot_id).await)?;
+        let among = self.checked(settled::latest_keys(&mut connection, robot_id).await)?;
         let among = [&among[..], &[run_id]].concat();
         let of = maintenance::epoch_ordinals(&mut connection, robot_id, joints, &among).await;
         Ok(self.checked(of)?.remove(&run_id).unwrap_or_default())

@@ -1,118 +1,313 @@
-//! What is settled of a robot's histories, of tests and of ordinary work, boundary by boundary, and the runs of the
-//! windows behind the latest.
+//! The settled part of a robot's histories, of tests and of production logs, boundary by boundary, and the runs of windows.
 
 use jiff::Timestamp;
+use sqlx::Row;
 
 use super::conclude::ConclusionTransaction;
-use super::{history, run_brief_rows, settled_rows};
+use super::figures::packed::{packed, unpacked};
+use super::summaries;
+use crate::engine::{EngineConnection, EngineExecutor, EngineRow, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::log_summaries;
-use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{ProductionSummary, RunSummary};
 use armwatch_model::run::RunKind;
 
-impl ConclusionTransaction {
-    /// What is settled of the robot's history of this kind at the latest boundary, by this basis; nothing is settled at its
-    /// beginning. What was settled by another basis is forgotten.
+impl Store {
+    /// The part of the robot's history of this kind that is settled at the latest boundary; nothing is settled at its beginning.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn settled(&mut self, kind: RunKind, basis: u64) -> Result<Settled, StoreError> {
-        let forgotten = settled_rows::forget_others(&mut self.transaction, self.robot_id, kind, basis).await;
-        self.checked(forgotten)?;
-        let result = settled_rows::latest(&mut *self.transaction, self.robot_id, kind).await;
-        Ok(self.checked(result)?.unwrap_or_default())
+    pub async fn settled(&self, robot_id: i64, kind: RunKind) -> Result<Settled, StoreError> {
+        Ok(self.checked(latest(&self.readers, robot_id, kind).await)?.unwrap_or_default())
     }
 
-    /// Keeps what is settled at a boundary, with a hash of what it follows from beside the runs; gives its key.
+    /// Keys of the runs of a window, oldest first: those before the boundary, and at most `most` behind it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn keep_settled(
-        &mut self,
+    pub async fn window_keys(
+        &self,
+        robot_id: i64,
         kind: RunKind,
         settled: &Settled,
-        basis: u64,
-    ) -> Result<i64, StoreError> {
-        let result = settled_rows::insert(&mut *self.transaction, self.robot_id, kind, settled, basis).await;
-        self.checked(result)
-    }
-
-    /// Leaves alone from now on what an earlier conclusion has taken back and what runs of the window say no more of.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn settle_withdrawn(&mut self, kind: RunKind, settled: &Settled) -> Result<(), StoreError> {
-        let result =
-            settled_rows::settle_withdrawn(&mut *self.transaction, self.robot_id, kind, settled).await;
-        self.checked(result)
-    }
-
-    /// Forgets what follows from tests that began at this time or later.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn unsettle(&mut self, from: Timestamp) -> Result<(), StoreError> {
-        let result = sqlx::query(
-            "DELETE FROM settled_history WHERE robot_id = $1 AND kind = 'test' AND follows_until >= $2",
-        )
-        .bind(self.robot_id)
-        .bind(from.as_microsecond())
-        .execute(&mut *self.transaction)
-        .await;
-        self.checked(result)?;
-        Ok(())
-    }
-
-    /// Summaries of the tests of the window behind a boundary, oldest first: those that it names, and at most `most` behind
-    /// these. Their cycles are left out.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn window(&mut self, settled: &Settled, most: usize) -> Result<Vec<RunSummary>, StoreError> {
-        let keys =
-            settled_rows::keys(&mut *self.transaction, self.robot_id, RunKind::Test, settled, most).await;
-        let keys = self.checked(keys)?;
-        let completed = run_brief_rows::complete(&mut self.transaction, &keys).await;
-        self.checked(completed)?;
-        let first = &settled.first_of_epochs;
-        let result = history::briefs(&mut self.transaction, self.robot_id, &keys, first).await;
-        self.checked(result)
-    }
-
-    /// What the logs of ordinary work of the window behind a boundary come to, oldest first: those that it names, and at most `most`
-    /// behind these.
-    ///
-    /// # Errors
-    /// [`StoreError`] of the database.
-    pub async fn work_window(
-        &mut self,
-        settled: &Settled,
         most: usize,
-    ) -> Result<Vec<ProductionSummary>, StoreError> {
-        let keys =
-            settled_rows::keys(&mut *self.transaction, self.robot_id, RunKind::Production, settled, most)
-                .await;
-        let keys = self.checked(keys)?;
-        let result = log_summaries::summaries(&mut self.transaction, &keys).await;
-        self.checked(result)
+    ) -> Result<[Vec<i64>; 2], StoreError> {
+        let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
+        self.checked(keys(&mut snapshot, robot_id, kind, settled, most).await)
+    }
+
+    /// The tests that the robot's latest conclusions follow from, and all later ones, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn latest_window(&self, robot_id: i64, method: u64) -> Result<Vec<RunSummary>, StoreError> {
+        let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
+        let settled =
+            self.checked(latest(&mut *snapshot, robot_id, RunKind::Test).await)?.unwrap_or_default();
+        let keys = keys(&mut snapshot, robot_id, RunKind::Test, &settled, usize::MAX).await;
+        let (keys, first) = (self.checked(keys)?.concat(), &settled.first_of_epochs);
+        let window = summaries::window(&mut snapshot, robot_id, &keys, first, Some(method)).await;
+        Ok(self.checked(window)?.tests)
+    }
+
+    /// Summaries of production logs, oldest first.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn log_window(&self, run_ids: &[i64]) -> Result<Vec<ProductionSummary>, StoreError> {
+        let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
+        self.checked(log_summaries::summaries(&mut snapshot, run_ids).await)
+    }
+
+    /// Opens the settled history of a robot, or of all robots, from this time on: the next conclusion judges the tests and logs
+    /// from there again, with all that have arrived since. Gives the names of the robots.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn reopen_history(
+        &self,
+        robot: Option<&str>,
+        from: Timestamp,
+    ) -> Result<Vec<String>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let robots: Result<Vec<String>, sqlx::Error> = sqlx::query_scalar(
+            "UPDATE robot SET history = history + 1 WHERE $1 IS NULL OR name = $1 RETURNING name",
+        )
+        .bind(robot)
+        .fetch_all(&mut *transaction)
+        .await;
+        let mut robots = self.checked(robots)?;
+        for robot in &robots {
+            let reopened = reopen(&mut *transaction, robot, from).await;
+            self.checked(reopened)?;
+        }
+        self.commit(transaction).await?;
+        robots.sort_unstable();
+        Ok(robots)
+    }
+
+    /// Start of the first run that is not settled, if this run arrived too late to be judged: it began before the boundary and was
+    /// stored after that was settled. `None` for runs that are judged.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn arrived_too_late(&self, run_id: i64) -> Result<Option<Timestamp>, StoreError> {
+        let boundary: Option<i64> = self.checked(
+            sqlx::query_scalar(
+                "SELECT max(settled_history.boundary_at)
+                 FROM run JOIN settled_history ON settled_history.robot_id = run.robot_id AND settled_history.kind = run.kind
+                 WHERE run.run_id = $1 AND run.status = 'complete' AND run.started_at < settled_history.boundary_at
+                       AND run.run_id > settled_history.latest_run_id",
+            )
+            .bind(run_id)
+            .fetch_one(&self.readers)
+            .await,
+        )?;
+        Ok(boundary.and_then(|at| Timestamp::from_microsecond(at).ok()))
     }
 }
 
 impl Store {
-    /// Summaries of the tests that a robot's latest conclusions stand on, oldest first, their cycles left out but for tests of
-    /// which nothing is known in brief.
+    /// Start of the first run of this kind that is not settled, if it is later than this time: conclusions will not use an export
+    /// that begins then.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn latest_window(&self, robot_id: i64) -> Result<Vec<RunSummary>, StoreError> {
-        let mut connection = self.checked(self.readers.acquire().await)?;
-        let settled = self
-            .checked(settled_rows::latest(&mut *connection, robot_id, RunKind::Test).await)?
-            .unwrap_or_default();
-        let keys = settled_rows::keys(&mut *connection, robot_id, RunKind::Test, &settled, usize::MAX).await;
-        let keys = self.checked(keys)?;
-        self.checked(history::briefs(&mut connection, robot_id, &keys, &settled.first_of_epochs).await)
+    pub async fn settled_after(
+        &self,
+        robot: &str,
+        kind: RunKind,
+        started_at: Timestamp,
+    ) -> Result<Option<Timestamp>, StoreError> {
+        let boundary: Option<i64> = self.checked(
+            sqlx::query_scalar(
+                "SELECT max(boundary_at) FROM settled_history JOIN robot USING (robot_id)
+                 WHERE robot.name = $1 AND kind = $2 AND boundary_at > $3",
+            )
+            .bind(robot)
+            .bind(kind.name())
+            .bind(started_at.as_microsecond())
+            .fetch_one(&self.readers)
+            .await,
+        )?;
+        Ok(boundary.and_then(|at| Timestamp::from_microsecond(at).ok()))
     }
+}
+
+impl ConclusionTransaction {
+    /// Stores the settled part of a history and gives its key.
+    pub(super) async fn keep_settled(
+        &mut self,
+        kind: RunKind,
+        settled: &Settled,
+    ) -> Result<i64, sqlx::Error> {
+        insert(&mut *self.transaction, self.robot_id, kind, settled).await
+    }
+}
+
+/// Opens what follows from runs that began at this time or later. Call when a person changes something of that time.
+pub(super) async fn reopen(
+    executor: impl EngineExecutor<'_>,
+    robot: &str,
+    from: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "DELETE FROM settled_history
+         WHERE robot_id = (SELECT robot_id FROM robot WHERE name = $1) AND follows_until >= $2",
+    )
+    .bind(robot)
+    .bind(from.as_microsecond())
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+/// Notes which part of the history has settled an anomaly.
+pub(super) async fn settle_anomaly(
+    executor: impl EngineExecutor<'_>,
+    anomaly_id: i64,
+    settled_by: Option<i64>,
+) -> Result<(), sqlx::Error> {
+    if settled_by.is_some() {
+        sqlx::query("UPDATE anomaly SET settled_history_id = $1 WHERE anomaly_id = $2")
+            .bind(settled_by)
+            .bind(anomaly_id)
+            .execute(executor)
+            .await?;
+    }
+    Ok(())
+}
+
+/// Marks withdrawn anomalies from before the window as settled.
+pub(super) async fn settle_withdrawn(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    kind: RunKind,
+) -> Result<(), sqlx::Error> {
+    let Some((leads_from, _)) =
+        latest(&mut *connection, robot_id, kind).await?.and_then(|settled| settled.leads_from)
+    else {
+        return Ok(());
+    };
+    sqlx::query(
+        "UPDATE anomaly
+         SET settled_history_id = (SELECT settled_history_id FROM settled_history
+                                   WHERE robot_id = $1 AND kind = $2 ORDER BY runs DESC LIMIT 1)
+         WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $3
+               AND open_run_id IS NULL AND (quantity LIKE 'production%') = ($2 = 'production')",
+    )
+    .bind(robot_id)
+    .bind(kind.name())
+    .bind(leads_from.as_microsecond())
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Keys of the tests by which epochs of a robot's latest tests are told apart.
+pub(super) async fn latest_keys(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+) -> Result<Vec<i64>, sqlx::Error> {
+    let settled = latest(&mut *connection, robot_id, RunKind::Test).await?.unwrap_or_default();
+    let [before, behind] = keys(connection, robot_id, RunKind::Test, &settled, usize::MAX).await?;
+    Ok([settled.first_of_epochs, before, behind].concat())
+}
+
+/// Keys of the runs of a window, oldest first, before its boundary and behind it: tests with a result or without, and logs that are
+/// compared with a test.
+async fn keys(
+    connection: &mut EngineConnection,
+    robot_id: i64,
+    kind: RunKind,
+    settled: &Settled,
+    most: usize,
+) -> Result<[Vec<i64>; 2], sqlx::Error> {
+    let Settled { read, leads_from, boundary, .. } = settled;
+    let mut before = read.clone();
+    if let (Some(from), Some(until)) = (leads_from, boundary) {
+        before
+            .extend(between(&mut *connection, robot_id, kind, Some(*from), Some(*until), usize::MAX).await?);
+    }
+    Ok([before, between(connection, robot_id, kind, *boundary, None, most).await?])
+}
+
+/// Keys of the first runs in a span of time, oldest first.
+async fn between(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    kind: RunKind,
+    from: Option<Moment>,
+    until: Option<Moment>,
+    most: usize,
+) -> Result<Vec<i64>, sqlx::Error> {
+    let of = |at: Option<Moment>, without: i64| {
+        at.map_or((without, without), |(at, run_id)| (at.as_microsecond(), run_id))
+    };
+    let (from, until) = (of(from, i64::MIN), of(until, i64::MAX));
+    // each kind has an index of its own
+    let statement = match kind {
+        RunKind::Test => {
+            "SELECT run_id FROM run
+             WHERE robot_id = $1 AND kind = 'test' AND status = 'complete' AND (started_at, run_id) >= ($2, $3)
+                   AND (started_at, run_id) < ($4, $5)
+             ORDER BY started_at, run_id LIMIT $6"
+        }
+        RunKind::Production => {
+            "SELECT run_id FROM run
+             WHERE robot_id = $1 AND kind = 'production' AND status = 'complete' AND (started_at, run_id) >= ($2, $3)
+                   AND (started_at, run_id) < ($4, $5)
+                   AND EXISTS (SELECT 1 FROM production_summary AS summary WHERE summary.run_id = run.run_id)
+             ORDER BY started_at, run_id LIMIT $6"
+        }
+    };
+    sqlx::query_scalar(statement)
+        .bind(robot_id)
+        .bind(from.0)
+        .bind(from.1)
+        .bind(until.0)
+        .bind(until.1)
+        .bind(i64::try_from(most).unwrap_or(i64::MAX))
+        .fetch_all(executor)
+        .await
+}
+
+pub(super) async fn latest(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    kind: RunKind,
+) -> Result<Option<Settled>, sqlx::Error> {
+    let numbers = sqlx::query(
+        "SELECT numbers FROM settled_history WHERE robot_id = $1 AND kind = $2 ORDER BY runs DESC LIMIT 1",
+    )
+    .bind(robot_id)
+    .bind(kind.name())
+    .try_map(|row: EngineRow| row.try_get::<Vec<u8>, _>("numbers"))
+    .fetch_optional(executor)
+    .await?;
+    Ok(numbers.and_then(|numbers| unpacked(&numbers)))
+}
+
+async fn insert(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+    kind: RunKind,
+    settled: &Settled,
+) -> Result<i64, sqlx::Error> {
+    let micros = |at: Option<Moment>| at.map_or(i64::MAX, |(at, _)| at.as_microsecond());
+    sqlx::query_scalar(
+        "INSERT INTO settled_history (robot_id, kind, runs, boundary_at, follows_until, latest_run_id, numbers)
+         SELECT $1, $2, $3, $4, $5, max(run_id), $6 FROM run
+         RETURNING settled_history_id",
+    )
+    .bind(robot_id)
+    .bind(kind.name())
+    .bind(i64::try_from(settled.runs).unwrap_or(i64::MAX))
+    .bind(micros(settled.boundary))
+    .bind(micros(settled.follows_until))
+    .bind(packed(settled)?)
+    .fetch_one(executor)
+    .await
 }

@@ -28,7 +28,11 @@ const COMPUTED: &[(&str, &str, &str)] = &[
             ELSE quantity
         END",
     ),
+    ("anomaly", "settled_history_id", "NULL"),
 ];
+
+/// Tables whose rows are not copied, because conclusions make them again.
+const REMADE: [&str; 3] = ["friction_plan", "run_friction_series", "settled_history"];
 
 /// Statements that run after the copy if the old version is below a number.
 const AFTERWARDS: &[(i64, &str)] = &[
@@ -63,7 +67,8 @@ pub(super) async fn rebuild(
     schema.make_tables(connection).await?;
     let new = tables(engine, connection).await?;
     // the schema lists a table after the tables that it refers to
-    for statement in schema.tables.iter().filter(|of| of.name != "schema_version") {
+    let is_copied = |name: &str| name != "schema_version" && !REMADE.contains(&name);
+    for statement in schema.tables.iter().filter(|of| is_copied(&of.name)) {
         let table = |of: &[Found], name: &str| of.iter().position(|table| table.name == name);
         if let (Some(before), Some(after)) = (table(&old, &statement.name), table(&new, &statement.name)) {
             copy(connection, &old[before], &new[after]).await?;

@@ -8,7 +8,9 @@ use EventKind::{Corrected, Ended, Opened, Reopened, Unshelved, Withdrawn, Worse}
 use jiff::{SignedDuration, Timestamp};
 use sqlx::AssertSqlSafe;
 
-use super::support::{anomaly, assert_sound, day, findings, fresh, header, joint, number, streaming_run};
+use super::support::{
+    anomaly, assert_sound, day, findings, fresh, fresh_file, header, joint, number, streaming_run,
+};
 use crate::handle::Store;
 use crate::robot::alarms::alarm_life::{AlarmAction, NotDone};
 use crate::robot::alarms::alarm_state::{AlarmState, EventKind};
@@ -443,7 +445,7 @@ async fn an_anomaly_outlives_its_runs_with_what_people_said() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
-    let (folder, store) = fresh().await;
+    let (folder, store) = fresh_file().await;
     let robot = Robot::with_runs(&store, "R00", 8).await;
     let path = folder.path().join("fleet.db");
     for last in [3, 5, 7] {
@@ -467,7 +469,7 @@ async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
         assert_eq!(events, 1, "with run {last}");
     }
     assert_eq!(number(&store, "SELECT count(*) FROM anomaly").await, Some(1.0));
-    let told = super::support::text(&store, "SELECT group_concat(what) FROM anomaly_history").await;
+    let told = super::support::text(&store, "SELECT string_agg(what, ',') FROM anomaly_history").await;
     assert_eq!(told.as_deref(), Some("opened,worse,worse"));
 }
 

@@ -12,7 +12,6 @@ use armwatch_model::analysis::friction::FrictionIndex;
 use armwatch_model::analysis::refusal::{Channel, RefusalCause};
 use armwatch_model::analysis::{CycleAnalysis, Estimate};
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
-use armwatch_model::anomaly::settled::Settled;
 use armwatch_model::anomaly::{Anomaly, Findings, JointHealth, Knowledge, Severity};
 use armwatch_model::run::RunStatus;
 use armwatch_testing::er3a;
@@ -46,7 +45,7 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
     assert_eq!(history[0].joints, run_analysis(10.0).summaries);
     assert_eq!((history[0].started_at, history[1].started_at), (day(0), day(1)));
 
-    let points = store.friction_history(robot.robot_id, 0.2 * 3.0).await.expect("points").points();
+    let points = store.friction_history(robot.robot_id, 0.2 * 3.0, 7).await.expect("points").points();
     let expected: Vec<_> = [1, 2, 3, 1, 2]
         .into_iter()
         .flat_map(|number| cycle(number).friction_points)
@@ -110,7 +109,7 @@ async fn a_whole_run_may_be_stored_from_a_spawned_task() {
         end.commit().await?;
         for robot in store.stale_robots().await? {
             store.run_summaries(robot.robot_id).await?;
-            store.friction_history(robot.robot_id, 0.6).await?;
+            store.friction_history(robot.robot_id, 0.6, 7).await?;
             store.friction_tests(robot.robot_id).await?;
             let mut conclusion = store.conclude(robot.robot_id).await?;
             conclusion.replace_mixed_fits(&fits(1.0)).await?;
@@ -146,9 +145,8 @@ async fn fits_of_each_shape_show_their_own_columns() {
     finish(&store, run_id, 1, &findings(vec![])).await;
     let shape = |model: &str| {
         AssertSqlSafe(format!(
-            "SELECT count(a_nm) || count(b_nm) || count(t1_min) || count(c_nm) || count(t2_min)
-                    || count(a_std_error_nm) || count(b_std_error_nm) || count(t1_std_error_min)
-                    || count(c_std_error_nm) || count(t2_std_error_min)
+            "SELECT concat(count(a_nm), count(b_nm), count(t1_min), count(c_nm), count(t2_min), count(a_std_error_nm),
+                           count(b_std_error_nm), count(t1_std_error_min), count(c_std_error_nm), count(t2_std_error_min))
              FROM warmup_fits WHERE model = '{model}' AND run_id IS NOT NULL"
         ))
     };
@@ -164,8 +162,7 @@ async fn fits_of_each_shape_show_their_own_columns() {
         number(&store, "SELECT t2_std_error_min FROM warmup_fits WHERE t2_min > 0").await,
         Some(5.0 / 16.0)
     );
-    let windows =
-        "SELECT group_concat(\"window\") FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
+    let windows = "SELECT string_agg(\"window\", ',') FROM parameter_statistics WHERE parameter = 'Izz' AND d_se IS NULL";
     assert_eq!(text(&store, windows).await.as_deref(), Some("after_5,all"));
 }
 
@@ -445,7 +442,7 @@ const ASKED_BY_NAME: [&str; 5] = [
 /// dozens of rows, may be read from end to end.
 #[tokio::test]
 async fn natural_questions_are_answered_from_indexes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     finish(&store, run_id, 1, &findings(vec![])).await;
     let mut questions = Vec::new();
@@ -503,11 +500,12 @@ async fn detectors_get_the_index_of_each_run_and_people_too() {
     let found =
         FrictionConclusion { run_ids: vec![run_id], indices: vec![new], ..FrictionConclusion::default() };
     conclusion.replace_friction(&found).await.expect("an index");
-    let summaries = conclusion.window(&Settled::default(), usize::MAX).await.expect("summaries");
+    conclusion.commit_figures().await.expect("a commit");
+    let summaries = store.latest_window(robot.robot_id, 7).await.expect("summaries");
     let known: Vec<_> =
         summaries[0].joints.iter().filter_map(|of| Some((of.joint, of.friction_index?))).collect();
     assert_eq!(known, [(joint(2), index.index)]);
-    conclusion.commit(robot.history).await.expect("a commit");
+    assert_eq!(store.stale_robots().await.expect("robots"), [robot], "findings are still to come");
     let rows = store.friction_indices("R00").await.expect("rows");
     let [row] = &rows[..] else { panic!("one row: {rows:?}") };
     assert_eq!(

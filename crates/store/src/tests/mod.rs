@@ -326,7 +326,7 @@ async fn results_stay_compact() {
     // 9.3 kB measured over 3600 cycles, and 0.7 kB of degrees of freedom and residuals since; the rest is
     // for pages that are not full.
     const BYTES_PER_CYCLE: u64 = 10_800;
-    let (folder, store) = fresh().await;
+    let (folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 48).await;
     finish(&store, run_id, 48, &findings(vec![])).await;
     let path = folder.path().join("fleet.db");

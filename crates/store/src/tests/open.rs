@@ -281,7 +281,18 @@ async fn a_database_of_an_earlier_version_keeps_its_rows() {
                 .fetch_all(&mut before)
                 .await
                 .expect("tables");
-        let gone = ["_sqlx_migrations", "interval_fill", "sqlite_sequence", "view_column"];
+        // conclusions make the rows of the last ones again
+        let gone = [
+            "_sqlx_migrations",
+            "interval_fill",
+            "sqlite_sequence",
+            "view_column",
+            "run_brief",
+            "run_series",
+            "friction_plan",
+            "run_friction_series",
+            "settled_history",
+        ];
         let mut counts = Vec::new();
         for table in tables.into_iter().filter(|table| !gone.contains(&&**table)) {
             let count = AssertSqlSafe(format!("SELECT count(*) FROM {table}"));

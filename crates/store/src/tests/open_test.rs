@@ -54,7 +54,7 @@ async fn shown(store: &Store) -> Vec<(i64, String, String, bool)> {
 }
 
 async fn told(store: &Store) -> String {
-    let query = "SELECT group_concat(what || coalesce(': ' || why, ''), ', ') FROM anomaly_history";
+    let query = "SELECT string_agg(what || coalesce(': ' || why, ''), ', ') FROM anomaly_history";
     text(store, query).await.unwrap_or_default()
 }
 

@@ -24,15 +24,15 @@ const SOURCES: [&str; 18] = [
     "robot/maintenance.rs",
     "robot/open_test.rs",
     "robot/peers.rs",
-    "robot/figures/run_brief.rs",
-    "robot/run_brief_rows.rs",
-    "robot/figures/run_series.rs",
+    "robot/figures/run_summary.rs",
+    "robot/settled.rs",
+    "robot/summaries.rs",
     "results/production.rs",
     "ledger/sources.rs",
 ];
 
 /// Tables with a row or more a run, and their names in statements.
-const GROWING: [&str; 22] = [
+const GROWING: [&str; 21] = [
     "run",
     "test",
     "cycle",
@@ -50,8 +50,7 @@ const GROWING: [&str; 22] = [
     "run_friction_index",
     "run_friction",
     "run_friction_points",
-    "run_brief",
-    "run_series",
+    "run_summary",
     "run_friction_series",
     "source_file",
     "production_check",

@@ -11,7 +11,6 @@ use armwatch_model::analysis::work_evidence::{JointEvidence, PRODUCTS};
 use armwatch_model::analysis::{
     CycleFactors, Estimator, FrictionExcess, JointCheck, ProductionCheck, Rmsd, RmsdPair,
 };
-use armwatch_model::anomaly::settled::Settled;
 use armwatch_model::run::RunKind;
 use armwatch_testing::er3a;
 
@@ -260,7 +259,8 @@ async fn a_window_at_rest_leaves_a_log_the_evidence_of_its_other_windows() {
         .settle_production(log, &[(1, moving(1)), (2, at_rest), (3, moving(3))])
         .await
         .expect("settled");
-    let summaries = conclusion.work_window(&Settled::default(), usize::MAX).await.expect("summaries");
+    conclusion.commit_figures().await.expect("a commit");
+    let summaries = store.log_window(&[log]).await.expect("summaries");
     let [of] = &summaries[..] else { panic!("one test: {summaries:?}") };
     let [evidence] = &of.evidence[..] else { panic!("one joint: {of:?}") };
     assert_eq!((evidence.windows, evidence.samples, evidence.products), (2, 200, [2.0; PRODUCTS]));

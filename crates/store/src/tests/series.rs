@@ -1,80 +1,90 @@
-//! The series of a test says what the tables say that it follows from.
+//! Kept figures of a test say what the tables say that they follow from.
 
 use std::path::Path;
 
 use super::support::*;
 use crate::handle::Store;
+use crate::robot::indices::baselines::{FrictionConclusion, NewIndices};
+use armwatch_model::analysis::Estimate;
+use armwatch_model::analysis::friction::FrictionIndex;
 use armwatch_model::anomaly::settled::Settled;
+use armwatch_model::run::RunKind;
 
+const METHOD: u64 = 7;
+
+/// The tests of the first robot as the tables have them; a window of kept summaries says the same.
 async fn summaries(store: &Store) -> String {
-    format!("{:?}", store.run_summaries(1).await.expect("summaries"))
+    let of_tables = format!("{:?}", store.run_summaries(1).await.expect("summaries"));
+    assert_eq!(format!("{:?}", store.latest_window(1, METHOD).await.expect("a window")), of_tables);
+    of_tables
 }
 
 async fn change(store: &Store, statement: &'static str) -> u64 {
     sqlx::query(statement).execute(&store.writer).await.expect("a change").rows_affected()
 }
 
-async fn series(store: &Store) -> i64 {
-    let count = sqlx::query_scalar("SELECT count(*) FROM run_series");
+/// Summaries that hold.
+async fn held(store: &Store) -> i64 {
+    let count = sqlx::query_scalar(
+        "SELECT count(*) FROM run_summary JOIN run USING (run_id)
+         WHERE run_summary.revision = run.revision AND status = 'complete'",
+    );
     count.fetch_one(&store.readers).await.expect("a count")
 }
 
-/// Draws conclusions that store the series of all complete tests.
-async fn conclude(store: &Store) {
-    let mut conclusion = store.conclude(1).await.expect("a transaction");
-    let history = conclusion.history().await.expect("a history");
-    conclusion.window(&Settled::default(), usize::MAX).await.expect("summaries");
-    conclusion.commit(history).await.expect("a commit");
+/// Stores the summaries of all complete tests of the first robot.
+async fn summarise(store: &Store) {
+    let keys =
+        store.window_keys(1, RunKind::Test, &Settled::default(), usize::MAX).await.expect("keys").concat();
+    store.summarise_tests(&keys, METHOD).await.expect("summaries");
 }
 
 #[tokio::test]
 async fn summaries_are_those_of_the_tables_whatever_changes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     for day in 0..3 {
         let run_id = streaming_run(&store, "R00", day, 2).await;
         finish(&store, run_id, 2, &findings(vec![])).await;
         assert_eq!(run_id, day + 1);
     }
-    conclude(&store).await;
-    assert_eq!(series(&store).await, 3);
-    let of_series = summaries(&store).await;
-    change(&store, "DELETE FROM run_series").await;
-    assert_eq!(summaries(&store).await, of_series, "the tables say the same");
-    assert!(of_series.contains("cycle_friction: [CycleSeries"), "{of_series}");
+    summarise(&store).await;
+    assert_eq!(held(&store).await, 3);
+    assert!(summaries(&store).await.contains("cycle_friction: [CycleSeries"));
 
-    // each takes away the series of the run that it changes, and of no other
+    // rows of a cycle change together with it, as the program writes them; each statement concerns one run
     let changes = [
-        "UPDATE torque_rmsd SET moving_relative_rmsd = 0.5 WHERE stage = 'all' AND cycle_id = 3 AND joint = 1",
-        "DELETE FROM torque_rmsd WHERE stage = 'all' AND verification = 'self' AND cycle_id = 3 AND joint = 2",
-        "UPDATE cycle_friction_level SET ln_torque = 0.25 WHERE cycle_id = 3 AND joint = 1",
-        "DELETE FROM cycle_friction_level WHERE cycle_id = 3 AND joint = 1",
-        "UPDATE parameter_statistic SET mean = mean + 1 WHERE run_id = 2",
-        "DELETE FROM parameter_statistic WHERE run_id = 2 AND \"window\" = 'all'",
-        "UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3",
-        "DELETE FROM cycle WHERE cycle_id = 4",
+        "UPDATE torque_rmsd SET moving_relative_rmsd = 0.5 WHERE stage = 'all' AND cycle_id = 3 AND joint = 1;
+         UPDATE cycle SET estimator = estimator WHERE cycle_id = 3",
+        "UPDATE cycle_friction_level SET ln_torque = 0.25 WHERE cycle_id = 3 AND joint = 1;
+         UPDATE cycle SET status = status WHERE cycle_id = 3",
+        "UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 2 AND joint = 1",
+        "UPDATE run_joint_summary SET estimator = 'ordinary' WHERE run_id = 2 AND joint = 2",
+        "UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3",
+        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1, cycles_total = 1 WHERE run_id = 2",
         "UPDATE run SET status = 'streaming' WHERE run_id = 2",
         "DELETE FROM run WHERE run_id = 3",
     ];
-    for (place, statement) in changes.into_iter().enumerate() {
-        conclude(&store).await;
-        let before = summaries(&store).await;
-        let complete = series(&store).await;
+    for statement in changes {
+        summarise(&store).await;
+        let (before, complete) = (summaries(&store).await, held(&store).await);
         assert!(change(&store, statement).await > 0, "{statement}");
-        assert_eq!(series(&store).await, complete - 1, "{statement}");
-        let read = summaries(&store).await;
-        change(&store, "DELETE FROM run_series").await;
-        assert_eq!(summaries(&store).await, read, "{statement}");
-        // one level more or less is made again by the next conclusion, and the mean of a parameter without inertia is none
-        assert!(read != before || place == 4 || place == 5, "{statement} changes nothing");
+        assert_eq!(held(&store).await, complete - 1, "{statement}");
+        assert_ne!(summaries(&store).await, before, "{statement} changes nothing");
+    }
+    // a summary by another method, or one that cannot be read, is none
+    for statement in
+        ["UPDATE run_summary SET method = 8", "UPDATE run_summary SET method = 7, numbers = x'01'"]
+    {
+        change(&store, statement).await;
+        summaries(&store).await;
     }
 }
 
 #[tokio::test]
 async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 2, runs: 3, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
-    conclude(&store).await;
     let runs = store.run_summaries(2).await.expect("summaries");
     assert_eq!(runs.len(), 3);
     assert!(runs.iter().all(|run| run.joints.len() == 6 && run.cycles == 2 && run.parameters.len() == 24));
@@ -84,63 +94,78 @@ async fn a_synthetic_history_is_read_as_one_that_was_recorded() {
 }
 
 #[tokio::test]
-async fn summaries_follow_figures_by_joint_and_friction_indices() {
+async fn the_program_counts_a_revision_with_whatever_it_writes() {
     let (_folder, store) = fresh().await;
-    let size = crate::SyntheticSize { robots: 1, runs: 3, cycles: 2, logs: 0 };
-    store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
-    let changes = [
-        "UPDATE run_joint_summary SET relative_rmsd = 0.9 WHERE run_id = 2 AND joint = 1",
-        "UPDATE run_joint_summary SET estimator = 'ordinary' WHERE run_id = 2 AND joint = 2",
-        "DELETE FROM run_joint_summary WHERE run_id = 2 AND joint = 3",
-        "UPDATE run_friction_index SET friction_index = 3 WHERE run_id = 2 AND joint = 1",
-        "DELETE FROM run_friction_index WHERE run_id = 2 AND joint = 2",
-        "INSERT INTO run_friction_index SELECT run_id, 2, 9, friction_index_std_error, ambient_coldness,
-             ambient_coldness_std_error, coldness_at_start, points, raw_index, short_run
-         FROM run_friction_index WHERE run_id = 2 AND joint = 1",
-    ];
-    for statement in changes {
-        conclude(&store).await;
-        let (before, complete) = (summaries(&store).await, series(&store).await);
-        assert!(change(&store, statement).await > 0, "{statement}");
-        assert_eq!(series(&store).await, complete - 1, "{statement}");
-        let read = summaries(&store).await;
-        change(&store, "DELETE FROM run_series").await;
-        assert_eq!(summaries(&store).await, read, "{statement}");
-        assert_ne!(read, before, "{statement} changes nothing");
+    let run_id = streaming_run(&store, "R00", 0, 2).await;
+    let revision = async || {
+        let of = sqlx::query_scalar("SELECT revision FROM run WHERE run_id = $1").bind(run_id);
+        of.fetch_one(&store.readers).await.expect("a revision")
+    };
+    let mut last: i64 = revision().await;
+    assert_eq!(last, 2, "one with each cycle");
+    finish(&store, run_id, 2, &findings(vec![])).await;
+    assert!(revision().await > last, "its end");
+    for indices in [1, 0] {
+        last = revision().await;
+        let index = FrictionIndex {
+            joint: joint(2),
+            index: Estimate { value: 1.03, std_error: 0.004 },
+            raw: 1.2,
+            ambient: Estimate { value: 0.1, std_error: 0.02 },
+            coldness_at_start: 0.9,
+            points: 12,
+            short: true,
+        };
+        let indices = NewIndices { run_id, points: Vec::new(), basis: None, indices: vec![index; indices] };
+        let found = FrictionConclusion {
+            run_ids: vec![run_id],
+            indices: vec![indices],
+            ..FrictionConclusion::default()
+        };
+        let mut conclusion = store.conclude(1).await.expect("a transaction");
+        conclusion.replace_friction(&found).await.expect("indices");
+        conclusion.commit_figures().await.expect("a commit");
+        assert!(revision().await > last, "indices, or none any more");
+    }
+    // the past of the robot is as it was: its only test came last
+    let past = || sqlx::query_scalar::<_, i64>("SELECT past_revision FROM robot").fetch_one(&store.readers);
+    assert_eq!(past().await.expect("a revision"), 0);
+    for (days, expected) in [(2, 0), (1, 1)] {
+        let run_id = streaming_run(&store, "R00", days, 1).await;
+        finish(&store, run_id, 1, &findings(vec![])).await;
+        assert_eq!(past().await.expect("a revision"), expected);
     }
 }
 
 /// Friction points that fits over tests stand on, and how many tests have them in one row.
 async fn over_tests(store: &Store) -> (String, usize) {
-    let read = store.friction_history(1, 0.6).await.expect("points");
+    let read = store.friction_history(1, 0.6, METHOD).await.expect("points");
     // of each test, since tests of a synthetic history have equal points
     let points: Vec<_> = read.tests.iter().map(|test| (test.run_id, &test.points)).collect();
     (format!("{points:?}"), read.tests.iter().filter(|test| test.is_stored).count())
 }
 
 async fn keep_friction_points(store: &Store) {
-    let read = store.friction_history(1, 0.6).await.expect("points");
+    let read = store.friction_history(1, 0.6, METHOD).await.expect("points");
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    conclusion.keep_friction_points(&read).await.expect("kept");
+    conclusion.keep_friction_points(&read, METHOD).await.expect("kept");
     conclusion.commit(history).await.expect("a commit");
 }
 
 #[tokio::test]
 async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 40, cycles: 2, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     let changes = [
-        "UPDATE friction_point SET torque_nm = 7 WHERE cycle_id = 3 AND joint = 1",
-        "DELETE FROM friction_point WHERE cycle_id = 3 AND joint = 2",
-        "INSERT INTO friction_point SELECT cycle_id, speed_fraction, 99, joint, time_s, speed_rad_s, direction, 5.0, std_nm,
-             samples, gravity FROM friction_point WHERE cycle_id = 3 AND joint = 1",
-        "UPDATE cycle SET doubtful = 1 WHERE cycle_id = 3",
-        "UPDATE cycle SET status = 'refused', doubtful = 0, reason = 'stuck' WHERE cycle_id = 3",
-        "INSERT INTO cycle_refusal VALUES (3, 1, 'stuck_channel', 'torque', 1, 'it is stuck')",
-        "DELETE FROM cycle_refusal WHERE cycle_id = 3",
-        "DELETE FROM cycle WHERE cycle_id = 4",
+        "UPDATE friction_point SET torque_nm = 7 WHERE cycle_id = 3 AND joint = 1;
+         UPDATE cycle SET estimator = estimator WHERE cycle_id = 3",
+        "UPDATE cycle SET doubtful = TRUE WHERE cycle_id = 3",
+        "UPDATE cycle SET status = 'refused', doubtful = FALSE, reason = 'stuck' WHERE cycle_id = 3",
+        "INSERT INTO cycle_refusal VALUES (3, 1, 'stuck_channel', 'torque', 1, 'it is stuck');
+         UPDATE cycle SET status = status WHERE cycle_id = 3",
+        "DELETE FROM cycle WHERE cycle_id = 4; UPDATE run SET cycles_stored = 1, cycles_total = 1 WHERE run_id = 2",
         "UPDATE run SET status = 'streaming' WHERE run_id = 2",
         "DELETE FROM run WHERE run_id = 3",
     ];
@@ -158,11 +183,11 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
     }
     // at another level, and with other tests, others are kept
     keep_friction_points(&store).await;
-    let read = store.friction_history(1, 1.0).await.expect("points");
+    let read = store.friction_history(1, 1.0, METHOD).await.expect("points");
     assert!(read.tests.iter().all(|test| !test.is_stored));
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
-    conclusion.keep_friction_points(&read).await.expect("kept");
+    conclusion.keep_friction_points(&read, METHOD).await.expect("kept");
     conclusion.commit(history).await.expect("a commit");
     assert_eq!(over_tests(&store).await.1, 0);
     assert_eq!(change(&store, "DELETE FROM run_friction_series").await, 36);
@@ -171,7 +196,7 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
 
 #[tokio::test]
 async fn the_parameters_of_one_cycle_have_its_standard_error() {
-    let (_folder, store) = fresh().await;
+    let (_folder, store) = fresh_file().await;
     let size = crate::SyntheticSize { robots: 1, runs: 1, cycles: 1, logs: 0 };
     store.fill_synthetic(size, Path::new("/inbox")).await.expect("a history");
     change(&store, "UPDATE parameter_statistic SET sdv = NULL, cycles = 1").await;
@@ -185,7 +210,7 @@ async fn the_parameters_of_one_cycle_have_its_standard_error() {
     let found = read(&runs[0]);
     assert!(found.len() == 24 && found.iter().all(|key| *key >= 1.0 && key.fract() == 0.0), "{found:?}");
     // a cycle that does not count says nothing
-    change(&store, "UPDATE cycle SET doubtful = 1").await;
+    change(&store, "UPDATE cycle SET doubtful = TRUE").await;
     let runs = store.run_summaries(1).await.expect("summaries");
     assert!(runs[0].parameters.iter().all(|of| of.std_dev.is_nan()), "{runs:?}");
 }

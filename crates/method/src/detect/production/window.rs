@@ -1,26 +1,15 @@
-//! Windows of logs of ordinary work: what levels are learnt from, and what settles a history of logs.
+//! Windows of production logs: the logs that levels are learnt from.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::detect::window::{Lengths, Windowed, hash_of};
-use armwatch_model::analysis::Estimator;
+use crate::detect::window::Windowed;
 use armwatch_model::anomaly::ProductionSummary;
-use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::settled::Moment;
 use armwatch_model::robot::JointIndex;
-
-/// Changes whenever the program settles something else in the same logs.
-const METHOD: u64 = 3;
 
 /// Tests before the logs that lead in whose logs say what is usual: of levels, a median and a scatter. Half of them are the first
 /// ones, so that what has been high for long does not become usual.
 const TESTS: usize = 24;
-
-/// Hash of what is settled in a history of logs, beside these and their tests.
-#[must_use]
-pub fn basis(settings: &DetectSettings, estimator: Estimator, lengths: &Lengths) -> u64 {
-    hash_of(METHOD, &(settings, estimator, lengths))
-}
 
 /// A log: what it comes to against each of its tests, one at least.
 #[derive(Debug, Clone, Copy, PartialEq)]

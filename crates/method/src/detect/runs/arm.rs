@@ -17,6 +17,7 @@ mod price;
 mod signal;
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use self::baseline::Baseline;
 use self::cause::{ArmCause, Load, SignalFault};
@@ -239,7 +240,7 @@ impl UsualArm {
 }
 
 /// What a test shows of the arm, whatever the rate of false alarms.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct ArmJudgement {
     /// Causes of what the test shows by itself with their costs, the least first; empty where none can be clear, `None`
     /// without figures.

@@ -57,12 +57,12 @@ pub struct LevelFigures {
     pub delays: [f64; CHANGES.len()],
 }
 
-/// Limits after the tests of `history`, oldest first, whose cycles were all read.
+/// Limits after the tests of `history`, oldest first.
 #[must_use]
 pub fn calibration(history: &[RunSummary], settings: &DetectSettings) -> Calibration {
-    let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let starts: Vec<_> = history.iter().map(|run| run.started_at).collect();
-    let mut parts = Parts::new(history, joints, settings);
+    let mut parts = Parts::new(history, settings, None);
+    let joints = parts.joints;
     let of_joint = |joint: JointIndex| {
         let epoch = |run: &RunSummary| run.epochs.get(joint.index()).copied().unwrap_or(0);
         let places =

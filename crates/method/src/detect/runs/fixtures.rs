@@ -59,8 +59,6 @@ pub(super) fn run(index: usize, friction: f64, rmsd: f64, swing: f64) -> RunSumm
         response: None,
         joints: vec![quiet(0), quiet(1), joint],
         epochs: Vec::new(),
-        brief: None,
-        is_brief: false,
     }
 }
 
@@ -102,8 +100,6 @@ pub(super) fn indexed(day: i64, index: Option<f64>) -> RunSummary {
         response: None,
         joints: (0..JOINTS).map(joint).collect(),
         epochs: Vec::new(),
-        brief: None,
-        is_brief: false,
     }
 }
 

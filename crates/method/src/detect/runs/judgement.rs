@@ -1,35 +1,87 @@
-//! What is found in the cycles of a test, as numbers that can be kept: causes of its friction curves, and what it shows of the
-//! arm.
+//! Findings in the cycles of a test, in a form that can be kept: causes of its friction curves, and causes of a change of the arm.
 //!
-//! It follows from the test, from what is usual of the tests that it is compared with ([`Frame`]), and from the parameters of
-//! the few tests before it. A hash of all that says whether one that was kept still holds. The rate of false alarms is no
-//! part of it: how clear a cause must be is asked of what is found.
+//! They follow from the test, from the usual curves and parameters of the tests that it is compared with ([`Frame`]), and from the
+//! parameters of the few tests before it. A hash of all that decides whether kept findings still hold. The rate of false alarms
+//! has no part in it: it decides later how clear a cause must be.
 
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::{self, Write};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use super::arm::cause::{ArmCause, Load, SignalFault};
+use serde::{Deserialize, Serialize};
+
 use super::arm::{ArmJudgement, UsualArm};
 use super::curve::causes::{RunCauses, UsualCurves};
-use super::curve::hypothesis::Cause;
-use super::curve::run_cause::{Kind, RunCause, WarmUpOfRun};
-use armwatch_model::analysis::Estimate;
 use armwatch_model::anomaly::RunSummary;
-use armwatch_model::anomaly::brief::content;
-use armwatch_model::robot::JointIndex;
 
-/// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
-/// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (10, env!("CARGO_PKG_VERSION"));
-
-/// What is found in the cycles of a test.
-#[derive(Debug, Clone, PartialEq)]
+/// Findings in the cycles of a test.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Judgement {
     pub(super) causes: RunCauses,
     pub(super) arm: ArmJudgement,
 }
 
-/// What is usual of the tests that are compared with each other.
+impl Judgement {
+    /// The same judgement, with this least advantage of a clear cause.
+    pub(super) fn at_least(mut self, advantage: f64) -> Self {
+        let RunCauses { of_joints, of_arm } = &mut self.causes;
+        of_joints.iter_mut().chain([of_arm]).flatten().for_each(|cause| cause.least_advantage = advantage);
+        self
+    }
+}
+
+/// Judgements of one test with the hash of all that each follows from. Maintenance of single joints makes several sets of tests
+/// that are compared, and a judgement for each.
+type OfTest = Vec<(u64, Judgement)>;
+
+/// Judgements that earlier conclusions made.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Kept {
+    method: u64,
+    by_test: HashMap<i64, OfTest>,
+}
+
+impl Kept {
+    /// The judgements of tests, as [`Judged::changed`] gave their bytes. Bytes that cannot be read count as none. `method` identifies
+    /// the sources of the detectors: judgements of another one do not hold.
+    #[must_use]
+    pub fn new<'b>(method: u64, bytes: impl IntoIterator<Item = (i64, &'b [u8])>) -> Self {
+        let read = |(run_id, bytes): (i64, &[u8])| Some((run_id, postcard::from_bytes(bytes).ok()?));
+        Self { method, by_test: bytes.into_iter().filter_map(read).collect() }
+    }
+
+    pub(super) fn find(&self, run_id: i64, key: u64) -> Option<&Judgement> {
+        self.by_test.get(&run_id)?.iter().find(|(of, _)| *of == key).map(|(_, judgement)| judgement)
+    }
+}
+
+/// Judgements that a conclusion used.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Judged {
+    by_test: BTreeMap<i64, OfTest>,
+    /// Tests that were judged again.
+    pub recomputed: usize,
+}
+
+impl Judged {
+    pub(super) fn add(&mut self, run_id: i64, key: u64, judgement: &Judgement) {
+        let of_test = self.by_test.entry(run_id).or_default();
+        if !of_test.iter().any(|(known, _)| *known == key) {
+            of_test.push((key, judgement.clone()));
+        }
+    }
+
+    /// The bytes of each test whose judgements differ from the kept ones, by its key.
+    #[must_use]
+    pub fn changed(&self, kept: &Kept) -> Vec<(i64, Vec<u8>)> {
+        let keys = |of: &OfTest| of.iter().map(|(key, _)| *key).collect::<Vec<u64>>();
+        let differs = |(run_id, of): &(&i64, &OfTest)| kept.by_test.get(*run_id).map(keys) != Some(keys(of));
+        let packed = |(run_id, of): (&i64, &OfTest)| Some((*run_id, postcard::to_stdvec(of).ok()?));
+        self.by_test.iter().filter(differs).filter_map(packed).collect()
+    }
+}
+
+/// The usual curves and parameters of tests that are compared with each other.
 #[derive(Debug)]
 pub(super) struct Frame {
     pub(super) curves: UsualCurves,
@@ -38,10 +90,10 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Hash of all of it, by group.
-    pub(super) fn hashes(&self) -> Vec<u64> {
+    /// Hash of all of it and of the method, by group.
+    pub(super) fn hashes(&self, kept: &Kept) -> Vec<u64> {
         let mut of_curves = Hashed(DefaultHasher::new());
-        METHOD.hash(&mut of_curves.0);
+        kept.method.hash(&mut of_curves.0);
         // to write into a hash does not fail
         _ = self.curves.write(&mut of_curves);
         let of_arm = |arm: &UsualArm| {
@@ -62,271 +114,35 @@ impl Write for Hashed {
     }
 }
 
-/// Hash of what a test's judgement follows from: what is usual, the test, and the tests whose parameters are looked at
-/// together with its own.
-pub(super) fn key(frame: u64, run: &RunSummary, together: &[&RunSummary]) -> u64 {
-    let content = |run: &RunSummary| match &run.brief {
-        Some(brief) => brief.content,
-        None => content(run),
-    };
+/// Hash of the inputs of a test's judgement: the frame, the test, and the [`content`] of the tests whose parameters are judged
+/// together with its own. `own` is the test's content.
+pub(super) fn key(frame: u64, run: &RunSummary, own: u64, together: impl Iterator<Item = u64>) -> u64 {
     let mut hasher = DefaultHasher::new();
-    frame.hash(&mut hasher);
-    content(run).hash(&mut hasher);
+    (frame, own).hash(&mut hasher);
     for of in &run.joints {
         (of.joint, of.relative_rmsd.map(f64::to_bits), of.relative_noise.map(f64::to_bits)).hash(&mut hasher);
     }
-    together.iter().for_each(|run| content(run).hash(&mut hasher));
+    together.for_each(|content| content.hash(&mut hasher));
     hasher.finish()
 }
 
-/// Numbers one after the other.
-#[derive(Default)]
-struct Packed(Vec<u8>);
-
-impl Packed {
-    fn byte(&mut self, byte: usize) {
-        self.0.push(u8::try_from(byte).unwrap_or(u8::MAX));
+/// Hash of friction by cycle and of mean parameters.
+pub(super) fn content(run: &RunSummary) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let mut numbers = |of: &[f64]| of.iter().for_each(|of| of.to_bits().hash(&mut hasher));
+    for of in &run.cycle_friction {
+        let friction = of.friction;
+        numbers(&[f64::from(of.cycle), f64::from(friction.levels), friction.joint.number() as f64]);
+        numbers(&[friction.minute, friction.ln_torque, friction.offset, friction.speed_fraction]);
     }
-
-    fn numbers<const N: usize>(&mut self, numbers: [f64; N]) {
-        numbers.iter().for_each(|number| self.0.extend(number.to_le_bytes()));
+    numbers(&[run.cycle_friction.len() as f64, run.parameters.len() as f64]);
+    for of in &run.parameters {
+        numbers(&[of.mean, of.std_dev, f64::from(of.cycles), of.terms.len() as f64]);
+        of.terms.iter().for_each(|(coefficient, _)| numbers(&[*coefficient]));
     }
-
-    fn cycle(&mut self, cycle: u32) {
-        self.0.extend(cycle.to_le_bytes());
+    for of in &run.parameters {
+        of.id.hash(&mut hasher);
+        of.terms.iter().for_each(|(_, id)| id.hash(&mut hasher));
     }
-
-    fn cause(&mut self, cause: &Cause) {
-        match *cause {
-            Cause::None => self.byte(0),
-            Cause::Scale(size) => self.sized(1, size),
-            Cause::Start(size) => self.sized(2, size),
-            Cause::TimeConstant(factor) => self.sized(3, factor),
-            Cause::Scatter(size) => self.sized(4, size),
-            Cause::Unknown => self.byte(5),
-            Cause::Step { cycle, size } => {
-                self.sized(6, size);
-                self.cycle(cycle);
-            }
-            Cause::OddCycle { cycle, size } => {
-                self.sized(7, size);
-                self.cycle(cycle);
-            }
-        }
-    }
-
-    fn sized(&mut self, kind: usize, size: f64) {
-        self.byte(kind);
-        self.numbers([size]);
-    }
-
-    fn run_cause(&mut self, cause: Option<&RunCause>) {
-        let Some(RunCause { kinds, advantage, lead, slowing, warm_up, effect, cycles, .. }) = cause else {
-            return self.byte(0);
-        };
-        // no change, and nothing that comes near it
-        let is_quiet = matches!(kinds[..], [Kind { cause: Cause::None, .. }]);
-        let form = [slowing.is_some(), !is_quiet, warm_up.is_some()];
-        self.byte(1 + form.iter().rev().fold(0, |sum, is| 2 * sum + usize::from(*is)));
-        self.cycle(u32::try_from(*cycles).unwrap_or(u32::MAX));
-        self.numbers([*lead]);
-        if let Some((factor, gain)) = *slowing {
-            self.numbers([factor, gain]);
-        }
-        if let Some(WarmUpOfRun { ln_factor: Estimate { value, std_error }, common }) = *warm_up {
-            self.numbers([value, std_error, common]);
-        }
-        if !is_quiet {
-            self.numbers([*advantage, *effect]);
-            self.byte(kinds.len());
-            for of in kinds {
-                self.cause(&of.cause);
-                self.numbers([of.weight]);
-            }
-        }
-    }
-
-    fn arm_causes(&mut self, causes: &[(ArmCause, f64)]) {
-        self.byte(causes.len());
-        for (cause, cost) in causes {
-            match *cause {
-                ArmCause::None => self.byte(0),
-                ArmCause::Unknown => self.byte(1),
-                ArmCause::Load(Load { mass, std_error, centre: [x, y, z] }) => {
-                    self.byte(2);
-                    self.numbers([mass, std_error, x, y, z]);
-                }
-                ArmCause::PositionSignal { joint, offset } => self.of_joint(3, joint, offset),
-                ArmCause::TorqueSignal { joint, fault } => match fault {
-                    SignalFault::Offset(torque) => self.of_joint(4, joint, torque),
-                    SignalFault::Noise(ratio) => self.of_joint(5, joint, ratio),
-                    SignalFault::Gain(part) => self.of_joint(6, joint, part),
-                },
-                ArmCause::UnexplainedTorque { joint, ratio } => self.of_joint(7, joint, ratio),
-            }
-            self.numbers([*cost]);
-        }
-    }
-
-    fn of_joint(&mut self, kind: usize, joint: JointIndex, size: f64) {
-        self.byte(kind);
-        self.byte(joint.index());
-        self.numbers([size]);
-    }
-}
-
-/// Numbers that are read from the front.
-struct Reader<'b>(&'b [u8]);
-
-impl Reader<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*first)
-    }
-
-    fn byte(&mut self) -> Option<usize> {
-        self.take::<1>().map(|[byte]| usize::from(byte))
-    }
-
-    fn number(&mut self) -> Option<f64> {
-        self.take().map(f64::from_le_bytes)
-    }
-
-    fn numbers<const N: usize>(&mut self) -> Option<[f64; N]> {
-        let mut found = [0.0; N];
-        for number in &mut found {
-            *number = self.number()?;
-        }
-        Some(found)
-    }
-
-    fn cycle(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    fn joint(&mut self) -> Option<JointIndex> {
-        self.byte().map(JointIndex::new)
-    }
-
-    fn cause(&mut self) -> Option<Cause> {
-        Some(match self.byte()? {
-            0 => Cause::None,
-            1 => Cause::Scale(self.number()?),
-            2 => Cause::Start(self.number()?),
-            3 => Cause::TimeConstant(self.number()?),
-            4 => Cause::Scatter(self.number()?),
-            5 => Cause::Unknown,
-            6 => Cause::Step { size: self.number()?, cycle: self.cycle()? },
-            7 => Cause::OddCycle { size: self.number()?, cycle: self.cycle()? },
-            _ => return None,
-        })
-    }
-
-    /// The outer `None` is the end of the numbers.
-    fn run_cause(
-        &mut self,
-        scatter: impl Fn(usize) -> f64,
-        least_advantage: f64,
-    ) -> Option<Option<RunCause>> {
-        let form = match self.byte()? {
-            0 => return Some(None),
-            form @ 1..=8 => form - 1,
-            _ => return None,
-        };
-        let cycles = self.cycle()? as usize;
-        let lead = self.number()?;
-        let slowing = match form % 2 {
-            0 => None,
-            _ => Some((self.number()?, self.number()?)),
-        };
-        let warm_up = match form & 4 {
-            0 => None,
-            _ => Some(WarmUpOfRun {
-                ln_factor: Estimate { value: self.number()?, std_error: self.number()? },
-                common: self.number()?,
-            }),
-        };
-        let (mut advantage, mut effect) = (0.0, 0.0);
-        let mut kinds = vec![Kind { cause: Cause::None, weight: 1.0 }];
-        if form & 2 != 0 {
-            [advantage, effect] = self.numbers()?;
-            let count = self.byte()?;
-            let kind = |_| Some(Kind { cause: self.cause()?, weight: self.number()? });
-            kinds = (0..count).map(kind).collect::<Option<_>>()?;
-        }
-        let scatter = scatter(cycles);
-        Some(Some(RunCause {
-            kinds,
-            advantage,
-            lead,
-            slowing,
-            warm_up,
-            scatter,
-            effect,
-            cycles,
-            least_advantage,
-        }))
-    }
-
-    fn arm_causes(&mut self) -> Option<Vec<(ArmCause, f64)>> {
-        let count = self.byte()?;
-        let signal = |joint: JointIndex, fault: SignalFault| ArmCause::TorqueSignal { joint, fault };
-        let one = |_| {
-            let cause = match self.byte()? {
-                0 => ArmCause::None,
-                1 => ArmCause::Unknown,
-                2 => {
-                    let [mass, std_error, x, y, z] = self.numbers()?;
-                    ArmCause::Load(Load { mass, std_error, centre: [x, y, z] })
-                }
-                3 => ArmCause::PositionSignal { joint: self.joint()?, offset: self.number()? },
-                4 => signal(self.joint()?, SignalFault::Offset(self.number()?)),
-                5 => signal(self.joint()?, SignalFault::Noise(self.number()?)),
-                6 => signal(self.joint()?, SignalFault::Gain(self.number()?)),
-                7 => ArmCause::UnexplainedTorque { joint: self.joint()?, ratio: self.number()? },
-                _ => return None,
-            };
-            Some((cause, self.number()?))
-        };
-        (0..count).map(one).collect()
-    }
-}
-
-impl Judgement {
-    /// As bytes; a quiet test of six joints takes some 300.
-    pub(super) fn packed(&self) -> Vec<u8> {
-        let Self { causes, arm: ArmJudgement { plain, together } } = self;
-        let mut packed = Packed::default();
-        packed.byte(causes.of_joints.len());
-        causes.of_joints.iter().for_each(|cause| packed.run_cause(cause.as_ref()));
-        packed.run_cause(causes.of_arm.as_ref());
-        packed.byte(usize::from(plain.is_some()));
-        plain.iter().for_each(|causes| packed.arm_causes(causes));
-        packed.byte(together.len());
-        for (ratio, causes) in together {
-            packed.numbers([*ratio]);
-            packed.arm_causes(causes);
-        }
-        packed.0
-    }
-
-    /// What [`Self::packed`] made; `None` for other bytes. `curves` are those that the test was held against.
-    pub(super) fn unpacked(bytes: &[u8], curves: &UsualCurves) -> Option<Self> {
-        let mut reader = Reader(bytes);
-        let joints = reader.byte()?;
-        let least = curves.least_advantage;
-        let of_joint = |joint| reader.run_cause(|cycles| curves.scatter(joint, cycles), least);
-        let of_joints = (0..joints).map(of_joint).collect::<Option<_>>()?;
-        let of_arm = reader.run_cause(|_| curves.scatter_of_arm(), least)?;
-        let causes = RunCauses { of_joints, of_arm };
-        let plain = match reader.byte()? {
-            0 => None,
-            _ => Some(reader.arm_causes()?),
-        };
-        let count = reader.byte()?;
-        let one = |_| Some((reader.number()?, reader.arm_causes()?));
-        let together = (0..count).map(one).collect::<Option<_>>()?;
-        reader.0.is_empty().then_some(Self { causes, arm: ArmJudgement { plain, together } })
-    }
+    hasher.finish()
 }

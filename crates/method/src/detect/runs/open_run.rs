@@ -8,19 +8,17 @@
 //! while an arm warms. What needs the whole test (the friction index, drift, warm-up, the swing of the RMSD) is left to
 //! the time when it is complete. Only warnings and critical findings are given.
 
-use std::collections::BTreeSet;
-
 use super::arm::{arm_evidence, faults, least_advantage as least_advantage_of_arm};
 use super::arm_detectors::arm_change::{UNKNOWN_CHANGE, arm_changes};
 use super::arm_detectors::contact::{UsualContacts, alpha, open_contact};
 use super::curve::causes::{UsualCurves, tests_of_usual};
 use super::curve::hypothesis::Cause;
 use super::curve::run_cause::{RunCause, least_advantage};
+use super::history::like_length::length;
 use super::joint_detectors::friction_step::FrictionStep;
 use super::joint_detectors::friction_swing::FrictionSwing;
 use super::series::{JointSeries, RunDetector, friction_history};
 use crate::detect::episodes::anomalies;
-use armwatch_model::anomaly::brief::length;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
@@ -43,18 +41,14 @@ pub struct UsualTests {
     least_advantage_of_arm: f64,
     /// The first tests that are not much shorter than the longest, with whose first cycles the arm is compared.
     arm_run_ids: Vec<i64>,
-    /// Places of the tests whose cycles all of this follows from.
-    needs: Vec<usize>,
 }
 
 impl UsualTests {
-    /// Of the complete tests of a robot of `joints` joints, oldest first, that compare with a test of these `epochs`. Where the
-    /// cycles of a test are left out that it [needs](Self::needs), it says nothing.
+    /// Of the complete tests of a robot of `joints` joints, oldest first, that compare with a test of these `epochs`.
     #[must_use]
     pub fn new(history: &[RunSummary], joints: usize, epochs: &[u32], settings: &DetectSettings) -> Self {
         let mut curves: Vec<(Vec<usize>, UsualCurves)> = Vec::new();
         let mut of_joints = Vec::with_capacity(joints);
-        let mut needs = BTreeSet::new();
         let ordinal = |epochs: &[u32], joint: usize| epochs.get(joint).copied().unwrap_or(0);
         for joint in 0..joints {
             let is_compared = |run: &RunSummary| ordinal(&run.epochs, joint) == ordinal(epochs, joint);
@@ -64,7 +58,6 @@ impl UsualTests {
             let known = curves.iter().position(|(of, _)| *of == places).unwrap_or_else(|| {
                 let needed = least_advantage(history, settings);
                 let first = tests_of_usual(&runs, joints, settings.baseline_runs);
-                needs.extend(&places[..first]);
                 curves
                     .push((places, UsualCurves::of(&runs[..first], joints, settings.baseline_runs, needed)));
                 curves.len() - 1
@@ -75,14 +68,10 @@ impl UsualTests {
         }
         let of_epochs =
             |run: &RunSummary| (0..joints).all(|joint| ordinal(&run.epochs, joint) == ordinal(epochs, joint));
-        let has_figures = |run: &RunSummary| match run.left_out() {
-            Some(brief) => brief.has_parameters || brief.joints.iter().any(|of| of.friction > 0),
-            None => !(run.parameters.is_empty() && run.cycle_friction.is_empty()),
-        };
+        let has_figures = |run: &RunSummary| !(run.parameters.is_empty() && run.cycle_friction.is_empty());
         let places: Vec<usize> = (0..history.len()).filter(|place| of_epochs(&history[*place])).collect();
         let compared: Vec<RunSummary> = places.iter().map(|&place| history[place].clone()).collect();
         let contacts = UsualContacts::of(&compared, joints);
-        needs.extend(contacts.places().map(|at| places[at]));
         // short checks say little of a test of many cycles
         let of_arm = || places.iter().copied().filter(|&place| has_figures(&history[place]));
         let most = of_arm().map(|place| length(&history[place])).max().unwrap_or(0);
@@ -90,21 +79,13 @@ impl UsualTests {
             .filter(|&place| 2 * length(&history[place]) > most)
             .take(settings.baseline_runs.max(2))
             .collect();
-        needs.extend(&first);
         Self {
             curves,
             joints: of_joints,
             contacts: (contacts, alpha(history, joints, settings)),
             least_advantage_of_arm: least_advantage_of_arm(history, settings),
             arm_run_ids: first.into_iter().map(|place| history[place].run_id).collect(),
-            needs: needs.into_iter().collect(),
         }
-    }
-
-    /// Places of the tests whose cycles it follows from, rising.
-    #[must_use]
-    pub fn needs(&self) -> &[usize] {
-        &self.needs
     }
 
     /// Keys of the tests whose first cycles [`detect_open`] wants, oldest first.

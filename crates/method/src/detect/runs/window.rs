@@ -1,24 +1,13 @@
-//! Windows of tests: what baselines and limits are learnt from, and what settles a history of tests.
+//! Windows of tests: the tests that baselines and limits are learnt from.
 
 use std::collections::BTreeSet;
 
 use super::history::like_length::{has_parameters, of_like_length};
-use crate::detect::window::{Lengths, Windowed, hash_of};
+use crate::detect::window::Windowed;
 use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::RunSummary;
-use armwatch_model::anomaly::peer::Peer;
-use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::settled::Moment;
 use armwatch_model::robot::JointIndex;
-
-/// Changes whenever the program settles something else in the same tests.
-const METHOD: u64 = 11;
-
-/// Hash of what is settled in a history of tests, beside these: settings, lengths and the other robots of the model.
-#[must_use]
-pub fn basis(settings: &DetectSettings, peers: &[Peer], lengths: &Lengths) -> u64 {
-    hash_of(METHOD, &(settings, lengths, peers))
-}
 
 impl Windowed for RunSummary {
     fn moment(&self) -> Moment {
@@ -73,10 +62,7 @@ fn heads(window: &[RunSummary], until: usize, count: usize) -> BTreeSet<usize> {
 
 /// Whether a test has friction of a joint by cycle.
 fn has_curve(run: &RunSummary, joint: JointIndex) -> bool {
-    match run.left_out() {
-        Some(brief) => brief.joint(joint.index()).friction > 0,
-        None => run.cycle_friction.iter().any(|of| of.friction.joint == joint),
-    }
+    run.cycle_friction.iter().any(|of| of.friction.joint == joint)
 }
 
 #[cfg(test)]

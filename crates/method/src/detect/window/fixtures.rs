@@ -43,7 +43,7 @@ struct OneWindow<'a> {
 
 impl WithRuns<(Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>)> for OneWindow<'_> {
     fn call(self, runs: &[impl Windowed]) -> (Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>) {
-        let together = put_together(self.settled, runs, self.found, self.lengths);
+        let together = put_together(self.settled, runs, self.found);
         let next = is_over(self.settled, runs, self.lengths)
             .then(|| next(self.settled, runs, &together, self.lengths));
         (together, next)
@@ -53,9 +53,13 @@ impl WithRuns<(Vec<Anomaly>, Option<(Settled, Vec<Anomaly>)>)> for OneWindow<'_>
 /// Runs of the window behind a boundary, and no more than are asked for.
 fn window<Run: Judged>(history: &[Run], settled: &Settled, lengths: &Lengths) -> Vec<Run> {
     let read = history.iter().filter(|run| settled.read.contains(&run.moment_of().1));
-    let behind = |run: &&Run| settled.leads_from.is_none_or(|from| run.moment_of() >= from);
-    let behind = history.iter().filter(behind).take(lengths.most_behind(settled));
-    read.chain(behind).cloned().collect()
+    let leads_in = |run: &&Run| {
+        let at = Some(run.moment_of());
+        settled.leads_from <= at && at < settled.boundary
+    };
+    let behind = history.iter().filter(|run| settled.boundary.is_none_or(|of| run.moment_of() >= of));
+    let leads_in = history.iter().filter(leads_in);
+    read.chain(leads_in).chain(behind.take(2 * lengths.step)).cloned().collect()
 }
 
 /// What a history says, of which something is settled already.

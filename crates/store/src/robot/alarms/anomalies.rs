@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row};
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
 use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_arm, same};
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
-use crate::robot::settled_rows;
+use crate::robot::settled as settled_history;
 use crate::values::{count, finite, joint_number, known_time, named};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Findings, JointHealth, Severity};
@@ -97,7 +97,7 @@ pub(crate) async fn reconcile(
     connection: &mut EngineConnection,
     robot_id: i64,
     findings: &Findings,
-    settled: &[(i64, Vec<Anomaly>)],
+    settled: &[(i64, &[Anomaly])],
     clock: Timestamp,
 ) -> Result<Reconciled, sqlx::Error> {
     let stored = stored_anomalies(&mut *connection, robot_id).await?;
@@ -124,7 +124,7 @@ pub(crate) async fn reconcile(
         let Some(known) = known.map(|o| &stored[o]) else {
             let state = if anomaly.ended { AlarmState::Resolved } else { AlarmState::Open };
             let id = insert_anomaly(&mut *connection, robot_id, anomaly, state, None).await?;
-            settled_rows::settle_anomaly(&mut *connection, id, settled_by).await?;
+            settled_history::settle_anomaly(&mut *connection, id, settled_by).await?;
             if !anomaly.ended {
                 events.push(record(&mut *connection, id, EventKind::Opened, None).await?);
             }
@@ -143,7 +143,7 @@ pub(crate) async fn reconcile(
         for what in happened {
             events.push(record(&mut *connection, known.anomaly_id, what, None).await?);
         }
-        settled_rows::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
+        settled_history::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
     }
     replace_health(&mut *connection, robot_id, &findings.health).await?;
     set_expected_by(connection, robot_id, findings.expected_by).await?;

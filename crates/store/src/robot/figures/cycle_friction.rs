@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use serde::{Deserialize, Serialize};
 use sqlx::Row;
 
 use crate::engine::{EngineExecutor, EngineRow};
@@ -40,7 +41,7 @@ pub(in crate::robot) async fn of_run(
 }
 
 /// The mean of a parameter over the cycles of a test.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::robot) struct MeanParameter {
     /// Key of the parameter.
     pub(in crate::robot) model_parameter_id: i64,

@@ -1,21 +1,14 @@
 //! Friction points of a test at one speed level, in one row: fits over a robot's tests read three dozen rows in place of
 //! ten thousand.
 //!
-//! The row follows from other tables and says nothing that they do not. It is written with the conclusions that have read
-//! those tables, for the tests that fits stand on alone. Triggers take it away when one of the tables changes (migration
-//! 0038); where it is not there, or of another format, the tables are asked.
+//! The row follows from other tables. Conclusions that have read those tables write it, for the tests that fits stand on. It holds
+//! while its revision is that of the test and the program has the method that it was made by; otherwise the tables are read.
 
 use std::collections::HashMap;
 
-use super::packed::{Reader, add_count, add_joint, add_numbers};
+use super::packed::{packed, unpacked};
 use crate::engine::{EngineConnection, EngineExecutor};
-use armwatch_model::analysis::{FrictionPoint, GravityRemoval};
-
-/// First byte of the numbers; other values are of another format.
-const FORMAT: u8 = 1;
-
-const GRAVITY_REMOVALS: [GravityRemoval; 3] =
-    [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
+use armwatch_model::analysis::FrictionPoint;
 
 /// Friction points that fits over the tests of a robot stand on.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -31,6 +24,8 @@ pub struct FrictionHistory {
 pub struct TestPoints {
     /// Database key.
     pub run_id: i64,
+    /// How often the test had changed when they were read.
+    pub revision: i64,
     /// Its points at the speed level.
     pub points: Vec<FrictionPoint>,
     /// Whether they were stored in one row already.
@@ -50,12 +45,18 @@ pub(in crate::robot) async fn of_robot(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     speed_fraction: f64,
+    method: u64,
 ) -> Result<HashMap<i64, Vec<FrictionPoint>>, sqlx::Error> {
     let rows: Vec<(i64, Vec<u8>)> = sqlx::query_as(
-        "SELECT run_id, numbers FROM run_friction_series WHERE robot_id = $1 AND speed_fraction = $2",
+        "SELECT run.run_id, series.numbers
+         FROM run_friction_series AS series
+         CROSS JOIN run
+         WHERE run.run_id = series.run_id AND run.revision = series.revision
+               AND series.robot_id = $1 AND series.speed_fraction = $2 AND series.method = $3",
     )
     .bind(robot_id)
     .bind(speed_fraction)
+    .bind(method.cast_signed())
     .fetch_all(executor)
     .await?;
     Ok(rows.into_iter().filter_map(|(run_id, bytes)| Some((run_id, unpacked(&bytes)?))).collect())
@@ -67,6 +68,7 @@ pub(in crate::robot) async fn keep(
     connection: &mut EngineConnection,
     robot_id: i64,
     history: &FrictionHistory,
+    method: u64,
 ) -> Result<(), sqlx::Error> {
     let stored: Vec<(i64, f64)> =
         sqlx::query_as("SELECT run_id, speed_fraction FROM run_friction_series WHERE robot_id = $1")
@@ -83,13 +85,15 @@ pub(in crate::robot) async fn keep(
     }
     for test in history.tests.iter().filter(|test| !test.is_stored) {
         sqlx::query(
-            "INSERT INTO run_friction_series (robot_id, run_id, speed_fraction, numbers)
-             SELECT $1, run_id, $3, $4 FROM run WHERE run_id = $2 AND robot_id = $1",
+            "INSERT INTO run_friction_series (robot_id, run_id, speed_fraction, revision, method, numbers)
+             SELECT $1, run_id, $3, $4, $5, $6 FROM run WHERE run_id = $2 AND robot_id = $1",
         )
         .bind(robot_id)
         .bind(test.run_id)
         .bind(history.speed_fraction)
-        .bind(packed(&test.points))
+        .bind(test.revision)
+        .bind(method.cast_signed())
+        .bind(packed(&test.points)?)
         .execute(&mut *connection)
         .await?;
     }
@@ -107,65 +111,4 @@ async fn remove(
         .execute(executor)
         .await?;
     Ok(())
-}
-
-/// The format, the count, then the points; all numbers little-endian.
-fn packed(points: &[FrictionPoint]) -> Vec<u8> {
-    let mut bytes = vec![FORMAT];
-    add_count(&mut bytes, points.len());
-    for of in points {
-        add_joint(&mut bytes, of.joint);
-        bytes.extend(of.direction.to_le_bytes());
-        let gravity = GRAVITY_REMOVALS.iter().position(|removal| *removal == of.gravity).unwrap_or_default();
-        bytes.push(u8::try_from(gravity).unwrap_or_default());
-        add_count(&mut bytes, of.samples);
-        add_numbers(&mut bytes, [of.time, of.speed_fraction, of.speed, of.torque, of.std]);
-    }
-    bytes
-}
-
-/// `None` for bytes of another format.
-fn unpacked(bytes: &[u8]) -> Option<Vec<FrictionPoint>> {
-    let mut reader = Reader(bytes);
-    let [FORMAT] = reader.take()? else { return None };
-    let points = reader.list(|reader| {
-        let joint = reader.joint()?;
-        let direction = i8::from_le_bytes(reader.take()?);
-        let gravity = *GRAVITY_REMOVALS.get(usize::from(reader.u8()?))?;
-        let samples = usize::try_from(reader.u32()?).ok()?;
-        let [time, speed_fraction, speed, torque, std] = reader.numbers()?;
-        Some(FrictionPoint { joint, time, speed_fraction, speed, direction, torque, std, samples, gravity })
-    })?;
-    reader.0.is_empty().then_some(points)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use armwatch_model::robot::JointIndex;
-
-    #[test]
-    fn points_come_back_to_the_last_bit() {
-        let point = |gravity, direction| FrictionPoint {
-            joint: JointIndex::new(5),
-            time: 1.0 / 3.0,
-            speed_fraction: 0.6,
-            speed: f64::MIN_POSITIVE,
-            direction,
-            torque: -1e-300,
-            std: 0.25,
-            samples: 70_000,
-            gravity,
-        };
-        let points: Vec<FrictionPoint> = GRAVITY_REMOVALS
-            .into_iter()
-            .flat_map(|gravity| [point(gravity, -1), point(gravity, 1)])
-            .collect();
-        let bytes = packed(&points);
-        assert_eq!(unpacked(&bytes), Some(points));
-        assert_eq!(unpacked(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(unpacked(&[&bytes[..], &[0]].concat()), None);
-        assert_eq!(unpacked(&[2]), None);
-        assert_eq!(unpacked(&packed(&[])), Some(Vec::new()));
-    }
 }

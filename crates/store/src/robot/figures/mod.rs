@@ -4,6 +4,5 @@ pub(super) mod packed;
 pub(super) mod joint_summary;
 pub(crate) mod cycle_friction;
 pub(crate) mod cycle_rmsd;
-pub(super) mod run_series;
-pub(super) mod run_brief;
+pub(super) mod run_summary;
 pub mod friction_series;

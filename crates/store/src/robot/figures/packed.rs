@@ -1,72 +1,31 @@
-//! Numbers one after the other in a BLOB, little-endian, each to its last bit.
+//! Values as bytes of a BLOB, each number to its last bit.
 
-use armwatch_model::robot::JointIndex;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
-/// Adds the number of a joint; an arm has nine at most.
-pub(in crate::robot) fn add_joint(bytes: &mut Vec<u8>, joint: JointIndex) {
-    bytes.push(u8::try_from(joint.number()).unwrap_or(u8::MAX));
+/// The bytes of a value.
+pub(in crate::robot) fn packed(value: &impl Serialize) -> Result<Vec<u8>, sqlx::Error> {
+    postcard::to_stdvec(value).map_err(|error| sqlx::Error::Encode(error.into()))
 }
 
-/// Adds how many of something follow.
-pub(in crate::robot) fn add_count(bytes: &mut Vec<u8>, count: usize) {
-    bytes.extend(u32::try_from(count).unwrap_or(u32::MAX).to_le_bytes());
+/// The value of bytes that [`packed`] made; `None` for others.
+pub(in crate::robot) fn unpacked<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    let (value, rest) = postcard::take_from_bytes(bytes).ok()?;
+    rest.is_empty().then_some(value)
 }
 
-/// Adds numbers.
-pub(in crate::robot) fn add_numbers<const N: usize>(bytes: &mut Vec<u8>, numbers: [f64; N]) {
-    numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// Bytes that are read from their front; each read gives `None` at their end.
-pub(in crate::robot) struct Reader<'b>(pub(in crate::robot) &'b [u8]);
-
-impl Reader<'_> {
-    pub(in crate::robot) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk::<N>()?;
-        self.0 = rest;
-        Some(*first)
-    }
-
-    pub(in crate::robot) fn bytes(&mut self, length: usize) -> Option<&[u8]> {
-        let (first, rest) = self.0.split_at_checked(length)?;
-        self.0 = rest;
-        Some(first)
-    }
-
-    pub(in crate::robot) fn u8(&mut self) -> Option<u8> {
-        self.take().map(u8::from_le_bytes)
-    }
-
-    pub(in crate::robot) fn u32(&mut self) -> Option<u32> {
-        self.take().map(u32::from_le_bytes)
-    }
-
-    pub(in crate::robot) fn i64(&mut self) -> Option<i64> {
-        self.take().map(i64::from_le_bytes)
-    }
-
-    pub(in crate::robot) fn f64(&mut self) -> Option<f64> {
-        self.take().map(f64::from_le_bytes)
-    }
-
-    pub(in crate::robot) fn numbers<const N: usize>(&mut self) -> Option<[f64; N]> {
-        let mut found = [0.0; N];
-        for number in &mut found {
-            *number = self.f64()?;
-        }
-        Some(found)
-    }
-
-    pub(in crate::robot) fn joint(&mut self) -> Option<JointIndex> {
-        JointIndex::from_number(usize::from(self.u8()?))
-    }
-
-    /// As many as are counted before them.
-    pub(in crate::robot) fn list<T>(
-        &mut self,
-        mut one: impl FnMut(&mut Self) -> Option<T>,
-    ) -> Option<Vec<T>> {
-        let count = self.u32()?;
-        (0..count).map(|_| one(self)).collect()
+    #[test]
+    fn values_come_back_to_the_last_bit_and_other_bytes_are_refused() {
+        let value = (vec![Some(1.0 / 3.0), None, Some(f64::MIN_POSITIVE)], i64::MIN, "höher".to_owned());
+        let bytes = packed(&value).expect("bytes");
+        assert_eq!(unpacked(&bytes), Some(value));
+        type Value = (Vec<Option<f64>>, i64, String);
+        assert_eq!(unpacked::<Value>(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(unpacked::<Value>(&[&bytes[..], &[0]].concat()), None);
+        assert!(unpacked::<f64>(&packed(&f64::NAN).expect("bytes")).is_some_and(f64::is_nan));
     }
 }

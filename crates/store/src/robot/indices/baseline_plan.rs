@@ -18,9 +18,6 @@ use armwatch_model::anomaly::baseline_runs::stages;
 use armwatch_model::anomaly::epoch::{Epoch, epochs};
 use armwatch_model::robot::JointIndex;
 
-/// Changes whenever the program computes other indices from the same tests.
-const METHOD: u64 = 2;
-
 /// Fewest tests of a baseline: one alone has no scatter.
 const MIN_BASELINE_RUNS: usize = 2;
 
@@ -78,11 +75,12 @@ struct JointMap {
     learnt: Vec<usize>,
 }
 
-/// The plan for a robot whose tests have all been looked at, with baselines of `baseline_runs` tests, two at least.
+/// The plan for a robot, with baselines of `baseline_runs` tests, two at least. The points of all tests have been counted. `method`
+/// identifies the sources that compute indices.
 #[must_use]
-pub fn plan(found: &FrictionTests, baseline_runs: usize) -> FrictionPlan {
+pub fn plan(found: &FrictionTests, baseline_runs: usize, method: u64) -> FrictionPlan {
     let tests = &found.tests;
-    let maps = grouped(joint_maps(found, baseline_runs.max(MIN_BASELINE_RUNS)), tests);
+    let maps = grouped(joint_maps(found, baseline_runs.max(MIN_BASELINE_RUNS)), tests, method);
     let mut by_test = vec![PlannedTest::default(); tests.len()];
     for (joint, epoch, of_epoch) in by_epoch(&maps) {
         for test in &epoch.tests {
@@ -96,7 +94,7 @@ pub fn plan(found: &FrictionTests, baseline_runs: usize) -> FrictionPlan {
     for (at, planned) in by_test.iter_mut().enumerate() {
         planned.references.sort_by_key(|(_, joint, _)| *joint);
         planned.first_motion = first_motion(tests, at);
-        planned.basis = test_basis(tests, at, planned, &maps);
+        planned.basis = test_basis(tests, at, planned, &maps, method);
     }
     FrictionPlan { maps, tests: by_test }
 }
@@ -148,7 +146,7 @@ fn is_full(test: &FrictionTest, joint: JointIndex) -> bool {
 }
 
 /// Maps of joints with the same tests together, in the order in which they became complete.
-fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest]) -> Vec<PlannedMap> {
+fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest], method: u64) -> Vec<PlannedMap> {
     let mut groups: BTreeMap<(Option<usize>, Vec<usize>), Vec<JointMap>> = BTreeMap::new();
     for map in maps {
         groups.entry((map.learnt.last().copied(), map.learnt.clone())).or_default().push(map);
@@ -162,7 +160,7 @@ fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest]) -> Vec<PlannedMap> {
         let motion = motion(tests, &learnt);
         let mut planned =
             PlannedMap { joints, baseline, learnt, motion, companions, basis: Basis::default() };
-        planned.basis = map_basis(tests, &planned, &found);
+        planned.basis = map_basis(tests, &planned, &found, method);
         found.push(planned);
     }
     found
@@ -213,9 +211,9 @@ fn add_joint(hasher: &mut blake3::Hasher, joint: JointIndex) {
     hasher.update(&(joint.number() as u64).to_le_bytes());
 }
 
-fn map_basis(tests: &[FrictionTest], map: &PlannedMap, earlier: &[PlannedMap]) -> Basis {
+fn map_basis(tests: &[FrictionTest], map: &PlannedMap, earlier: &[PlannedMap], method: u64) -> Basis {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&METHOD.to_le_bytes());
+    hasher.update(&method.to_le_bytes());
     map.joints.iter().for_each(|(joint, ..)| add_joint(&mut hasher, *joint));
     for positions in [&map.baseline, &map.learnt, &map.motion] {
         add_tests(&mut hasher, positions.iter().map(|test| &tests[*test]));
@@ -232,12 +230,13 @@ fn test_basis(
     at: usize,
     planned: &PlannedTest,
     maps: &[PlannedMap],
+    method: u64,
 ) -> Option<Basis> {
     if planned.references.is_empty() {
         return None;
     }
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&METHOD.to_le_bytes());
+    hasher.update(&method.to_le_bytes());
     add_tests(&mut hasher, tests[planned.first_motion..=at].iter());
     for (map, joint, is_own) in &planned.references {
         add_joint(&mut hasher, *joint);

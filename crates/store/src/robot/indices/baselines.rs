@@ -316,26 +316,25 @@ async fn replace(
     .into_iter()
     .collect();
     for of_run in found.indices.iter().filter(|of| complete.contains(&of.run_id)) {
-        set_basis(&mut *connection, of_run.run_id, of_run.basis).await?;
+        replace_basis(&mut *connection, of_run.run_id, of_run.basis).await?;
         replace_points(&mut *connection, of_run).await?;
         friction::replace_indices(&mut *connection, of_run.run_id, &of_run.indices).await?;
     }
     Ok(replaced)
 }
 
-async fn set_basis(
-    executor: impl EngineExecutor<'_>,
+/// Stores the basis of a test's indices. A new row counts as a revision of the test.
+async fn replace_basis(
+    connection: &mut EngineConnection,
     run_id: i64,
     basis: Option<Basis>,
 ) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "INSERT INTO run_friction (run_id, basis) VALUES ($1, $2)
-         ON CONFLICT (run_id) DO UPDATE SET basis = excluded.basis",
-    )
-    .bind(run_id)
-    .bind(basis.as_ref().map(|basis| &basis[..]))
-    .execute(executor)
-    .await?;
+    sqlx::query("DELETE FROM run_friction WHERE run_id = $1").bind(run_id).execute(&mut *connection).await?;
+    sqlx::query("INSERT INTO run_friction (run_id, basis) VALUES ($1, $2)")
+        .bind(run_id)
+        .bind(basis.as_ref().map(|basis| &basis[..]))
+        .execute(connection)
+        .await?;
     Ok(())
 }
 

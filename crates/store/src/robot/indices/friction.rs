@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
-use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
+use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::figures::friction_series::{self, FrictionHistory, TestPoints};
@@ -46,9 +46,10 @@ impl Store {
         &self,
         robot_id: i64,
         speed_fraction: f64,
+        method: u64,
     ) -> Result<FrictionHistory, StoreError> {
-        let mut connection = self.checked(self.readers.acquire().await)?;
-        self.checked(friction_history(&mut connection, robot_id, speed_fraction).await)
+        let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
+        self.checked(friction_history(&mut snapshot, robot_id, speed_fraction, method).await)
     }
 
     /// Friction indices of the complete runs of a robot, by joint, oldest run first.
@@ -82,34 +83,35 @@ pub(crate) async fn friction_history(
     connection: &mut EngineConnection,
     robot_id: i64,
     speed_fraction: f64,
+    method: u64,
 ) -> Result<FrictionHistory, sqlx::Error> {
-    let mut series = friction_series::of_robot(&mut *connection, robot_id, speed_fraction).await?;
+    let mut series = friction_series::of_robot(&mut *connection, robot_id, speed_fraction, method).await?;
     let mut tests = Vec::new();
-    for (run_id, _) in first_and_latest_runs(&mut *connection, robot_id).await? {
+    for (run_id, _, revision) in first_and_latest_runs(&mut *connection, robot_id).await? {
         let stored = series.remove(&run_id);
         let is_stored = stored.is_some();
         let points = match stored {
             Some(points) => points,
             None => history::friction_points_at(&mut *connection, run_id, speed_fraction).await?,
         };
-        tests.push(TestPoints { run_id, points, is_stored });
+        tests.push(TestPoints { run_id, revision, points, is_stored });
     }
     Ok(FrictionHistory { speed_fraction, tests })
 }
 
-/// Key and start, in microseconds, of the first and latest complete runs of a robot, oldest first.
+/// Key, start in microseconds and revision of the first and latest complete runs of a robot, oldest first.
 async fn first_and_latest_runs(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
-) -> Result<Vec<(i64, i64)>, sqlx::Error> {
+) -> Result<Vec<(i64, i64, i64)>, sqlx::Error> {
     sqlx::query_as(
-        "SELECT run_id, started_at FROM (
-             SELECT run_id, started_at FROM run
+        "SELECT run_id, started_at, revision FROM (
+             SELECT run_id, started_at, revision FROM run
              WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
              ORDER BY started_at, run_id LIMIT $2) AS earliest
          UNION
-         SELECT run_id, started_at FROM (
-             SELECT run_id, started_at FROM run
+         SELECT run_id, started_at, revision FROM (
+             SELECT run_id, started_at, revision FROM run
              WHERE robot_id = $1 AND kind = 'test' AND status = 'complete'
              ORDER BY started_at DESC, run_id DESC LIMIT $3) AS latest
          ORDER BY started_at, run_id",

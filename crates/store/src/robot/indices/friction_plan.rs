@@ -1,20 +1,17 @@
 //! What the next tests of a robot with a long history are compared with, in one row.
 //!
-//! The row follows from the tests until its latest one, and triggers take it away when one of these changes, goes or comes late
-//! (migration 0043). Where it is not there, all tests are read.
+//! The row follows from the tests until its latest one. It holds until one of these changes, goes or arrives late, which
+//! `robot.past_revision` counts, and while the program has the method that it was made by. Otherwise all tests are read.
 
-use super::baseline_plan::known::{KnownMap, KnownPlan};
+use super::baseline_plan::known::KnownPlan;
 use super::baselines::FrictionTests;
 use super::known_friction;
 use crate::engine::EngineExecutor;
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::conclude::ConclusionTransaction;
-use crate::robot::figures::packed::{Reader, add_count, add_joint};
-use armwatch_model::robot::JointIndex;
-
-/// First byte of the numbers; other values are of another format.
-const FORMAT: u8 = 1;
+use crate::robot::figures::packed::{packed, unpacked};
+use crate::values::count;
 
 impl Store {
     /// What the next tests of a robot are compared with, with baselines of so many tests; `None` where all tests have to be read.
@@ -25,13 +22,18 @@ impl Store {
         &self,
         robot_id: i64,
         baseline_runs: usize,
+        method: u64,
     ) -> Result<Option<KnownPlan>, StoreError> {
         let numbers: Option<Vec<u8>> = self.checked(
-            sqlx::query_scalar("SELECT numbers FROM friction_plan WHERE robot_id = $1 AND basis = $2")
-                .bind(robot_id)
-                .bind(KnownPlan::basis(baseline_runs))
-                .fetch_optional(&self.readers)
-                .await,
+            sqlx::query_scalar(
+                "SELECT friction_plan.numbers FROM friction_plan JOIN robot USING (robot_id)
+                 WHERE robot_id = $1 AND revision = past_revision AND baseline_runs = $2 AND method = $3",
+            )
+            .bind(robot_id)
+            .bind(count(baseline_runs))
+            .bind(method.cast_signed())
+            .fetch_optional(&self.readers)
+            .await,
         )?;
         Ok(numbers.and_then(|numbers| unpacked(&numbers)))
     }
@@ -62,16 +64,20 @@ impl ConclusionTransaction {
         &mut self,
         plan: &KnownPlan,
         baseline_runs: usize,
+        method: u64,
     ) -> Result<(), StoreError> {
+        let numbers = self.checked(packed(plan))?;
         let result = sqlx::query(
-            "INSERT INTO friction_plan (robot_id, follows_until, basis, numbers) VALUES ($1, $2, $3, $4)
+            "INSERT INTO friction_plan (robot_id, revision, baseline_runs, method, numbers)
+             SELECT robot_id, past_revision, $2, $3, $4 FROM robot WHERE robot_id = $1
              ON CONFLICT (robot_id) DO UPDATE
-             SET follows_until = excluded.follows_until, basis = excluded.basis, numbers = excluded.numbers",
+             SET revision = excluded.revision, baseline_runs = excluded.baseline_runs, method = excluded.method,
+                 numbers = excluded.numbers",
         )
         .bind(self.robot_id)
-        .bind(plan.until.0)
-        .bind(KnownPlan::basis(baseline_runs))
-        .bind(packed(plan))
+        .bind(count(baseline_runs))
+        .bind(method.cast_signed())
+        .bind(numbers)
         .execute(&mut *self.transaction)
         .await;
         self.checked(result)?;
@@ -93,100 +99,4 @@ async fn behind(
     .bind(from)
     .fetch_all(executor)
     .await
-}
-
-fn packed(plan: &KnownPlan) -> Vec<u8> {
-    let KnownPlan { until, description: (model, hash), full, maps, references } = plan;
-    let mut bytes = vec![FORMAT];
-    for number in [until.0, until.1, model.unwrap_or(-1)] {
-        bytes.extend(number.to_le_bytes());
-    }
-    bytes.push(u8::from(hash.is_some()));
-    let hash = hash.as_deref().unwrap_or_default();
-    add_count(&mut bytes, hash.len());
-    bytes.extend(hash);
-    add_places(&mut bytes, &full.iter().map(|(joint, count)| (*count, *joint)).collect::<Vec<_>>());
-    add_places(&mut bytes, references);
-    add_count(&mut bytes, maps.len());
-    for KnownMap { joints, baseline, learnt, motion, companions, basis } in maps {
-        let joints: Vec<(usize, JointIndex)> =
-            joints.iter().map(|(joint, ordinal)| (*ordinal as usize, *joint)).collect();
-        add_places(&mut bytes, &joints);
-        for keys in [baseline, learnt, motion] {
-            add_count(&mut bytes, keys.len());
-            keys.iter().for_each(|key| bytes.extend(key.to_le_bytes()));
-        }
-        add_places(&mut bytes, companions);
-        bytes.extend(basis);
-    }
-    bytes
-}
-
-fn add_places(bytes: &mut Vec<u8>, places: &[(usize, JointIndex)]) {
-    add_count(bytes, places.len());
-    for (place, joint) in places {
-        add_count(bytes, *place);
-        add_joint(bytes, *joint);
-    }
-}
-
-/// `None` for bytes of another format.
-fn unpacked(bytes: &[u8]) -> Option<KnownPlan> {
-    let mut reader = Reader(bytes);
-    let [FORMAT] = reader.take()? else { return None };
-    let until = (reader.i64()?, reader.i64()?);
-    let model = Some(reader.i64()?).filter(|model| *model >= 0);
-    let has_hash = reader.u8()? != 0;
-    let length = reader.u32()? as usize;
-    let hash = reader.bytes(length)?.to_vec();
-    let full = places(&mut reader)?.into_iter().map(|(count, joint)| (joint, count)).collect();
-    let references = places(&mut reader)?;
-    let maps = reader.list(|reader| {
-        let joints = places(reader)?;
-        Some(KnownMap {
-            joints: joints.into_iter().map(|(ordinal, joint)| (joint, ordinal as u32)).collect(),
-            baseline: reader.list(Reader::i64)?,
-            learnt: reader.list(Reader::i64)?,
-            motion: reader.list(Reader::i64)?,
-            companions: places(reader)?,
-            basis: reader.take()?,
-        })
-    })?;
-    let description = (model, has_hash.then_some(hash));
-    reader.0.is_empty().then_some(KnownPlan { until, description, full, maps, references })
-}
-
-fn places(reader: &mut Reader<'_>) -> Option<Vec<(usize, JointIndex)>> {
-    reader.list(|reader| Some((reader.u32()? as usize, reader.joint()?)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_plan_comes_back_as_it_was() {
-        let joint = JointIndex::new(3);
-        let map = KnownMap {
-            joints: vec![(joint, 2)],
-            baseline: vec![1, 2],
-            learnt: vec![1, 2, i64::MAX],
-            motion: vec![],
-            companions: vec![(0, joint)],
-            basis: [7; 32],
-        };
-        let plan = KnownPlan {
-            until: (-5, 9),
-            description: (Some(4), Some(vec![1; 32])),
-            full: vec![(joint, 70_000)],
-            maps: vec![map.clone(), map],
-            references: vec![(1, joint)],
-        };
-        let bytes = packed(&plan);
-        assert_eq!(unpacked(&bytes), Some(plan.clone()));
-        assert_eq!(unpacked(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(unpacked(&[2]), None);
-        let without = KnownPlan { description: (None, None), ..plan };
-        assert_eq!(unpacked(&packed(&without)), Some(without));
-    }
 }

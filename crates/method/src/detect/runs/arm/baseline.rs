@@ -6,7 +6,6 @@ use crate::detect::runs::history::first_level::FirstLevels;
 use crate::detect::runs::history::first_tests::first_tests;
 use crate::statistics::descriptive::{mean, median, robust_deviation};
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
-use armwatch_model::anomaly::brief::Brief;
 use armwatch_model::anomaly::{RunParameter, RunSummary};
 use armwatch_model::robot::{JointIndex, ParameterId, shares_of_link};
 
@@ -145,38 +144,24 @@ impl Baseline {
         found
     }
 
-    /// How many of these tests, from the first on, have a part in it. Tests whose cycles are left out are taken to have
-    /// what their brief lets expect.
+    /// How many of these tests, from the first on, have a part in it.
     pub(super) fn tests(history: &[&RunSummary], joints: usize, baseline_runs: usize) -> usize {
-        let by_joint = |run: &RunSummary, offsets: &dyn Fn(usize) -> usize| -> Vec<bool> {
-            (0..joints).flat_map(|j| [offsets(j) > 1, rmsd(run, JointIndex::new(j)).is_some()]).collect()
-        };
-        let of_brief = |brief: &Brief, run: &RunSummary| {
-            let figures = by_joint(run, &|j| brief.joint(j).friction as usize);
-            [vec![brief.has_parameters], figures].concat()
-        };
-        let of_read = |run: &RunSummary, has_all: bool| {
-            let figures = by_joint(run, &|j| offsets(run, JointIndex::new(j)).len());
-            [vec![has_all], figures].concat()
+        let properties = |run: &RunSummary, has_all: bool| -> Vec<bool> {
+            let of_joint = |joint| [offsets(run, joint).len() > 1, rmsd(run, joint).is_some()];
+            [has_all].into_iter().chain((0..joints).map(JointIndex::new).flat_map(of_joint)).collect()
         };
         let mut wanted: Option<Vec<ParameterId>> = None;
         first_tests(
             history.len(),
             baseline_runs.max(2),
-            |test| match history[test].left_out() {
-                Some(brief) => of_brief(brief, history[test]),
-                None => of_read(history[test], !history[test].parameters.is_empty()),
-            },
+            |test| properties(history[test], !history[test].parameters.is_empty()),
             |test| {
                 let run = history[test];
-                if let Some(brief) = run.left_out() {
-                    return of_brief(brief, run);
-                }
                 let has = |id: &ParameterId| run.parameters.iter().any(|of| of.id == *id);
                 if wanted.is_none() && !run.parameters.is_empty() {
                     wanted = Some(run.parameters.iter().map(|of| of.id).collect());
                 }
-                of_read(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
+                properties(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
             },
         )
     }

@@ -1,5 +1,7 @@
 //! Why the arm of a run differs from that of the first runs.
 
+use serde::{Deserialize, Serialize};
+
 use armwatch_model::robot::JointIndex;
 
 /// Least mass that is called a load, kg.
@@ -8,7 +10,7 @@ const LEAST_MASS: f64 = 0.1;
 const UNSEEN_MASS: f64 = 2.0;
 
 /// Why the arm of a run differs from that of the first runs.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum ArmCause {
     /// It does not.
     None,
@@ -26,7 +28,7 @@ pub(in crate::detect::runs) enum ArmCause {
 }
 
 /// A body at the last link, or one taken away where the mass is negative.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct Load {
     /// Mass, kg.
     pub(in crate::detect::runs) mass: f64,
@@ -49,7 +51,7 @@ impl Load {
 }
 
 /// What is wrong with a torque signal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum SignalFault {
     /// Friction does not turn over evenly: half the sum of both directions, Nm (N), beyond the usual.
     Offset(f64),

@@ -24,7 +24,7 @@ use crate::detect::runs::curve::hypothesis::Cause;
 use crate::detect::runs::curve::run_cause::RunCause;
 use crate::detect::verdict::{Verdict, Why};
 use crate::statistics::descriptive::robust_deviation;
-use armwatch_model::anomaly::cycle_peaks::{Cycles, Distances, pauses, peaks_of_joint};
+use armwatch_model::anomaly::cycle_peaks::{Cycles, Peaks, pauses, peaks};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, RunSummary, Severity};
@@ -45,8 +45,8 @@ const MOST_PEAKS: usize = 1600;
 /// How cycles of a joint usually stand out of their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct UsualPeaks {
-    /// The latest tests, as many as have [`MOST_CYCLES`] distances, by place in the history.
-    tests: VecDeque<(usize, Distances)>,
+    /// Distances of the latest tests, as many tests as have [`MOST_CYCLES`] of them.
+    tests: VecDeque<Vec<f64>>,
     /// Distances of these tests.
     count: usize,
     /// Cycles of the latest tests, as many as have [`MOST_PEAKS`], and how far one of each test stood out at most.
@@ -80,37 +80,31 @@ impl UsualContacts {
     /// Of these tests, oldest first.
     pub(in crate::detect::runs) fn of(runs: &[RunSummary], joints: usize) -> Self {
         let mut usual = Self::new(joints);
-        runs.iter().enumerate().for_each(|(place, run)| usual.learn(place, run));
+        runs.iter().for_each(|run| usual.learn(peaks(run, joints)));
         usual
     }
 
     /// Learns a test without a contact.
-    fn learn(&mut self, place: usize, run: &RunSummary) {
-        for (joint, usual) in self.joints.iter_mut().enumerate() {
-            let (distances, furthest) = peaks_of_joint(run, joint);
-            usual.remember(distances.count(), furthest);
-            usual.count += distances.count();
-            if distances.count() > 0 {
-                usual.tests.push_back((place, distances));
+    fn learn(&mut self, peaks: Vec<Peaks>) {
+        for (usual, Peaks { distances, furthest }) in self.joints.iter_mut().zip(peaks) {
+            usual.remember(distances.len(), furthest);
+            usual.count += distances.len();
+            if !distances.is_empty() {
+                usual.tests.push_back(distances);
             }
-            while let Some((_, first)) = usual.tests.front()
-                && usual.count - first.count() >= MOST_CYCLES
+            while let Some(first) = usual.tests.front()
+                && usual.count - first.len() >= MOST_CYCLES
             {
-                usual.count -= first.count();
+                usual.count -= first.len();
                 usual.tests.pop_front();
             }
         }
     }
 
     /// Whether a cycle of a test may stand out of its neighbours by more than any one before.
-    fn may_stand_out(&self, run: &RunSummary) -> bool {
+    fn may_stand_out(&self, peaks: &[Peaks]) -> bool {
         let least = |usual: &UsualPeaks| LEAST_RATIO.ln().max(BEYOND_EARLIER * usual.furthest());
-        self.joints.iter().enumerate().any(|(joint, usual)| peaks_of_joint(run, joint).1 >= least(usual))
-    }
-
-    /// Places of the tests that say what is usual now.
-    pub(in crate::detect::runs) fn places(&self) -> impl Iterator<Item = usize> {
-        self.joints.iter().flat_map(|usual| usual.tests.iter().map(|(place, _)| *place))
+        self.joints.iter().zip(peaks).any(|(usual, of)| of.furthest >= least(usual))
     }
 
     /// The cycle of a test that stands out most, by joint.
@@ -148,11 +142,7 @@ impl UsualPeaks {
 
     /// The latest ones, oldest first.
     fn distances(&self) -> Vec<f64> {
-        let read = self.tests.iter().flat_map(|(_, of)| match of {
-            Distances::Read(of) => &of[..],
-            Distances::LeftOut(_) => &[],
-        });
-        let mut found: Vec<f64> = read.copied().collect();
+        let mut found: Vec<f64> = self.tests.iter().flatten().copied().collect();
         found.drain(..found.len().saturating_sub(MOST_CYCLES));
         found
     }
@@ -269,29 +259,27 @@ pub(in crate::detect::runs) fn alpha(
 }
 
 /// Contacts in complete tests that are compared with each other, oldest first. `causes` are those of the friction curves,
-/// by joint and run. `needs` hears the places of the tests whose cycles they follow from: where one of these is left out,
-/// what is found says nothing.
+/// by joint and run.
 pub(in crate::detect::runs) fn contacts(
     history: &[RunSummary],
     causes: &[Vec<Option<RunCause>>],
     moments: &[(i64, Timestamp)],
     settings: &DetectSettings,
-    needs: &mut dyn FnMut(usize),
 ) -> Vec<Anomaly> {
     let joints = causes.len();
     let alpha = alpha(history, joints, settings);
     let mut usual = UsualContacts::new(joints);
     let mut found: Vec<Option<Contact>> = Vec::with_capacity(history.len());
     for (place, run) in history.iter().enumerate() {
-        let contact = usual.may_stand_out(run).then(|| {
-            usual.places().chain([place]).for_each(&mut *needs);
+        let peaks = peaks(run, joints);
+        let contact = usual.may_stand_out(&peaks).then(|| {
             let likeliest: Vec<Option<Cause>> =
                 causes.iter().map(|of| of.get(place)?.as_ref().map(RunCause::likeliest)).collect();
             contact(&usual, run, place, &likeliest, alpha)
         });
         let contact = contact.flatten();
         if contact.is_none() {
-            usual.learn(place, run);
+            usual.learn(peaks);
         }
         found.push(contact);
     }
@@ -311,10 +299,7 @@ pub(in crate::detect::runs) fn open_contact(
 }
 
 fn has_rmsd(run: &RunSummary) -> bool {
-    match run.left_out() {
-        Some(brief) => brief.joints.iter().any(|of| of.has_rmsd),
-        None => !run.whole_cycle_rmsd.is_empty(),
-    }
+    !run.whole_cycle_rmsd.is_empty()
 }
 
 /// Joins contacts of the same joint in successive tests.

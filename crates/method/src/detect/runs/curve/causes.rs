@@ -4,6 +4,8 @@ pub(in crate::detect::runs) mod open_run;
 
 use std::fmt::{self, Write};
 
+use serde::{Deserialize, Serialize};
+
 use super::hypothesis::{Cause, Evidence, PRIOR};
 use super::points::{Curve, curve, curves, of_joint, shared, usual_levels};
 use super::run_cause::{LEAST_SCATTER, RunCause, WarmUpOfRun};
@@ -31,7 +33,7 @@ pub(in crate::detect::runs) struct UsualCurves {
 }
 
 /// Why the friction curves of one run differ from the usual ones.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct RunCauses {
     /// By joint.
     pub(in crate::detect::runs) of_joints: Vec<Option<RunCause>>,
@@ -118,18 +120,6 @@ impl UsualCurves {
         write!(to, "{:?}{:?}", self.joints, self.of_arm)
     }
 
-    /// Usual scatter of a cycle of what all joints share.
-    pub(in crate::detect::runs) fn scatter_of_arm(&self) -> f64 {
-        self.of_arm.as_ref().map_or(f64::NAN, |usual| usual.scatter)
-    }
-
-    /// Usual scatter of a cycle of a joint, by which a run of so many cycles is judged.
-    pub(in crate::detect::runs) fn scatter(&self, joint: usize, cycles: usize) -> f64 {
-        let Some(of) = self.joints.get(joint) else { return f64::NAN };
-        let usual = of.usual.as_ref().filter(|_| cycles >= template::FEWEST_CYCLES);
-        usual.map_or(of.scatter, |usual| usual.scatter)
-    }
-
     /// What a run says of a joint that is compared with nothing; `None` where it has too few cycles.
     fn by_itself(&self, joint: &UsualCurve, curve: &Curve) -> Option<RunCause> {
         (curve.len() >= within_run::FEWEST_CYCLES).then(|| {
@@ -191,18 +181,14 @@ fn curve_at(run: &RunSummary, joint: usize, levels: Option<CycleFriction>) -> Cu
     levels.or_else(|| usual_levels(run, joint)).map_or_else(Vec::new, |levels| curve(run, joint, &levels))
 }
 
-/// How many of the first tests say what is usual: enough long ones of each joint, as far as there are such. Tests whose
-/// cycles are left out are taken to have as many that compare as their brief has in all.
+/// How many of the first tests say what is usual: enough long ones of each joint, as far as there are such.
 pub(in crate::detect::runs) fn tests_of_usual(
     history: &[RunSummary],
     joints: usize,
     baseline_runs: usize,
 ) -> usize {
     let fewest = [template::FEWEST_CYCLES, within_run::FEWEST_CYCLES];
-    let in_all = |run: &RunSummary, j: usize| match run.left_out() {
-        Some(brief) => brief.joint(j).friction as usize,
-        None => of_joint(run, JointIndex::new(j)).count(),
-    };
+    let in_all = |run: &RunSummary, j: usize| of_joint(run, JointIndex::new(j)).count();
     let long = |cycles: &dyn Fn(usize) -> usize| -> Vec<bool> {
         (0..joints).map(cycles).flat_map(|cycles| fewest.map(|fewest| cycles >= fewest)).collect()
     };
@@ -216,10 +202,7 @@ pub(in crate::detect::runs) fn tests_of_usual(
             for (j, levels) in levels.iter_mut().enumerate() {
                 *levels = levels.or_else(|| usual_levels(run, JointIndex::new(j)));
             }
-            long(&|j| match run.is_brief {
-                true => in_all(run, j),
-                false => curve_at(run, j, levels[j]).len(),
-            })
+            long(&|j| curve_at(run, j, levels[j]).len())
         },
     )
 }

@@ -8,6 +8,7 @@
 //! k/2 ln n` with a prior of the cause.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::template::{self, Template};
 use armwatch_model::analysis::Estimate;
@@ -28,7 +29,7 @@ const MOST_EXCESS: f64 = 1.5;
 const LEAST_SCATTER_FACTOR: f64 = 2.0;
 
 /// Why a curve differs from the usual one.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) enum Cause {
     /// It does not.
     None,

@@ -1,5 +1,7 @@
 //! What explains the curve of one run, and when that is clear.
 
+use serde::{Deserialize, Serialize};
+
 use super::hypothesis::{Cause, Judged, PRIOR};
 use crate::detect::rate::budget::advantage;
 use crate::detect::verdict::MOST_ODDS;
@@ -21,7 +23,7 @@ const MOST_OF_ONE_RUN: f64 = 12.0;
 const LEAST_SLOWING: f64 = 0.015;
 
 /// Why the curve of a joint differs from its usual one in a run.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct RunCause {
     /// The best cause of each kind, the likeliest first; the likeliest alone where none can be clear.
     pub(in crate::detect::runs) kinds: Vec<Kind>,
@@ -44,7 +46,7 @@ pub(in crate::detect::runs) struct RunCause {
 }
 
 /// What a run says of a joint's warm-up.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct WarmUpOfRun {
     /// Natural logarithm of the factor of the slow time constant.
     pub(in crate::detect::runs) ln_factor: Estimate,
@@ -53,7 +55,7 @@ pub(in crate::detect::runs) struct WarmUpOfRun {
 }
 
 /// The best cause of a kind.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::detect::runs) struct Kind {
     pub(in crate::detect::runs) cause: Cause,
     /// Posterior of all causes of the kind together, as a multiple of that of the likeliest cause.

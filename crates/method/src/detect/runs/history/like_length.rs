@@ -2,17 +2,18 @@
 //! a whole test by more than chance, since friction moves while an arm warms.
 
 use armwatch_model::anomaly::RunSummary;
-use armwatch_model::anomaly::brief::length;
 
 /// Tests differ in length from the first one of their group by less than this factor.
 const LIKE: u32 = 2;
 
 /// Whether inertial parameters were identified from a test.
 pub(in crate::detect::runs) fn has_parameters(run: &RunSummary) -> bool {
-    match run.left_out() {
-        Some(brief) => brief.has_parameters,
-        None => !run.parameters.is_empty(),
-    }
+    !run.parameters.is_empty()
+}
+
+/// Cycles of a test that parameters were identified from; all of them without parameters.
+pub(in crate::detect::runs) fn length(run: &RunSummary) -> u32 {
+    run.parameters.iter().map(|of| of.cycles).max().unwrap_or(run.cycles)
 }
 
 /// Places of the tests of each group, both in the order of the history.

@@ -28,13 +28,11 @@ struct Coupling {
 }
 
 /// Joins the oscillations of joints that swing together; `runs` are the tests of the robot, oldest first. All else stays
-/// as it is. `needs` hears the places of the tests whose cycles this follows from: where one of these is left out, what is
-/// joined says nothing.
+/// as it is.
 pub(in crate::detect::runs) fn joined(
     mut found: Vec<Anomaly>,
     runs: &[RunSummary],
     joints: usize,
-    needs: &mut dyn FnMut(usize),
 ) -> Vec<Anomaly> {
     let is_swing = |of: &Anomaly| of.kind == AnomalyKind::Oscillation && of.joint.is_some();
     let mut free: Vec<usize> = (0..found.len()).filter(|place| is_swing(&found[*place])).collect();
@@ -45,26 +43,6 @@ pub(in crate::detect::runs) fn joined(
         (0..joints).map(|joint| residuals(runs, JointIndex::new(joint))).collect();
     let place = |run_id: i64| runs.iter().position(|run| run.run_id == run_id).unwrap_or(0);
     let span = |of: &Anomaly| (place(of.first_run_id), place(of.last_run_id));
-    // tests in which more than one joint oscillates, and the first ones, whose speed levels count
-    let swings: Vec<(Option<JointIndex>, (usize, usize))> = free
-        .iter()
-        .map(|&at| &found[at])
-        .filter(|of| of.quantity == Quantity::FrictionSwing)
-        .map(|of| (of.joint, span(of)))
-        .collect();
-    for (at, (joint, (from, to))) in swings.iter().enumerate() {
-        for (_, (first, last)) in swings[at + 1..].iter().filter(|(other, _)| other != joint) {
-            (*from.max(first)..=*to.min(last)).for_each(&mut *needs);
-        }
-    }
-    if swings.len() > 1 {
-        let has_friction = |run: &RunSummary, j: usize| match run.left_out() {
-            Some(brief) => brief.joint(j).friction > 0,
-            None => run.cycle_friction.iter().any(|of| of.friction.joint.index() == j),
-        };
-        let first = |j: usize| runs.iter().position(|run| has_friction(run, j));
-        (0..joints).filter_map(first).for_each(&mut *needs);
-    }
     let mut of_arm = Vec::new();
     let mut joined = Vec::new();
     while let Some(first) = free.pop() {

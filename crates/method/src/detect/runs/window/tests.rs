@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::detect::runs::cause_tests::{State, fleet};
 use crate::detect::runs::detect;
-use crate::detect::runs::in_brief_tests::life;
+use crate::detect::runs::kept_tests::life;
 use crate::detect::window::Lengths;
 use crate::detect::window::fixtures::{Judged, Said, WithRuns, said, words};
 use armwatch_model::anomaly::settings::DetectSettings;
@@ -43,7 +43,7 @@ fn a_history_of_less_than_two_steps_says_what_the_whole_says() {
         assert_eq!(format!("{:?}", short.others), format!("{found:?}"));
     }
     let usual = Lengths::OF_TESTS;
-    assert!(usual.lead <= usual.step && usual.most_behind(&Settled::default()) == 1000);
+    assert!(usual.lead <= usual.step && 2 * usual.step == 1000);
 }
 
 #[test]

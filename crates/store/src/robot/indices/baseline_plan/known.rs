@@ -3,9 +3,9 @@
 
 use std::collections::HashMap;
 
-use super::{
-    FrictionPlan, METHOD, MIN_BASELINE_RUNS, PlannedMap, PlannedTest, first_motion, is_full, test_basis,
-};
+use serde::{Deserialize, Serialize};
+
+use super::{FrictionPlan, MIN_BASELINE_RUNS, PlannedMap, PlannedTest, first_motion, is_full, test_basis};
 use crate::robot::indices::baselines::{Basis, FrictionTest, FrictionTests};
 use crate::robot::maintenance::DescriptionKey;
 use armwatch_model::anomaly::baseline_runs::{REMEMBERED_S, stages};
@@ -16,7 +16,7 @@ use armwatch_model::robot::JointIndex;
 const LONG: usize = if cfg!(test) { 12 } else { 500 };
 
 /// What the tests behind the latest one are compared with.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownPlan {
     /// Start of the latest test, microseconds since 1970, and its key.
     pub until: (i64, i64),
@@ -31,7 +31,7 @@ pub struct KnownPlan {
 }
 
 /// A map, as a plan has it, with the keys of its tests.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownMap {
     /// The joints, each with the ordinal of its epoch.
     pub joints: Vec<(JointIndex, u32)>,
@@ -117,7 +117,12 @@ impl KnownPlan {
     /// The plan of the tests behind the latest, and what is known with them. `found` has the tests of the maps, those that are
     /// remembered and all later ones, with their points. `None` where only all tests together say it.
     #[must_use]
-    pub fn extended(&self, found: &FrictionTests, baseline_runs: usize) -> Option<(FrictionPlan, Self)> {
+    pub fn extended(
+        &self,
+        found: &FrictionTests,
+        baseline_runs: usize,
+        method: u64,
+    ) -> Option<(FrictionPlan, Self)> {
         let needed = baseline_runs.max(MIN_BASELINE_RUNS);
         let tests = &found.tests;
         let moment = |at: usize| (start(&tests[at]), tests[at].run_id);
@@ -155,19 +160,9 @@ impl KnownPlan {
             let planned = &mut by_test[at];
             planned.references = self.references.iter().map(|(map, joint)| (*map, *joint, false)).collect();
             planned.first_motion = first_motion(tests, at);
-            planned.basis = test_basis(tests, at, planned, &maps);
+            planned.basis = test_basis(tests, at, planned, &maps, method);
         }
         Some((FrictionPlan { maps, tests: by_test }, known))
-    }
-
-    /// Hash of what a plan follows from beside the tests.
-    #[must_use]
-    pub fn basis(baseline_runs: usize) -> i64 {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(&METHOD.to_le_bytes()).update(env!("CARGO_PKG_VERSION").as_bytes());
-        hasher.update(&(baseline_runs as u64).to_le_bytes());
-        let [a, b, c, d, e, f, g, h, ..] = *hasher.finalize().as_bytes();
-        i64::from_le_bytes([a, b, c, d, e, f, g, h])
     }
 }
 
@@ -243,11 +238,11 @@ mod tests {
         let (mut extended, mut read, mut again) = (0, 0, Vec::new());
         for count in 12..all.tests.len() {
             let of_all = first(&all, count);
-            let whole = plan(&of_all, NEEDED);
+            let whole = plan(&of_all, NEEDED, 7);
             let expected = KnownPlan::of(&of_all, &whole).expect("a long history");
             if let Some(before) = known.take() {
                 let few = few(&of_all, &before);
-                match before.extended(&few, NEEDED) {
+                match before.extended(&few, NEEDED, 7) {
                     Some((planned, now)) => {
                         let (own, latest) = (planned.tests.last(), whole.tests.last());
                         assert_eq!(own.map(|of| of.basis), latest.map(|of| of.basis), "{count} tests");

@@ -35,7 +35,7 @@ pub(super) fn daily(points: impl IntoIterator<Item = usize>) -> FrictionTests {
 
 /// Runs of the baseline of a joint by ordinal of its epoch.
 fn baselines(found: &FrictionTests, needed: usize, of: JointIndex) -> Vec<(u32, Vec<i64>)> {
-    let plan = plan(found, needed);
+    let plan = plan(found, needed, 7);
     let first = plan.maps.iter().filter(|map| map.is_first());
     let mut all: Vec<(u32, Vec<i64>)> = first
         .flat_map(|map| {
@@ -52,7 +52,7 @@ fn baselines(found: &FrictionTests, needed: usize, of: JointIndex) -> Vec<(u32, 
 
 /// The basis of each run's indices.
 fn bases(found: &FrictionTests) -> HashMap<i64, Option<Basis>> {
-    let plan = plan(found, NEEDED);
+    let plan = plan(found, NEEDED, 7);
     found.tests.iter().zip(plan.tests).map(|(test, planned)| (test.run_id, planned.basis)).collect()
 }
 
@@ -96,7 +96,7 @@ fn later_tests_move_no_index_of_earlier_ones() {
 #[test]
 fn every_test_is_compared_by_the_map_that_is_held_when_it_comes() {
     let found = daily([FULL; 100]);
-    let plan = plan(&found, NEEDED);
+    let plan = plan(&found, NEEDED, 7);
     let learnt: Vec<usize> = plan.maps.iter().map(|map| map.learnt.len()).collect();
     // 36 tests of the first 40 and of the first 80
     assert_eq!(learnt, [5, 10, 20, 36, 36]);
@@ -147,7 +147,7 @@ fn work_on_a_joint_gives_it_a_baseline_with_the_others_as_companions() {
     let first = (0, vec![1, 2, 3, 4, 5]);
     assert_eq!(baselines(&found, NEEDED, joint(1)), [first.clone(), (1, vec![13, 14, 15, 16, 17])]);
     assert_eq!(baselines(&found, NEEDED, joint(0)), [first]);
-    let plan = plan(&found, NEEDED);
+    let plan = plan(&found, NEEDED, 7);
     let new = plan.maps.iter().find(|map| map.baseline[0] == 12 && map.is_first()).expect("a map");
     let helped: Vec<JointIndex> = new.companions.iter().map(|(_, joint)| *joint).collect();
     assert_eq!(helped, [joint(0), joint(2)]);
@@ -167,7 +167,7 @@ fn tests_right_after_work_have_no_reference_of_that_joint_until_its_baseline_is_
         who: None,
     }];
     let of = |found: &FrictionTests, test: usize| {
-        plan(found, NEEDED).tests[test].references.iter().map(|(_, joint, _)| *joint).collect::<Vec<_>>()
+        plan(found, NEEDED, 7).tests[test].references.iter().map(|(_, joint, _)| *joint).collect::<Vec<_>>()
     };
     assert_eq!(of(&found, 11), [joint(0), joint(1), joint(2)]);
     assert_eq!(of(&found, 13), [joint(0), joint(2)]);

@@ -1,4 +1,4 @@
-//! A history in brief says what the whole one says, whatever came when, and of few tests the cycles are read for it.
+//! Kept judgements change no finding, in any order of arrival, and detectors compute few of them again.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -8,48 +8,26 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::cause_tests::{CYCLES, JOINTS, State, fleet};
-use super::detect_in_brief;
+use super::detect_with;
+use super::judgement::Kept;
 use crate::detect::runs::detect;
 use armwatch_model::analysis::measurements::CycleRmsd;
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse};
-use armwatch_model::anomaly::brief::{Brief, brief};
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Findings, RunSummary};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// What is kept of each test, by its key.
-type Kept = BTreeMap<i64, Vec<(u64, Vec<u8>)>>;
+const METHOD: u64 = 7;
 
-/// What a history in brief says, and of which tests the cycles were read for it.
-fn in_brief(whole: &[RunSummary], kept: &mut Kept, settings: &DetectSettings) -> (Findings, BTreeSet<i64>) {
-    let left_out = |run: &RunSummary| {
-        let judgements = kept.get(&run.run_id).cloned().unwrap_or_default();
-        let mut run = RunSummary { brief: Some(Arc::new(Brief { judgements, ..brief(run) })), ..run.clone() };
-        run.leave_out();
-        run
-    };
-    let mut tests: Vec<RunSummary> = whole.iter().map(left_out).collect();
-    let mut read = BTreeSet::new();
-    for _ in 0..20 {
-        let detection = detect_in_brief(&tests, &[], settings);
-        let lacks = detection.lacks(&tests);
-        for (place, judgements) in detection.judgements {
-            kept.insert(tests[place].run_id, judgements.clone());
-            Arc::make_mut(tests[place].brief.as_mut().expect("a brief")).judgements = judgements;
-        }
-        if !lacks {
-            return (detection.findings, read);
-        }
-        for (place, test) in tests.iter_mut().enumerate() {
-            if !detection.needs.contains(&place) {
-                test.leave_out();
-            } else if test.is_brief {
-                *test = RunSummary { brief: test.brief.clone(), ..whole[place].clone() };
-                read.insert(test.run_id);
-            }
-        }
-    }
-    panic!("it asks for ever more");
+/// Bytes of the judgements of each test, by its key.
+type Bytes = BTreeMap<i64, Vec<u8>>;
+
+/// Findings with these judgements, which are brought up to date, and how many tests were judged again.
+fn with_kept(history: &[RunSummary], bytes: &mut Bytes, settings: &DetectSettings) -> (Findings, usize) {
+    let kept = Kept::new(METHOD, bytes.iter().map(|(run_id, of)| (*run_id, &of[..])));
+    let (findings, judged) = detect_with(history, &[], settings, &kept);
+    bytes.extend(judged.changed(&kept));
+    (findings, judged.recomputed)
 }
 
 /// As text: a test without result has values that are no numbers, which equal nothing.
@@ -151,7 +129,7 @@ fn maintained(history: &mut [RunSummary], rng: &mut ChaCha8Rng) {
 }
 
 #[test]
-fn whatever_comes_when_a_history_in_brief_says_what_the_whole_one_says() {
+fn kept_judgements_change_no_finding_whatever_arrives_when() {
     let (mut kinds, mut checked) = (BTreeSet::new(), 0);
     for seed in 0..8 {
         let mut rng = ChaCha8Rng::seed_from_u64(900 + seed);
@@ -160,7 +138,7 @@ fn whatever_comes_when_a_history_in_brief_says_what_the_whole_one_says() {
         if seed % 3 > 0 {
             order.shuffle(&mut rng);
         }
-        let (mut kept, mut arrived) = (Kept::new(), BTreeSet::new());
+        let (mut kept, mut arrived) = (Bytes::new(), BTreeSet::new());
         let mut settings = DetectSettings::default();
         let mut history = all.clone();
         for (step, place) in order.into_iter().enumerate() {
@@ -185,12 +163,12 @@ fn whatever_comes_when_a_history_in_brief_says_what_the_whole_one_says() {
             let whole: Vec<RunSummary> = arrived.iter().map(|&place| history[place].clone()).collect();
             let expected = detect(&whole, &settings);
             kinds.extend(expected.anomalies.iter().map(|of| of.kind));
-            let (found, _) = in_brief(&whole, &mut kept, &settings);
+            let (found, _) = with_kept(&whole, &mut kept, &settings);
             assert_eq!(said(&found), said(&expected), "seed {seed}, step {step}");
             checked += 1;
         }
-        // at once, of nothing kept
-        let (found, _) = in_brief(&history, &mut Kept::new(), &settings);
+        // at once, with nothing kept
+        let (found, _) = with_kept(&history, &mut Bytes::new(), &settings);
         assert_eq!(said(&found), said(&detect(&history, &settings)), "seed {seed}");
     }
     println!("{checked} histories with {kinds:?}");
@@ -198,32 +176,33 @@ fn whatever_comes_when_a_history_in_brief_says_what_the_whole_one_says() {
 }
 
 #[test]
-fn one_more_test_asks_for_its_own_cycles_and_those_of_a_dozen_others() {
+fn one_more_test_is_judged_alone() {
     let settings = DetectSettings::default();
     let history = fleet(120, 5, |_| State::default());
-    let mut kept = Kept::new();
-    in_brief(&history[..119], &mut kept, &settings);
-    let (found, read) = in_brief(&history, &mut kept, &settings);
+    let mut kept = Bytes::new();
+    assert_eq!(with_kept(&history[..119], &mut kept, &settings).1, 119);
+    let (found, recomputed) = with_kept(&history, &mut kept, &settings);
     assert_eq!(said(&found), said(&detect(&history, &settings)));
-    // those of the baseline, the new one, and the seven before whose parameters are looked at with its own
-    let expected: BTreeSet<i64> = (1..=5).chain(113..=120).collect();
-    assert_eq!(read, expected);
-    // the same again reads the baseline alone
-    let (_, read) = in_brief(&history, &mut kept, &settings);
-    assert_eq!(read, (1..=5).collect());
+    assert_eq!(recomputed, 1);
+    assert_eq!(with_kept(&history, &mut kept, &settings).1, 0);
 }
 
 #[test]
-fn what_is_kept_of_other_cycles_is_not_believed() {
+fn judgements_of_other_cycles_or_of_another_method_do_not_hold() {
     let settings = DetectSettings::default();
     let step: fn(usize, u32) -> f64 = |joint, cycle| if joint == 1 && cycle > 4 { 0.2 } else { 0.0 };
     let of = |stepped: i64| {
         fleet(30, 5, |run| State { friction: (run == stepped).then_some(step), ..State::default() })
     };
     let (healthy, stepped) = (of(-1), of(20));
-    let mut kept = Kept::new();
-    in_brief(&healthy, &mut kept, &settings);
-    let (found, read) = in_brief(&stepped, &mut kept, &settings);
-    assert!(read.contains(&21) && !found.anomalies.is_empty());
+    let mut kept = Bytes::new();
+    with_kept(&healthy, &mut kept, &settings);
+    let (found, recomputed) = with_kept(&stepped, &mut kept.clone(), &settings);
+    assert!(recomputed > 0 && !found.anomalies.is_empty());
     assert_eq!(said(&found), said(&detect(&stepped, &settings)));
+    let of_other = Kept::new(METHOD + 1, kept.iter().map(|(run_id, of)| (*run_id, &of[..])));
+    assert_eq!(detect_with(&healthy, &[], &settings, &of_other).1.recomputed, 30);
+    // cut bytes count as none
+    let cut = Kept::new(METHOD, kept.iter().map(|(run_id, of)| (*run_id, &of[..of.len() / 2])));
+    assert_eq!(detect_with(&healthy, &[], &settings, &cut).1.recomputed, 30);
 }

@@ -1,0 +1,62 @@
+//! `armwatch conclude`: judges a history again from a date on.
+
+use clap::Args;
+use jiff::Timestamp;
+use serde_json::json;
+
+use super::context::{CliError, EXIT_DONE, EXIT_INTERNAL, Global, open_to_change, runtime};
+use super::shared::judged::{Judged, judge};
+use super::shared::moment::moment;
+use super::shared::output;
+use armwatch_model::text;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  armwatch conclude --from 2023-05-01
+  armwatch conclude Front --from 2023-05-01T06:00 --json
+
+Conclusions are drawn whenever a test or a production log is stored. They use the first tests of each baseline and about the
+last 1,000 tests (500 logs) of a robot. Earlier anomalies stay as they were. A test that arrives later with an earlier start
+is stored, but no conclusion uses it; `armwatch explain FILE` says so. This command judges the history from the date on
+again, with all tests that have arrived since, and under the present configuration. It takes about half a second per 1,000
+tests. Anomalies keep their numbers and what people said of them.")]
+pub(super) struct ConcludeArgs {
+    /// Robot; all robots without it
+    robot: Option<String>,
+    /// Time from which the history is judged again, UTC: a date, a date with time, or RFC 3339 with an offset
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    from: Timestamp,
+}
+
+pub(super) fn conclude(global: &Global, args: &ConcludeArgs) -> Result<u8, CliError> {
+    let config = global.read_config()?;
+    runtime()?.block_on(async {
+        let store = open_to_change(&config).await?;
+        let robots = store.reopen_history(args.robot.as_deref(), args.from).await?;
+        if let (Some(robot), []) = (&args.robot, &robots[..]) {
+            let robot = text::shown(robot);
+            return Err(CliError::Usage(format!("there is no robot {robot}; `armwatch robots` lists them")));
+        }
+        let mut exit = EXIT_DONE;
+        for robot in robots {
+            let judged = judge(config.clone(), &store, &robot).await?;
+            if matches!(judged, Judged::Failed(_)) {
+                exit = EXIT_INTERNAL;
+            }
+            match global.json {
+                true => {
+                    output::json(&json!({ "robot": robot, "from": args.from, "judged": judged.is_now() }))
+                }
+                false => output::line(&format!(
+                    "{}: opened from {}{}",
+                    text::shown(&robot),
+                    args.from,
+                    judged.words()
+                )),
+            }
+        }
+        store.close().await?;
+        Ok(exit)
+    })
+}

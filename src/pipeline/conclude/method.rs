@@ -1,0 +1,15 @@
+//! The version of the method: hashes of its sources, made when the program is built (`build.rs`).
+
+/// Identifies the sources of the detectors and of all that they follow from.
+pub const METHOD: u64 = number(env!("ARMWATCH_METHOD"));
+
+/// Identifies the sources of friction indices.
+pub const INDEX_METHOD: u64 = number(env!("ARMWATCH_INDEX_METHOD"));
+
+const fn number(text: &str) -> u64 {
+    match u64::from_str_radix(text, 10) {
+        Ok(number) => number,
+        // no hash is written otherwise
+        Err(_) => 0,
+    }
+}
