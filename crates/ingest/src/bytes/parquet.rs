@@ -3,12 +3,14 @@
 //! Rows are decoded page by page, since a writer may put a whole recording into one row group. polars trusts the sizes that
 //! a file states and panics on some damaged pages, so sizes are bounded before it sees them.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{self, Cursor, Read, Write};
 use std::os::unix::fs::FileExt;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{self, AssertUnwindSafe};
 use std::path::Path;
+use std::sync::Once;
 use std::time::SystemTime;
 
 use jiff::Timestamp;
@@ -460,9 +462,26 @@ fn metadata(file: &File, file_bytes: u64) -> io::Result<FileMetadata> {
     guarded(|| deserialize_metadata(Buffer::from_vec(bytes)).map_err(|error| error.to_string()))
 }
 
-/// Runs code of polars on bytes from outside. Its panic is an error of the file.
+thread_local! {
+    /// Whether this thread runs code whose panic is expected.
+    static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs code of polars on bytes from outside. Its panic is an error of the file and prints nothing.
 fn guarded<T>(work: impl FnOnce() -> Result<T, String>) -> io::Result<T> {
-    match catch_unwind(AssertUnwindSafe(work)) {
+    static HOOKED: Once = Once::new();
+    HOOKED.call_once(|| {
+        let before = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !IS_GUARDED.get() {
+                before(info);
+            }
+        }));
+    });
+    IS_GUARDED.set(true);
+    let done = panic::catch_unwind(AssertUnwindSafe(work));
+    IS_GUARDED.set(false);
+    match done {
         Ok(Ok(done)) => Ok(done),
         Ok(Err(error)) => Err(damaged(&format!("cannot be decoded ({error})"))),
         Err(_) => Err(damaged("cannot be decoded")),
