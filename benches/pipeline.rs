@@ -29,7 +29,7 @@ use polars_io::csv::read::{CsvParseOptions, CsvReadOptions};
 use armwatch_config::{Config, FleetEntry};
 use armwatch_ingest::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next};
 use armwatch_ingest::table::column_map::map_columns;
-use armwatch_ingest::table::polars_reader::Parser;
+use armwatch_ingest::table::parser::Parser;
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_method::diagnose::recording::diagnose_samples;
 use armwatch_method::diagnose::recording::view::DiagnoseSettings;
@@ -83,7 +83,7 @@ fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[Row]) {
         panic!("an export has a block");
     };
     let map = map_columns(&header, &arm.layout, &arm.description, path).expect("the native layout");
-    let parser = Parser::new(map, 1);
+    let parser = Parser::new(map);
     let schema = numbers_only(header.split(',').count());
 
     let ours = parser.read(&block, None, path).expect("sound rows").rows();

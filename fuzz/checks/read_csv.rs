@@ -1,5 +1,5 @@
-//! Any bytes are rows or a rejection, the same whatever the blocks; what the plain reader and polars read, the
-//! reader of cells reads with the same numbers.
+//! Any bytes are rows or a rejection, the same whatever the blocks; what the reader of blocks reads, the reader of cells
+//! reads with the same numbers.
 //!
 //! The first byte of an input chooses a layout and whether its header stands before the other bytes.
 
@@ -10,7 +10,7 @@ use armwatch_config::{Layout, parse_layout, parse_robot};
 use armwatch_ingest::bytes::blocks::{Blocks, Next};
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::column_map::map_columns;
-use armwatch_ingest::table::polars_reader::Parser;
+use armwatch_ingest::table::parser::Parser;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
 use armwatch_ingest::table::{cell_reader, preamble};
 use armwatch_model::robot::Robot;
@@ -26,13 +26,14 @@ const COLUMNS: &str = "[position]\ncolumn = \"pos_{joint}\"\nunit = \"rad\"\n[to
      [if_present]\ncycle = \"cycle\"\n";
 
 /// Delimiter, further keys, keys of time.
-const KINDS: [(char, &str, &str); 6] = [
+const KINDS: [(char, &str, &str); 7] = [
     (',', "", "unit = \"s\""),
     (';', "decimal = \",\"", "unit = \"ms\""),
     (',', "decimal = \",\"", "unit = \"s\""),
     ('\t', "encoding = \"utf-8\"\nskip_after_header = 1", "unit = \"timestamp\""),
     (',', "encoding = \"windows-1252\"\nskip_lines = 1", "unit = \"ticks\"\ntick_s = 0.004\nwraps_at = 256"),
     (';', "decimal = \",\"", "unit = \"timestamp\""),
+    (' ', "", "unit = \"s\""),
 ];
 
 struct Kind {
@@ -45,7 +46,11 @@ fn kinds() -> &'static (Robot, Vec<Kind>) {
     MADE.get_or_init(|| {
         let robot = parse_robot("scara.toml", ROBOT).expect("the shipped arm");
         let kind = |(delimiter, keys, time): &(char, &str, &str)| {
-            let sign = if *delimiter == '\t' { "\\t".to_owned() } else { delimiter.to_string() };
+            let sign = match delimiter {
+                '\t' => "\\t".to_owned(),
+                ' ' => "blank".to_owned(),
+                sign => sign.to_string(),
+            };
             let text = format!(
                 "name = \"fuzz\"\ndelimiter = \"{sign}\"\n{keys}\n[time]\ncolumn = \"time\"\n{time}\n{COLUMNS}"
             );
@@ -58,7 +63,7 @@ fn kinds() -> &'static (Robot, Vec<Kind>) {
 
 /// All rows before the end or the fault, and the fault.
 fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (RawSamples, Option<Rejection>) {
-    let options = ReadOptions { block_bytes, threads: 1 };
+    let options = ReadOptions { block_bytes };
     let reader = match ExportReader::new(bytes, Path::new("fuzz.csv"), layout, robot, options) {
         Ok(reader) => reader,
         Err(rejection) => return (RawSamples::default(), Some(rejection)),
@@ -73,14 +78,14 @@ fn read(bytes: &[u8], layout: &Layout, robot: &Robot, block_bytes: usize) -> (Ra
     (rows, None)
 }
 
-/// One block by the plain reader or, where it is not plain, by polars, and by the reader of cells.
+/// One block by the reader of blocks and by the reader of cells.
 fn agree(bytes: &[u8], layout: &Layout, robot: &Robot) {
     let path = Path::new("fuzz.csv");
     let mut blocks = Blocks::new(bytes, 1 << 20, layout.text.encoding);
     let Ok(Some(header)) = preamble::read(&mut blocks, layout, path) else { return };
     let Ok(map) = map_columns(&header.text, layout, robot, path) else { return };
     let Ok(Next::Block(block)) = blocks.next_block(path) else { return };
-    let fast = Parser::new(map.clone(), 1).read(&block, None, path);
+    let fast = Parser::new(map.clone()).read(&block, None, path);
     assert_eq!(fast, cell_reader::read(&block, &map, None, path));
 }
 

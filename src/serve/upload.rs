@@ -98,7 +98,7 @@ pub async fn offset(
 #[utoipa::path(
     put, path = "/v1/exports/{name}", tag = "Exports", operation_id = "upload",
     params(
-        ("name" = String, Path, description = "Name of the file, which says robot, date and time; ends in .csv, .csv.gz or .csv.zst"),
+        ("name" = String, Path, description = "Name of the file, which says robot, date and time; ends in .csv, .csv.gz, .csv.zst, .parquet or .mcap"),
         ("supersede" = Option<bool>, Query, description = "Whether the content takes the place of another one under this name"),
         ("Content-Range" = Option<String>, Header, description = "bytes FIRST-LAST/TOTAL, or bytes */TOTAL to end an upload"),
         ("X-Content-BLAKE3" = Option<String>, Header, description = "Hash of the content, 64 hexadecimal digits"),
@@ -219,7 +219,7 @@ fn check_name(name: &str) -> Result<(), Refusal> {
         return bad("the name begins with a dot: hidden files are not read");
     }
     if !is_export(path::Path::new(name)) {
-        let sentence = "the name must end in .csv, .csv.gz or .csv.zst";
+        let sentence = "the name must end in .csv, .csv.gz, .csv.zst, .parquet or .mcap";
         return Err(Refusal::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, sentence));
     }
     Ok(())

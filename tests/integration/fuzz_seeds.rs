@@ -8,6 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 #[path = "../../fuzz/checks/infer_layout.rs"]
 mod infer_layout;
+#[path = "../../fuzz/checks/read_binary.rs"]
+mod read_binary;
 #[path = "../../fuzz/checks/read_csv.rs"]
 mod read_csv;
 #[path = "../../fuzz/checks/segment.rs"]
@@ -86,6 +88,11 @@ fn check(target: &str, run: fn(&[u8])) {
 #[test]
 fn any_bytes_are_rows_or_a_rejection() {
     check("read_csv", read_csv::run);
+}
+
+#[test]
+fn any_bytes_of_a_parquet_file_or_a_bag_are_text_or_an_error() {
+    check("read_binary", read_binary::run);
 }
 
 #[test]

@@ -94,7 +94,7 @@ fn collected(reader: impl Iterator<Item = Result<Chunk, Rejection>>) -> Result<R
 
 /// Blocks of this many bytes.
 pub(super) fn with_blocks_of(block_bytes: usize) -> ReadOptions {
-    ReadOptions { block_bytes, ..ReadOptions::default() }
+    ReadOptions { block_bytes }
 }
 
 /// A recording of numbers without meaning, the same each time.

@@ -3,13 +3,14 @@
 //! [`rejection::Rejection`].
 //!
 //! [`find`] says which files there are and when a writer has finished. [`bytes`] identifies an export by its content,
-//! opens plain, compressed and growing ones, and cuts UTF-8 at line ends. [`table`] finds header and columns, reads rows
-//! with polars, or cell by cell where polars would guess, and turns columns into SI. [`infer`] proposes a layout for
+//! opens plain, compressed and growing ones, makes text of Parquet files and MCAP bags, and cuts UTF-8 at line ends.
+//! [`table`] finds header and columns, reads sound blocks of rows in one pass and others cell by cell, and turns columns
+//! into SI. [`infer`] proposes a layout for
 //! exports that have none. [`excerpt`] shows the place where an export was not understood.
 //!
 //! Three rules hold in here. A file is understood whole or not at all: whatever is not read as it
 //! was written becomes a rejection that names line, column, value and remedy. Foreign units, signs
-//! and number formats end in here. Nothing but this module names polars, notify, flate2, zstd,
+//! and number formats end in here. Nothing but this module names notify, flate2, zstd, mcap,
 //! encoding_rs or blake3.
 
 pub mod bytes;

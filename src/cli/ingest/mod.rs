@@ -41,7 +41,8 @@ Examples:
       --accept late_torque
   armwatch ingest --again 12 13
 
-Folders are searched with their subfolders for *.csv, *.csv.gz and *.csv.zst. A file whose content is
+Folders are searched with their subfolders for *.csv, *.csv.gz, *.csv.zst, *.parquet and *.mcap.
+A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
 
 The last line counts what became of the exports; with --json it is an object whose outcome is summary. After Ctrl-C too:
@@ -351,7 +352,7 @@ fn find_exports(paths: &[PathBuf], follow_links: bool) -> Result<Vec<PathBuf>, C
         Complaints::default().warn(&scan);
         if scan.files.is_empty() {
             output::print_hint(&format!(
-                "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst)",
+                "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap)",
                 text::of_path(path)
             ));
         }

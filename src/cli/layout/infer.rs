@@ -26,7 +26,7 @@ Examples:
   armwatch layout infer motors.csv --description config/robots/tx40.toml \\
       --sample-rate-hz 5000
 
-Reads the first rows of an export, of any encoding, delimiter and decimal mark, and writes a layout file to
+Reads the first rows of an export, CSV of any encoding, delimiter and decimal mark, Parquet or MCAP, and writes a layout file to
 standard output or, whole or not at all, to --output; each choice has its reason above it. What cannot be decided stays
 a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and run `armwatch config check`. All
 keys of a layout are in docs/layouts.md.
@@ -39,7 +39,7 @@ joints there are, how far they go and which torques gravity asks for. Its layout
 the configuration is read. --description names such a file directly. Neither is needed where columns have names. Exit
 status 1 if questions are left or the trial failed, 2 if there is no such file or it holds no table.")]
 pub(in crate::cli) struct InferArgs {
-    /// Export, plain, .gz or .zst
+    /// Export: CSV, plain, .gz or .zst, Parquet or MCAP
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Robot of the export; its entry in the configuration names the description

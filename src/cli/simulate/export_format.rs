@@ -86,7 +86,9 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
     let offsets: Vec<f64> = robot.joints.iter().map(|joint| -joint.position_offset).collect();
     let mut cells = Vec::new();
     match &layout.time {
-        TimeSource::Column(time) | TimeSource::Counter { column: time, .. } => {
+        TimeSource::Column(time)
+        | TimeSource::Restarting(time)
+        | TimeSource::Counter { column: time, .. } => {
             cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
         }
         TimeSource::Text { .. } => {

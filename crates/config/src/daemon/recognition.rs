@@ -18,7 +18,7 @@ pub const UNKNOWN_ROBOT: &str = "unknown";
 const EXAMPLE: &str = "R00_20260105_0847_Col23_20s_cycle5.csv.gz";
 
 /// Endings of exports; they say nothing of robot or time.
-const ENDINGS: [&str; 3] = [".gz", ".zst", ".csv"];
+const ENDINGS: [&str; 5] = [".gz", ".zst", ".csv", ".parquet", ".mcap"];
 
 /// What a file name says.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -83,8 +83,8 @@ impl Recognition {
 
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
-    /// The pattern is tried on the name without the endings `.csv`, `.gz` and `.zst`, then with
-    /// `.csv`, then on the whole name, so that neither the pattern nor compression must care. Names are composed (NFC). A name
+    /// The pattern is tried on the name without the endings `.csv`, `.parquet`, `.mcap`, `.gz` and `.zst`, then without
+    /// `.gz` and `.zst` alone, then on the whole name, so that neither the pattern nor compression must care. Names are composed (NFC). A name
     /// that does not match and has nothing like a date in it is the robot's name as a whole.
     ///
     /// # Errors
@@ -134,7 +134,7 @@ pub(crate) fn time_zone(name: &str) -> Option<TimeZone> {
     if name == "UTC" { Some(TimeZone::UTC) } else { TimeZone::get(name).ok() }
 }
 
-/// The name as the pattern is tried on it: without endings, with `.csv`, and whole.
+/// The name as the pattern is tried on it: without endings, without those of packed files, and whole.
 fn forms(file_name: &str) -> [&str; 3] {
     [strip(file_name, &ENDINGS), strip(file_name, &ENDINGS[..2]), file_name]
 }
@@ -200,6 +200,8 @@ mod tests {
             ("R00_20260105_084759.CSV.ZST", "R00", "2026-01-05T08:47:59Z"),
             // a leap second
             ("R00_20161231_235960.csv", "R00", "2016-12-31T23:59:59Z"),
+            ("R00_20260105_0847.parquet", "R00", "2026-01-05T08:47:00Z"),
+            ("R00_20260105_0847.MCAP", "R00", "2026-01-05T08:47:00Z"),
             ("cell_4_left_20240229_2359_x.csv.zst", "cell_4_left", "2024-02-29T23:59:00Z"),
         ] {
             assert_eq!(recognised(name), (robot.to_owned(), start.to_owned()), "{name}");

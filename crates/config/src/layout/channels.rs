@@ -89,6 +89,8 @@ pub struct RowRule {
 pub enum TimeSource {
     /// A column.
     Column(ScaledColumn),
+    /// A column that begins again with each of several recordings in one export.
+    Restarting(ScaledColumn),
     /// A column that begins anew.
     Counter {
         /// The column.
@@ -135,7 +137,9 @@ impl TimeSource {
     #[must_use]
     pub fn column(&self) -> Option<&Column> {
         match self {
-            Self::Column(column) | Self::Counter { column, .. } => Some(&column.column),
+            Self::Column(column) | Self::Restarting(column) | Self::Counter { column, .. } => {
+                Some(&column.column)
+            }
             Self::Text { column, .. } => Some(column),
             Self::SampleRate(_) => None,
         }
@@ -145,7 +149,7 @@ impl TimeSource {
     #[must_use]
     pub fn to_si(&self) -> f64 {
         match self {
-            Self::Column(column) | Self::Counter { column, .. } => column.to_si,
+            Self::Column(column) | Self::Restarting(column) | Self::Counter { column, .. } => column.to_si,
             Self::Text { .. } | Self::SampleRate(_) => 1.0,
         }
     }

@@ -39,6 +39,8 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
     }
     let column = table.required("column").and_then(|value| names.take(&value));
     let wraps_at = table.optional("wraps_at");
+    let restarts = table.optional("restarts");
+    let is_restarting = restarts.as_ref().map_or(Some(false), |value| value.boolean())?;
     let (which, value) = table.one_of(&["unit", "format"])?;
     let form = match (which, value.peek_text()) {
         (1, _) => Some(TextTime::Format(read_format(&value, "the seconds", MomentFormat::gives_seconds)?)),
@@ -50,12 +52,17 @@ pub(crate) fn read(table: &Table<'_>, names: &mut ColumnNames) -> Option<TimeSou
         value.refuse("is for numbers; a time of day goes on after midnight without it".into(), None);
         return None;
     }
+    if let (true, Some(value)) = (is_restarting && (form.is_some() || wraps_at.is_some()), &restarts) {
+        value.refuse("is for numbers without wraps_at".into(), None);
+        return None;
+    }
     if let Some(form) = form {
         return Some(TimeSource::Text { column: column?, form });
     }
     let column = ScaledColumn { column: column?, to_si: factor(table, &value)? };
     match wraps_at {
         Some(value) => value.number(&WRAP).map(|wraps_at| TimeSource::Counter { column, wraps_at }),
+        None if is_restarting => Some(TimeSource::Restarting(column)),
         None => Some(TimeSource::Column(column)),
     }
 }
@@ -93,7 +100,7 @@ fn read_format(value: &Value<'_>, wanted: &str, gives: fn(&MomentFormat) -> bool
 /// The name of the unit that a layout reads time in; `None` where rows are counted.
 pub(crate) fn unit_of(time: &TimeSource) -> Option<&'static str> {
     match time {
-        TimeSource::Column(column) | TimeSource::Counter { column, .. } => {
+        TimeSource::Column(column) | TimeSource::Restarting(column) | TimeSource::Counter { column, .. } => {
             let named =
                 named_unit(CLOCK_UNITS, column.to_si).or_else(|| named_unit(LONG_UNITS, column.to_si));
             Some(named.unwrap_or(TICKS))

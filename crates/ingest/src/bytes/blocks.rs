@@ -8,8 +8,7 @@ use crate::rejection::Rejection;
 use armwatch_config::TextEncoding;
 
 /// Bytes read before a block is cut: so few that text and columns stay near a core and allocators keep their memory for the
-/// next block, and so many that polars' fixed cost of about 0.1 ms a call is a few per cent. A quarter to twice as many
-/// take the same time.
+/// next block. A quarter to twice as many take the same time.
 pub const BLOCK_BYTES: usize = 1 << 19;
 
 /// Largest block: a setting beyond would only ask for memory that no export fills usefully.

@@ -1,11 +1,14 @@
-//! Opening exports: plain, gzip or Zstandard, told apart by their first bytes.
+//! Opening exports: text, plain or packed, Parquet and MCAP bags, told apart by their first bytes.
 
-use std::io::{self, BufReader, Cursor, Read};
+use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
 
 use flate2::read::MultiGzDecoder;
 
+use super::access::asking;
+use super::bag::{self, BagText};
 use super::fingerprint::{HashingReader, RunningHash, regular_file};
+use super::parquet::{self, ParquetText};
 use crate::rejection::{Rejection, Unreadable};
 use armwatch_model::text;
 
@@ -26,7 +29,7 @@ pub(crate) const MAGIC_BYTES: u64 = 8;
 /// Opens an export for reading its decompressed bytes.
 ///
 /// The format is told by the first bytes, not by the name: plain text, gzip with any number of
-/// members, Zstandard with any number of frames. Reading fails when a compressed stream is cut or
+/// members, Zstandard with any number of frames, Parquet, and MCAP bags, whose rows become lines of CSV. Reading fails when a compressed stream is cut or
 /// damaged, or passes [`MAX_DECOMPRESSED_BYTES`]; [`Rejection::from_io`] explains such an error.
 ///
 /// # Errors
@@ -49,9 +52,18 @@ pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), 
 /// # Errors
 /// As [`open`].
 pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
-    let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
+    let failed = |error: io::Error| Rejection::from_io(path, &error);
+    let mut file = regular_file(path).map_err(failed)?;
+    let mut head = Vec::new();
+    asking(|| file.by_ref().take(MAGIC_BYTES).read_to_end(&mut head)).map_err(failed)?;
+    asking(|| file.rewind()).map_err(failed)?;
+    let format = format(&head);
+    if matches!(format, Format::Parquet) {
+        let (text, hash) = ParquetText::open(file, path)?;
+        return Ok((Box::new(Limited { inner: text, left: most, most }), hash));
+    }
     let (file, hash) = HashingReader::new(file);
-    let decoded = decoded(file, &hash, path)?;
+    let decoded = decoded(file, format, &hash, path)?;
     Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
 }
 
@@ -61,13 +73,16 @@ pub(crate) fn is_plain(head: &[u8]) -> bool {
     matches!(format(head), Format::Plain)
 }
 
-/// Whether a file of this name is an export: `.csv`, `.csv.gz` or `.csv.zst` in any case. Hidden
+/// Endings of the names of exports.
+pub const ENDINGS: [&str; 5] = [".csv", ".csv.gz", ".csv.zst", ".parquet", ".mcap"];
+
+/// Whether a file of this name is an export, see [`ENDINGS`], in any case. Hidden
 /// files are not, nor is what a writer calls `.part` or `.tmp` until it is done.
 #[must_use]
 pub fn is_export(path: &Path) -> bool {
     let Some(name) = path.file_name() else { return false };
     let name = name.to_string_lossy().to_ascii_lowercase();
-    let stem = [".csv", ".csv.gz", ".csv.zst"].iter().find_map(|ending| name.strip_suffix(ending));
+    let stem = ENDINGS.iter().find_map(|ending| name.strip_suffix(ending));
     stem.is_some_and(|stem| !stem.is_empty() && !stem.starts_with('.'))
 }
 
@@ -79,29 +94,26 @@ pub fn path_text(path: &Path) -> String {
 }
 
 fn decoded(
-    mut file: impl Read + Send + 'static,
+    file: impl Read + Send + 'static,
+    format: Format,
     raw: &RunningHash,
     path: &Path,
 ) -> Result<Box<dyn Read + Send>, Rejection> {
-    let mut head = Vec::new();
-    file.by_ref()
-        .take(MAGIC_BYTES)
-        .read_to_end(&mut head)
-        .map_err(|error| Rejection::from_io(path, &error))?;
-    let format = format(&head);
-    let whole = Cursor::new(head).chain(file);
     match format {
-        Format::Plain => Ok(Box::new(whole)),
+        Format::Plain => Ok(Box::new(file)),
         Format::Gzip => {
-            let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, whole));
+            let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, file));
             Ok(Box::new(Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 }))
         }
         Format::Zstandard => {
-            let mut decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, whole))
+            let mut decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, file))
                 .map_err(|error| Rejection::from_io(path, &error))?;
             decoder.window_log_max(MAX_WINDOW_LOG).map_err(|error| Rejection::from_io(path, &error))?;
             Ok(Box::new(Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 }))
         }
+        Format::Bag => Ok(Box::new(BagText::new(file, path))),
+        // opened by itself, since it is not read from its start to its end
+        Format::Parquet => Err(Rejection::of_file(path, "a Parquet file that changed", "export again")),
         Format::Other(name) => {
             Err(Rejection::of_file(path, name, "unpack it, or compress the export with gzip or zstd"))
         }
@@ -112,6 +124,8 @@ enum Format {
     Plain,
     Gzip,
     Zstandard,
+    Parquet,
+    Bag,
     /// Known, and not read here.
     Other(&'static str),
 }
@@ -122,6 +136,9 @@ fn format(head: &[u8]) -> Format {
         [0x28, 0xB5, 0x2F, 0xFD, ..] => Format::Zstandard,
         // A zstd stream may begin with a skippable frame, marked 0x184D2A50 to 0x184D2A5F.
         [0x50..=0x5F, 0x2A, 0x4D, 0x18, ..] => Format::Zstandard,
+        [b'P', b'A', b'R', b'E', ..] => Format::Other("an encrypted Parquet file, which is not read"),
+        _ if head.starts_with(&parquet::MAGIC) => Format::Parquet,
+        _ if head.starts_with(&bag::MAGIC) => Format::Bag,
         [b'P', b'K', 3, 4, ..] => Format::Other("a zip archive or spreadsheet, not a CSV export"),
         [0xFD, b'7', b'z', b'X', b'Z', 0, ..] => Format::Other("xz compression, which is not read"),
         [b'B', b'Z', b'h', b'1'..=b'9', ..] => Format::Other("bzip2 compression, which is not read"),
@@ -194,7 +211,7 @@ impl<R: Read> Read for Limited<R> {
     }
 }
 
-fn unreadable(reason: String, remedy: &str) -> io::Error {
+pub(super) fn unreadable(reason: String, remedy: &str) -> io::Error {
     io::Error::other(Unreadable { reason, remedy: remedy.to_owned() })
 }
 
@@ -348,7 +365,9 @@ mod tests {
 
     #[test]
     fn names_of_exports() {
-        for yes in ["R01_20260101_0800.csv", "a/b/R01.csv.gz", "R01.csv.zst", "R01.CSV"] {
+        for yes in
+            ["R01_20260101_0800.csv", "a/b/R01.csv.gz", "R01.csv.zst", "R01.CSV", "R01.parquet", "R01.mcap"]
+        {
             assert!(is_export(Path::new(yes)), "{yes}");
         }
         for no in [

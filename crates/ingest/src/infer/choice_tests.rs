@@ -401,6 +401,42 @@ fn joints_that_are_named_and_not_numbered_are_found() {
 }
 
 #[test]
+fn arrays_of_ros_have_the_order_of_their_names() {
+    let names = ["shoulder_pan_joint", "elbow_joint", "wrist_1_joint"];
+    let sorted = [1, 0, 2];
+    let of = |quantity: &str, channel: usize| -> Vec<(String, Of)> {
+        let element = |(at, joint): (usize, &usize)| {
+            (format!("/joint_states/{quantity}[{at}]"), Motion(channel, *joint))
+        };
+        sorted.iter().enumerate().map(element).collect()
+    };
+    let columns = [time(), of("position", 0), of("velocity", 1), of("effort", 3)];
+    let plain = recording(&columns.concat(), true);
+    let with_names = |(row, line): (usize, &str)| {
+        let cells = (0..N).map(|at| match row {
+            0 => format!(",/joint_states/name[{at}]"),
+            _ => format!(",{}", names[sorted[at]]),
+        });
+        format!("{line}{}\n", cells.collect::<String>())
+    };
+    let named: String = plain.lines().enumerate().map(with_names).collect();
+    let robot = arm(Some(names));
+    let in_order = arm(Some(["a1", "a2", "a3"]));
+    for (text, robot, questions, first) in [
+        (&named, Some(&robot), 0, "/joint_states/effort[1]"),
+        (&named, None, 3, "/joint_states/effort[0]"),
+        (&plain, Some(&robot), 3, "/joint_states/effort[0]"),
+        (&plain, Some(&in_order), 0, "/joint_states/effort[0]"),
+        (&plain, None, 3, "/joint_states/effort[0]"),
+    ] {
+        let hints = Hints { robot, ..Hints::default() };
+        let found = infer(text.as_bytes(), Path::new("a.csv"), "a", hints).expect("a table");
+        assert_eq!(found.questions, questions, "{}", found.toml);
+        assert_eq!(first_of(&answered(&found).torque.columns), first, "{}", found.toml);
+    }
+}
+
+#[test]
 fn a_gripper_beside_numbered_joints_is_no_joint() {
     let [position, velocity, torque] = plain();
     let gripper = vec![("gripper_position".to_owned(), Constant(0.03))];

@@ -186,3 +186,23 @@ fn without_names_several_columns_of_few_values_are_a_question() {
     );
     assert!(!found.toml.contains("\nwhole_recording"), "{}", found.toml);
 }
+
+#[test]
+fn blanks_between_columns_are_proposed_as_numpy_matlab_and_c_write_them() {
+    let cell =
+        |cell: &str| cell.parse::<f64>().map_or_else(|_| cell.to_owned(), |number| format!("{number:.18e}"));
+    let numpy = changed(|at, line| {
+        let cells: Vec<String> = line.split(',').map(cell).collect();
+        (if at == 0 { "# " } else { "" }).to_owned() + &cells.join(" ")
+    });
+    let aligned = changed(|_, line| line.split(',').map(|cell| format!("  {cell:>10}")).collect::<String>());
+    let fortran =
+        changed(|_, line| line.split(',').map(cell).collect::<Vec<_>>().join("   ").replace("e-", "D-0"));
+    let expected = tests::native_text().lines().count() as u64 - 1;
+    for (writer, text) in [("numpy", numpy), ("C", aligned), ("Fortran", fortran)] {
+        let found = proposed(&text);
+        assert_eq!(found.questions, 0, "{writer}: {}", found.toml);
+        assert!(found.toml.contains("delimiter = \"blank\""), "{writer}: {}", found.toml);
+        assert_eq!(rows(&text, &found), expected, "{writer}: {}", found.toml);
+    }
+}

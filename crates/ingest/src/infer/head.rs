@@ -14,7 +14,7 @@ use crate::rejection::Rejection;
 use crate::table::cell;
 use crate::table::column_map::MAX_COLUMNS;
 use crate::table::fields::fields;
-use armwatch_config::{DecimalMark, TextEncoding};
+use armwatch_config::{BLANKS, DecimalMark, TextEncoding};
 
 /// Bytes of text that are looked at: a cycle of the full test of a six-axis arm and more.
 const HEAD_BYTES: u64 = 24 << 20;
@@ -178,7 +178,7 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
         Rejection::of_file(
             path,
             "no table of numbers with three columns or more",
-            "check that this is a CSV export; delimiters may be , ; tab and |",
+            "check that this is a CSV export; delimiters may be , ; tab | and blanks",
         )
     };
     let only_returns = || lines().next().is_some_and(|line| line.contains('\r')) && !text.contains('\n');
@@ -222,7 +222,7 @@ impl Format {
 fn format(sample: &[&str]) -> Option<Format> {
     // From the end of the sample, where no header stands.
     let sample = &sample[sample.len() / 2..];
-    let candidates = [b';', b'\t', b'|', b',']
+    let candidates = [b';', b'\t', b'|', b',', BLANKS]
         .into_iter()
         .flat_map(|delimiter| [DecimalMark::Point, DecimalMark::Comma].map(|decimal| (delimiter, decimal)));
     let judged = candidates.filter_map(|(delimiter, decimal)| {
@@ -449,6 +449,11 @@ mod tests {
             ("t\ta\tb\n0,1\t1,5\t2\n0,2\t1,6\t3\n", b'\t', DecimalMark::Comma),
             ("t,a,b\n\"0,1\",\"1,5\",2\n\"0,2\",\"1,6\",3\n", b',', DecimalMark::Comma),
             ("t|a|b\n1|2|3\n2|3|4\n", b'|', DecimalMark::Point),
+            ("# t a b\n1.0e+00 2.5e-01 3\n2.0e+00 3.5e-01 4\n", BLANKS, DecimalMark::Point),
+            ("  t    a\t b\n  1.0D+00   2.5  3 \n  2.0D+00  -3.5  4 \n", BLANKS, DecimalMark::Point),
+            ("t a b\n0,1 1,5 2\n0,2 1,6 3\n", BLANKS, DecimalMark::Comma),
+            ("t, a, b\n1, 2, 3\n2, 3, 4\n", b',', DecimalMark::Point),
+            ("t;\ta;\tb\n1;\t2;\t3\n2;\t3;\t4\n", b';', DecimalMark::Point),
         ] {
             let head = head(text);
             assert_eq!((head.delimiter, head.decimal, head.rows), (delimiter, decimal, 2), "{text}");

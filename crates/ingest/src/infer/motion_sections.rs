@@ -104,7 +104,7 @@ pub(super) fn time_section(
             section.keys.push(TomlKey::decided("unit", quoted("ms")).asked(&question));
         }
     }
-    section.keys.extend(wrap(values));
+    section.keys.extend(restart(values).or_else(|| wrap(values)));
     section
 }
 
@@ -187,6 +187,26 @@ fn sample_rate(units: &Units, slope: Option<Slope>, hints: Hints<'_>) -> TomlKey
         }
         _ => key(250.0).open("no column rises from row to row: how many rows are there a second?"),
     }
+}
+
+/// Whether a time that falls begins again with each of several recordings. Whole numbers are more often a counter's.
+fn restart(values: &[f64]) -> Option<TomlKey> {
+    let first = *values.first()?;
+    let falls: Vec<&[f64]> = values.windows(2).filter(|pair| pair[0] > pair[1]).collect();
+    let (length, step) = (falls.first()?[0] - first, units::median_step(values)?);
+    if values.iter().all(|value| value.fract() == 0.0)
+        || falls.iter().any(|pair| pair[1] - first > 0.1 * length)
+    {
+        return None;
+    }
+    let reason =
+        format!("it falls from {} to {}, and {} times in all", falls[0][0], falls[0][1], falls.len());
+    let key = TomlKey::decided("restarts", "true".to_owned()).because(&reason);
+    // a counter falls from one value
+    Some(match falls.iter().any(|pair| (pair[0] - falls[0][0]).abs() > 2.0 * step) {
+        true => key,
+        false => key.asked("does the file hold several recordings, each of which begins there?"),
+    })
 }
 
 /// Where the counter of a time that falls begins anew.

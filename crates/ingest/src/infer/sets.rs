@@ -46,7 +46,8 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
         columns: group.columns,
         order: Order::Number,
     };
-    let mut found: Vec<Set> = names::groups(&names).into_iter().map(of_group).collect();
+    let of_array = |set: Set| ordered_array(set, head, robot);
+    let mut found: Vec<Set> = names::groups(&names).into_iter().map(of_group).map(of_array).collect();
     // a set of all joints takes the place of those of its parts, as of wrist_1 to wrist_3
     let add = |found: &mut Vec<Set>, set: Set| {
         found.retain(|other| !other.columns.iter().any(|column| set.columns.contains(column)));
@@ -56,6 +57,34 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     by_place(head, &found).into_iter().for_each(|set| add(&mut found, set));
     found.sort_by_key(|set| set.columns.first().copied());
     found
+}
+
+/// A set such as `effort[0]` to `effort[5]`, which ROS writes: the joints stand in the order of the message's names, often
+/// that of the alphabet. The columns `name[0]` to `name[5]` tell it where they are there.
+fn ordered_array(set: Set, head: &Head, robot: Option<&Robot>) -> Set {
+    let prefix =
+        set.template.strip_suffix("[{joint}]").map(|array| array.trim_end_matches(char::is_alphabetic));
+    let Some(prefix) = prefix.filter(|_| set.first == 0) else { return set };
+    let name_of = |element: usize| {
+        let name = format!("{prefix}name[{element}]");
+        head.columns.iter().find(|column| column.name == name).map(|column| column.first().to_owned())
+    };
+    let in_message: Option<Vec<String>> = (0..set.columns.len()).map(name_of).collect();
+    let joints: Option<Vec<&str>> =
+        robot.and_then(|robot| robot.joints.iter().map(|joint| joint.name.as_deref()).collect());
+    let is_of_ros = || head.columns.iter().any(|column| column.name == format!("{prefix}effort[0]"));
+    match (in_message, joints) {
+        (Some(names), Some(joints)) => {
+            let place = |joint: &&str| names.iter().position(|name| name == joint).map(|at| set.columns[at]);
+            match joints.iter().map(place).collect::<Option<Vec<usize>>>() {
+                Some(columns) => Set { columns, order: Order::Names, ..set },
+                None => Set { order: Order::Place, ..set },
+            }
+        }
+        (None, _) if !is_of_ros() => set,
+        (None, Some(joints)) if joints.is_sorted() => set,
+        _ => Set { order: Order::Place, ..set },
+    }
 }
 
 /// Sets whose names hold the description's names of all joints.

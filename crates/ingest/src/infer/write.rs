@@ -5,7 +5,7 @@ use std::path::Path;
 use super::head::Head;
 use super::proposal::Proposed;
 use super::section::{Section, TomlKey, quoted};
-use armwatch_config::DecimalMark;
+use armwatch_config::{BLANKS, DecimalMark};
 use armwatch_model::text;
 
 /// Longest line of a comment, characters.
@@ -49,7 +49,10 @@ fn file(name: &str, path: &Path, head: &Head, sections: &[Section]) -> String {
 
 fn format_section(name: &str, head: &Head) -> Section {
     let mut keys = vec![TomlKey::decided("name", quoted(name))];
-    let delimiter = quoted(&char::from(head.delimiter).to_string());
+    let delimiter = match head.delimiter {
+        BLANKS => quoted("blank"),
+        sign => quoted(&char::from(sign).to_string()),
+    };
     keys.push(
         TomlKey::decided("delimiter", delimiter).because("it makes the most numbers, in rows of one length"),
     );

@@ -1,7 +1,7 @@
-//! Reading a block cell by cell: slower than polars, and sure of every line and column.
+//! Reading a block cell by cell: slower than in one pass, and sure of every line and column.
 //!
-//! It decides what polars would guess at: blanks around numbers, quotes, a file's last line. And
-//! it names the first bad cell of a block that polars did not take.
+//! It names the first bad cell of a block that could not be read in one pass, passes over bad rows where the layout permits,
+//! and judges a file's last line.
 
 use std::path::Path;
 
@@ -372,6 +372,10 @@ impl Row<'_> {
     fn next_time(&mut self, value: f64, cell: &str) -> Result<PreviousTime, Rejection> {
         let next = match self.map.time {
             TimeColumn::Stamped { origin, .. } => origin.next(value, self.previous.as_ref()).0,
+            TimeColumn::Restarting(_) => PreviousTime {
+                recorded: cell::number(cell, self.map.decimal).unwrap_or(value),
+                ..PreviousTime::next_of_recordings(self.previous.as_ref(), self.scaled_time(value)).0
+            },
             TimeColumn::Recorded(_) => PreviousTime {
                 recorded: cell::number(cell, self.map.decimal).unwrap_or(value),
                 seconds: self.scaled_time(value),
@@ -436,7 +440,9 @@ impl Row<'_> {
             (_, Some(period)) => {
                 format!("if this is a counter that began anew, set wraps_at = {period} under [time]").into()
             }
-            (_, None) => "export the recording again in one piece".into(),
+            (_, None) => "export the recording again in one piece; or set restarts = true under [time] of the layout if the \
+                          file holds several recordings"
+                .into(),
         };
         rejection
     }
@@ -462,7 +468,7 @@ pub(crate) fn value(cell: &str, role: Role, map: &ColumnMap) -> Result<f64, cell
         (Role::Time, TimeColumn::Stamped { origin, .. }) => {
             stamped(cell, map, origin).ok_or_else(|| no_time(cell, &map.text_time))
         }
-        (Role::Time, TimeColumn::Recorded(_)) => {
+        (Role::Time, TimeColumn::Recorded(_) | TimeColumn::Restarting(_)) => {
             let number = match map.time_origin {
                 Some(origin) => cell::number_since(cell, map.decimal, origin),
                 None => cell::number(cell, map.decimal),

@@ -4,7 +4,7 @@
 //! number what [`samples`] only knows of a column: that there is a bad one.
 
 use super::cell::{self, Decimal};
-use super::clock::{PreviousTime, TimeColumn, Turn};
+use super::clock::{self, PreviousTime, TimeColumn, Turn};
 use super::column_map::{ColumnMap, Role};
 use armwatch_config::DecimalMark;
 use armwatch_model::robot::JointIndex;
@@ -67,12 +67,22 @@ pub fn samples_and_clock(
 ) -> Option<(RawSamples, ClockRun)> {
     let factors = &map.to_si;
     let previous_time = previous.map(|previous| previous.seconds);
-    let mut clock = ClockRun::default();
+    let mut run = ClockRun::default();
+    let mut cycle = match map.cycle {
+        Some(column) => Some(cycles(&taken(&mut columns, column))?),
+        None => None,
+    };
     let time = match map.time {
         TimeColumn::Recorded(column) => scaled(taken(&mut columns, column), factors.time, MAX_TIME)?,
+        TimeColumn::Restarting(column) => {
+            let mut readings = scaled(taken(&mut columns, column), factors.time, MAX_TIME)?;
+            let ((turns, last), counted) = clock::of_recordings(&mut readings, cycle, previous);
+            (run, cycle) = (ClockRun { turns, last }, Some(counted));
+            readings
+        }
         TimeColumn::Stamped { column, origin } => {
             let mut readings = taken(&mut columns, column);
-            (clock.turns, clock.last) = origin.go_on(&mut readings, previous);
+            (run.turns, run.last) = origin.go_on(&mut readings, previous);
             scaled(readings, 1.0, MAX_TIME)?
         }
         TimeColumn::Wrapping { column, period } => {
@@ -105,10 +115,6 @@ pub fn samples_and_clock(
     let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
     let of_stages = map.stage.iter().map(|column| taken(&mut columns, *column)).collect();
     let stage = map.stage_source.kind().reading(of_stages, time.len())?;
-    let cycle = match map.cycle {
-        Some(column) => Some(cycles(&taken(&mut columns, column))?),
-        None => None,
-    };
     let friction_signal = match map.friction {
         Some(friction) => {
             let joint = taken(&mut columns, friction.joint);
@@ -120,7 +126,7 @@ pub fn samples_and_clock(
     let temperatures = temperatures(&mut columns, map);
     let samples =
         RawSamples { time, position, velocity, torque, stage, cycle, friction_signal, temperatures };
-    Some((samples, clock))
+    Some((samples, run))
 }
 
 /// The number in a cell of a temperature column, in its unit; not a number where the cell holds none, which is

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use armwatch_model::run::ContentHash;
 
+/// Time between the last row of a recording and the first of the next one in the same export, s: a gap for every check.
+const BETWEEN_RECORDINGS: f64 = 1.0;
+
 /// By how much clocks are set in spring and autumn, s.
 pub(super) const CHANGE_OF_CLOCKS: f64 = 3600.0;
 
@@ -26,6 +29,10 @@ pub struct PreviousTime {
     pub step: f64,
     /// What such a clock is behind the time since it began anew or was set, s.
     pub shift: f64,
+    /// Number of the row's cycle, counted on over the recordings of an export.
+    pub cycle: u32,
+    /// How much that is more than its cycle counter says.
+    pub cycle_shift: u32,
     /// Hash of the row's text, by which a row that repeats it is known.
     pub row: Option<ContentHash>,
 }
@@ -35,6 +42,8 @@ pub struct PreviousTime {
 pub enum TimeColumn {
     /// The column of this index.
     Recorded(usize),
+    /// The column of this index, which begins again with each recording of the export.
+    Restarting(usize),
     /// The column of this index, which begins anew.
     Wrapping {
         /// Column index.
@@ -58,9 +67,10 @@ impl TimeColumn {
     #[must_use]
     pub fn column(self) -> Option<usize> {
         match self {
-            Self::Recorded(column) | Self::Wrapping { column, .. } | Self::Stamped { column, .. } => {
-                Some(column)
-            }
+            Self::Recorded(column)
+            | Self::Restarting(column)
+            | Self::Wrapping { column, .. }
+            | Self::Stamped { column, .. } => Some(column),
             Self::Counted(_) => None,
         }
     }
@@ -86,6 +96,51 @@ pub enum Turn {
     Back,
     /// It was set forward by an hour.
     Forward,
+    /// Another recording begins.
+    Restart,
+}
+
+impl PreviousTime {
+    /// The time of a row whose clock says `reading` s, in an export of several recordings: a clock that falls begins another
+    /// one.
+    #[must_use]
+    pub fn next_of_recordings(before: Option<&Self>, reading: f64) -> (Self, Option<Turn>) {
+        let before = before.copied().unwrap_or(Self { seconds: f64::NEG_INFINITY, ..Self::default() });
+        let falls = reading + before.shift < before.seconds;
+        let shift = if falls { before.seconds + BETWEEN_RECORDINGS - reading } else { before.shift };
+        let next = Self { recorded: reading, seconds: reading + shift, shift, row: None, ..before };
+        (next, falls.then_some(Turn::Restart))
+    }
+
+    /// Counts the cycle of the row on, whose counter says `counter`: cycles of another recording follow those before.
+    fn count_cycle(&mut self, counter: u32, restarts: bool) {
+        if restarts && counter.saturating_add(self.cycle_shift) <= self.cycle {
+            self.cycle_shift = self.cycle.saturating_add(1).saturating_sub(counter);
+        }
+        self.cycle = counter.saturating_add(self.cycle_shift);
+    }
+}
+
+/// Turns of a clock, each with the row behind it, and the last row.
+type Turns = (Vec<(usize, Turn)>, Option<PreviousTime>);
+
+/// The times of rows with these readings, s, in an export of several recordings, in their place, and the cycle of each row;
+/// without a counter, each recording is a cycle.
+pub(crate) fn of_recordings(
+    readings: &mut [f64],
+    counter: Option<Vec<u32>>,
+    before: Option<PreviousTime>,
+) -> (Turns, Vec<u32>) {
+    let (mut last, mut turns, mut cycles) =
+        (before, Vec::new(), counter.unwrap_or_else(|| vec![1; readings.len()]));
+    for (row, (reading, cycle)) in readings.iter_mut().zip(&mut cycles).enumerate() {
+        let (mut next, turn) = PreviousTime::next_of_recordings(last.as_ref(), *reading);
+        next.count_cycle(*cycle, turn.is_some());
+        turns.extend(turn.map(|turn| (row, turn)));
+        (*reading, *cycle) = (next.seconds, next.cycle);
+        last = Some(next);
+    }
+    ((turns, last), cycles)
 }
 
 impl ClockOrigin {
@@ -114,16 +169,12 @@ impl ClockOrigin {
         }
         let seconds = reading + shift;
         let step = (seconds - before.seconds).max(KEPT * before.step);
-        (PreviousTime { recorded: reading, seconds, step, shift, row: None }, turn)
+        (PreviousTime { recorded: reading, seconds, step, shift, ..PreviousTime::default() }, turn)
     }
 
     /// The times of rows with these readings, s after the origin, in their place; the turns, each with the row behind it; and
     /// the time of the last row.
-    pub(crate) fn go_on(
-        &self,
-        readings: &mut [f64],
-        before: Option<PreviousTime>,
-    ) -> (Vec<(usize, Turn)>, Option<PreviousTime>) {
+    pub(crate) fn go_on(&self, readings: &mut [f64], before: Option<PreviousTime>) -> Turns {
         let (mut last, mut turns) = (before, Vec::new());
         for (row, reading) in readings.iter_mut().enumerate() {
             let (next, turn) = self.next(*reading, last.as_ref());
@@ -169,6 +220,30 @@ mod tests {
         }
         let universal = ClockOrigin { is_local: false, ..LOCAL };
         assert_eq!(times(universal, vec![0.0, 1.0, 3602.0]).1, vec![]);
+    }
+
+    #[test]
+    fn recordings_follow_one_another_with_their_cycles() {
+        let read = |times: &[f64], counter: Option<&[u32]>, before| {
+            let mut times = times.to_vec();
+            let ((turns, last), cycles) = of_recordings(&mut times, counter.map(<[u32]>::to_vec), before);
+            (times, cycles, turns, last)
+        };
+        let (times, cycles, turns, last) = read(&[5.0, 6.0, 0.0, 1.0, 0.5], None, None);
+        assert_eq!((times, cycles), (vec![5.0, 6.0, 7.0, 8.0, 9.0], vec![1, 1, 2, 2, 3]));
+        assert_eq!(turns, [(2, Turn::Restart), (4, Turn::Restart)]);
+        // in the next block
+        let (times, cycles, turns, _) = read(&[1.5, 0.0], None, last);
+        assert_eq!((times, cycles, turns), (vec![10.0, 11.0], vec![3, 4], vec![(1, Turn::Restart)]));
+        let (_, cycles, ..) = read(&[0.0, 1.0, 0.0, 1.0, 2.0, 0.0], Some(&[1, 2, 1, 1, 2, 0]), None);
+        assert_eq!(cycles, [1, 2, 3, 3, 4, 5]);
+        let (_, cycles, ..) = read(&[0.0, 1.0, 0.0], Some(&[1, 1, 2]), None);
+        assert_eq!(cycles, [1, 1, 2], "a counter that goes on");
+        assert_eq!(
+            read(&[1.0, 1.0], None, None).0,
+            [1.0, 1.0],
+            "a time that stands still is no other recording"
+        );
     }
 
     #[test]

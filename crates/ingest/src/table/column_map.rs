@@ -167,6 +167,7 @@ pub fn map_columns(
 
     let time = match &layout.time {
         TimeSource::Column(column) => TimeColumn::Recorded(search.needed(&column.column)?),
+        TimeSource::Restarting(column) => TimeColumn::Restarting(search.needed(&column.column)?),
         TimeSource::Counter { column, wraps_at } => {
             TimeColumn::Wrapping { column: search.needed(&column.column)?, period: *wraps_at }
         }

@@ -1,91 +1,92 @@
 //! The fields of a line of CSV.
 
-use std::borrow::Cow;
+use std::ops::Range;
 
+use crate::bytes::blocks::is_blank;
 use armwatch_config::BLANKS;
 
 /// The fields of a line: blanks around them and quotes taken off. A quoted field may hold the
 /// delimiter; quotes doubled inside it stay doubled, since no number and no column needs them.
 pub(crate) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
-    let separates = move |c: char| match delimiter {
-        BLANKS => is_blank(c),
-        delimiter => c == char::from(delimiter),
-    };
-    let blank = move |c: char| is_blank(c) && (delimiter == BLANKS || !separates(c));
-    let mut rest = Some(line);
+    let mut next = Some(0);
     std::iter::from_fn(move || {
-        let mut text = rest?;
-        if delimiter == BLANKS {
-            text = text.trim_matches(is_blank);
-        }
-        let (field, after) = match quoted_end(text.trim_start_matches(blank)) {
-            Some(end) => {
-                let start = text.len() - text.trim_start_matches(blank).len();
-                split_at_delimiter(text, start + end, separates)
-            }
-            None => split_at_delimiter(text, 0, separates),
+        let (field, end) = field_at(line.as_bytes(), next?, delimiter);
+        next = match behind(line.as_bytes(), end, delimiter) {
+            Behind::Field(start) => Some(start),
+            Behind::Line(_) => None,
         };
-        rest = after;
-        let field = field.trim_matches(blank);
-        let inside = field.strip_prefix('"').and_then(|f| f.strip_suffix('"'));
-        Some(inside.map_or(field, |inside| inside.trim_matches(blank)))
+        // fields begin and end next to ASCII characters
+        Some(line.get(field).unwrap_or_default())
     })
 }
 
-/// Byte behind the closing quote of a text that begins with a quote.
-fn quoted_end(text: &str) -> Option<usize> {
-    let mut quotes = text.strip_prefix('"')?.match_indices('"').map(|(at, _)| at + 1).peekable();
-    while let Some(quote) = quotes.next() {
-        // A doubled quote is a quote inside the field.
-        if quotes.next_if_eq(&(quote + 1)).is_none() {
-            return Some(quote + 1);
+/// The field that begins at `start`, as [`fields`] gives it, and where it ends: at a delimiter, a line feed, or the end of
+/// the text.
+pub(super) fn field_at(text: &[u8], start: usize, delimiter: u8) -> (Range<usize>, usize) {
+    let blank = |byte: &u8| is_blank(*byte) && (delimiter == BLANKS || *byte != delimiter);
+    let ends = |byte: &u8| *byte == b'\n' || separates(*byte, delimiter);
+    let begin = start + text.iter().skip(start).take_while(|byte| blank(byte)).count();
+    let quoted = quoted_end(&text[begin..]).unwrap_or(0);
+    let end = text[begin + quoted..].iter().position(ends).map_or(text.len(), |at| begin + quoted + at);
+    let field = trimmed(text, begin..end, blank);
+    match &text[field.clone()] {
+        [b'"', .., b'"'] => (trimmed(text, field.start + 1..field.end - 1, blank), end),
+        _ => (field, end),
+    }
+}
+
+/// What follows a field.
+pub(super) enum Behind {
+    /// Another field of the line, which begins here.
+    Field(usize),
+    /// The next line, which begins here.
+    Line(usize),
+}
+
+/// What follows a field that ends at `end`.
+#[inline]
+pub(super) fn behind(text: &[u8], end: usize, delimiter: u8) -> Behind {
+    let next = match delimiter {
+        BLANKS => end + text[end..].iter().take_while(|byte| is_blank(**byte)).count(),
+        _ => end,
+    };
+    match text.get(next) {
+        Some(b'\n') => Behind::Line(next + 1),
+        Some(_) if delimiter == BLANKS => Behind::Field(next),
+        Some(_) => Behind::Field(next + 1),
+        None => Behind::Line(next),
+    }
+}
+
+/// Byte behind the closing quote of a text that begins with a quote; the quote closes in the same line.
+fn quoted_end(text: &[u8]) -> Option<usize> {
+    if text.first() != Some(&b'"') {
+        return None;
+    }
+    let mut at = 1;
+    loop {
+        at += text.get(at..)?.iter().position(|byte| matches!(byte, b'"' | b'\n'))?;
+        match (text[at], text.get(at + 1)) {
+            (b'\n', _) => return None,
+            // A doubled quote is a quote inside the field.
+            (_, Some(b'"')) => at += 2,
+            _ => return Some(at + 1),
         }
     }
-    None
 }
 
-fn is_blank(character: char) -> bool {
-    matches!(character, ' ' | '\t' | '\r')
+fn trimmed(text: &[u8], field: Range<usize>, blank: impl Fn(&u8) -> bool) -> Range<usize> {
+    let bytes = &text[field.clone()];
+    let before = bytes.iter().take_while(|byte| blank(byte)).count();
+    let after = bytes[before..].iter().rev().take_while(|byte| blank(byte)).count();
+    field.start + before..field.end - after
 }
 
-/// The text up to the next delimiter, which is one byte, and the text behind it.
-fn split_at_delimiter(
-    text: &str,
-    search_from: usize,
-    separates: impl Fn(char) -> bool,
-) -> (&str, Option<&str>) {
-    match text[search_from..].find(separates) {
-        Some(at) => (&text[..search_from + at], Some(&text[search_from + at + 1..])),
-        None => (text, None),
+pub(super) fn separates(byte: u8, delimiter: u8) -> bool {
+    match delimiter {
+        BLANKS => is_blank(byte),
+        _ => byte == delimiter,
     }
-}
-
-/// The byte between two cells, after [`with_tabs`] for [`BLANKS`].
-pub(super) fn single(delimiter: u8) -> u8 {
-    if delimiter == BLANKS { b'\t' } else { delimiter }
-}
-
-/// Lines of [`BLANKS`] with one tab between two cells and no other blanks; `None` if there is a quote.
-pub(super) fn with_tabs(lines: &[u8]) -> Option<Cow<'static, [u8]>> {
-    let mut out = Vec::with_capacity(lines.len());
-    let mut is_due = false;
-    for &byte in lines {
-        match byte {
-            b' ' | b'\t' | b'\r' => is_due = true,
-            b'"' => return None,
-            b'\n' => {
-                is_due = false;
-                out.push(b'\n');
-            }
-            byte => {
-                if std::mem::take(&mut is_due) && out.last().is_some_and(|last| *last != b'\n') {
-                    out.push(b'\t');
-                }
-                out.push(byte);
-            }
-        }
-    }
-    Some(Cow::Owned(out))
 }
 
 #[cfg(test)]
@@ -111,14 +112,19 @@ mod tests {
     }
 
     #[test]
+    fn a_quote_closes_in_its_line() {
+        let text = b"\"open,2\n\"3\"";
+        let (field, end) = field_at(text, 0, b',');
+        assert_eq!((&text[field], end), (&b"\"open"[..], 5));
+    }
+
+    #[test]
     fn any_number_of_blanks_separates_fields() {
         let split = |line| fields(line, BLANKS).collect::<Vec<&str>>();
         assert_eq!(split("  1.0   -2.5\t3 \r"), ["1.0", "-2.5", "3"]);
         assert_eq!(split("a \"b c\"  d"), ["a", "b c", "d"]);
         assert_eq!(split("\"a b\""), ["a b"]);
         assert_eq!(split(" "), [""]);
-        let lines = with_tabs(b"  1  2\t\t3 \r\n4 5 6\n").expect("no quote");
-        assert_eq!(&*lines, b"1\t2\t3\n4\t5\t6\n");
-        assert_eq!(with_tabs(b"1 \"2 3\"\n"), None);
+        assert_eq!(split(""), [""]);
     }
 }

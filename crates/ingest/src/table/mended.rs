@@ -69,6 +69,9 @@ fn sentence(mend: Mend, Places { count, first_line }: Places) -> String {
                 "line {first_line}: the clock starts again from zero, as at midnight; times continue{again}"
             )
         }
+        Mend::Clock(Turn::Restart) => {
+            format!("line {first_line}: time begins again, so another recording begins{again}")
+        }
         Mend::Clock(Turn::Back) => format!(
             "line {first_line}: the clock is set back by one hour from one row to the next, as in autumn; times continue{again}"
         ),

@@ -1,4 +1,4 @@
-//! Numbers of plain text, several bytes at once.
+//! Numbers as text, several bytes at once.
 //!
 //! Up to fifteen digits make a whole number that a double holds exactly, and so is ten to the power of their decimals:
 //! one division rounds once, which gives the nearest double (Clinger 1990, How to read floating point numbers
@@ -16,48 +16,120 @@ const LONGEST: usize = 64;
 const POWERS: [f64; 2 * WORD] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
+/// All powers of ten that a double holds exactly.
+const EXACT_POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18,
+    1e19, 1e20, 1e21, 1e22,
+];
+
+/// Digits with a decimal mark or without, and a minus or no sign.
+struct Digits {
+    negative: bool,
+    /// All digits as a whole number, at most fifteen of them.
+    whole: u64,
+    /// Digits behind the decimal mark.
+    decimals: usize,
+    /// Where they end.
+    end: usize,
+}
+
+impl Digits {
+    /// Those that begin at `start`; `None` for anything else, and for more than fifteen.
+    #[inline(always)]
+    fn at(text: &[u8], start: usize, point: u8) -> Option<Self> {
+        let negative = *text.get(start)? == b'-';
+        let digits = start + usize::from(negative);
+        let bytes = text.get(digits..digits + 2 * WORD)?;
+        let (low, high) = bytes.split_at(WORD);
+        let (low, high) = (word(low) ^ repeated(b'0'), word(high) ^ repeated(b'0'));
+        let others = [non_digits(low), non_digits(high)];
+        if others[0] == 0 {
+            return None;
+        }
+        let first = place(others[0]);
+        let (end, joined) = if bytes[first] == point {
+            let behind = others[0] & (others[0] - 1);
+            let end = if behind == 0 { WORD + place(others[1]) } else { place(behind) };
+            // what stands behind the mark moves into its place
+            let before = (1_u64 << (8 * first)) - 1;
+            (end, (low & before) | (((low >> 8) | (high << 56)) & !before))
+        } else {
+            (first, low)
+        };
+        let with_point = usize::from(end > first);
+        let count = end - with_point;
+        let whole = match count {
+            1..=WORD => eight_digits(joined << (8 * (WORD - count))),
+            // no more than fifteen, for the line does not end within the words otherwise
+            9.. if others[1] != 0 => {
+                let rest = (high >> 8) << (8 * (2 * WORD - count));
+                eight_digits(joined) * POWERS[count - WORD] as u64 + eight_digits(rest)
+            }
+            _ => return None,
+        };
+        Some(Self { negative, whole, decimals: end - first - with_point, end: digits + end })
+    }
+
+    /// Their size with the sign. Signs of noise cannot be guessed: no branch.
+    #[inline(always)]
+    fn signed(&self, size: f64) -> f64 {
+        f64::from_bits(size.to_bits() | (u64::from(self.negative) << (u64::BITS - 1)))
+    }
+
+    /// Fifteen digits are a signed number, too, which takes one instruction to convert.
+    #[inline(always)]
+    fn whole(&self) -> f64 {
+        self.whole.cast_signed() as f64
+    }
+}
+
 /// The number that begins at `start`, digits with a decimal mark `point` or without and a minus or no sign, and where
 /// it ends; `None` for anything else. What follows it is not looked at, but must follow: text ends with a line end.
 ///
 /// The end is not zero, so that the processor returns all of it in registers: the next number waits for the end of this one.
 #[inline(always)]
 pub(super) fn number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
-    let negative = *text.get(start)? == b'-';
-    let digits = start + usize::from(negative);
-    let Some(bytes) = text.get(digits..digits + 2 * WORD) else { return long_number_at(text, start, point) };
-    let (low, high) = bytes.split_at(WORD);
-    let (low, high) = (word(low) ^ repeated(b'0'), word(high) ^ repeated(b'0'));
-    let others = [non_digits(low), non_digits(high)];
-    if others[0] == 0 {
-        return long_number_at(text, start, point);
-    }
-    let first = place(others[0]);
-    let (end, joined) = if bytes[first] == point {
-        let behind = others[0] & (others[0] - 1);
-        let end = if behind == 0 { WORD + place(others[1]) } else { place(behind) };
-        // what stands behind the mark moves into its place
-        let before = (1_u64 << (8 * first)) - 1;
-        (end, (low & before) | (((low >> 8) | (high << 56)) & !before))
-    } else {
-        (first, low)
-    };
-    let with_point = usize::from(end > first);
-    let count = end - with_point;
-    let value = match count {
-        0 => return None,
-        1..=WORD => eight_digits(joined << (8 * (WORD - count))),
-        // no more than fifteen, for the line does not end within the words otherwise
-        _ if others[1] != 0 => {
-            let rest = (high >> 8) << (8 * (2 * WORD - count));
-            eight_digits(joined) * POWERS[count - WORD] as u64 + eight_digits(rest)
+    match Digits::at(text, start, point) {
+        Some(digits) => {
+            let size = digits.whole() / POWERS[digits.decimals];
+            Some((digits.signed(size), NonZeroUsize::new(digits.end)?))
         }
-        _ => return long_number_at(text, start, point),
+        None => long_number_at(text, start, point),
+    }
+}
+
+/// As [`number_at`], of a number with an exponent behind `e`, `E`, `d` or `D`.
+#[inline]
+pub(super) fn exponent_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
+    let Some(digits) = Digits::at(text, start, point) else {
+        return long_exponent_number_at(text, start, point);
     };
-    // fifteen digits are a signed number, too, which takes one instruction to convert
-    let size = value.cast_signed() as f64 / POWERS[end - first - with_point];
-    // signs of noise cannot be guessed: no branch
-    let signed = f64::from_bits(size.to_bits() | (u64::from(negative) << (u64::BITS - 1)));
-    Some((signed, NonZeroUsize::new(digits + end)?))
+    if !is_exponent_sign(*text.get(digits.end)?) {
+        return None;
+    }
+    let (exponent, end) = exponent_at(text, digits.end + 1)?;
+    let scale = exponent - digits.decimals as i32;
+    let power = EXACT_POWERS.get(scale.unsigned_abs() as usize);
+    let size = match (power, scale < 0) {
+        (Some(power), false) => digits.whole() * power,
+        (Some(power), true) => digits.whole() / power,
+        (None, _) => return long_exponent_number_at(text, start, point),
+    };
+    Some((digits.signed(size), NonZeroUsize::new(end)?))
+}
+
+fn is_exponent_sign(byte: u8) -> bool {
+    matches!(byte, b'e' | b'E' | b'd' | b'D')
+}
+
+/// An exponent of at most three digits, with a sign or without, and where it ends.
+fn exponent_at(text: &[u8], start: usize) -> Option<(i32, usize)> {
+    let sign = *text.get(start)?;
+    let first = start + usize::from(matches!(sign, b'-' | b'+'));
+    let digits = text.get(first..)?.iter().take(4).take_while(|byte| byte.is_ascii_digit());
+    let (size, count) =
+        digits.fold((0, 0), |(size, count), byte| (size * 10 + i32::from(byte - b'0'), count + 1));
+    (1..=3).contains(&count).then_some((if sign == b'-' { -size } else { size }, first + count))
 }
 
 #[inline(always)]
@@ -95,19 +167,45 @@ fn eight_digits(digits: u64) -> u64 {
 #[cold]
 #[inline(never)]
 fn long_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
-    let rest = &text[start..];
-    let digits = usize::from(rest.first() == Some(&b'-'));
-    let is_part = |byte: &u8| byte.is_ascii_digit() || *byte == point;
-    let length = rest[digits..].iter().take(LONGEST).take_while(|byte| is_part(byte)).count();
-    let end = digits + length;
-    let mut written = [0; LONGEST + 1];
-    let written = &mut written[..end];
-    written.copy_from_slice(rest.get(..end)?);
-    let points = written.iter_mut().filter(|byte| **byte == point).map(|byte| *byte = b'.').count();
-    if length == points || points > 1 || length == LONGEST {
+    let digits = start + usize::from(text.get(start) == Some(&b'-'));
+    parsed(text, start, mantissa_end(text, digits, point)?, point)
+}
+
+fn long_exponent_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
+    let digits = start + usize::from(text.get(start) == Some(&b'-'));
+    let end = mantissa_end(text, digits, point)?;
+    if !is_exponent_sign(*text.get(end)?) {
         return None;
     }
-    Some((std::str::from_utf8(written).ok()?.parse().ok()?, NonZeroUsize::new(start + end)?))
+    parsed(text, start, exponent_at(text, end + 1)?.1, point)
+}
+
+/// Where digits with one decimal mark or without end.
+fn mantissa_end(text: &[u8], start: usize, point: u8) -> Option<usize> {
+    let is_part = |byte: &&u8| byte.is_ascii_digit() || **byte == point;
+    let part = text.get(start..)?.iter().take(LONGEST).take_while(is_part);
+    let (length, points) =
+        part.fold((0, 0), |(length, points), byte| (length + 1, points + usize::from(*byte == point)));
+    (length > points && points <= 1 && length < LONGEST).then_some(start + length)
+}
+
+/// The number between two places, as the standard library reads it.
+fn parsed(text: &[u8], start: usize, end: usize, point: u8) -> Option<(f64, NonZeroUsize)> {
+    let text = text.get(start..end)?;
+    if point == b'.' && !text.iter().any(|byte| matches!(byte, b'd' | b'D')) {
+        return Some((std::str::from_utf8(text).ok()?.parse().ok()?, NonZeroUsize::new(end)?));
+    }
+    let mut written = [0; LONGEST + 8];
+    let written = written.get_mut(..end - start)?;
+    written.copy_from_slice(text);
+    for byte in written.iter_mut() {
+        match *byte {
+            b'd' | b'D' => *byte = b'e',
+            mark if mark == point => *byte = b'.',
+            _ => {}
+        }
+    }
+    Some((std::str::from_utf8(written).ok()?.parse().ok()?, NonZeroUsize::new(end)?))
 }
 
 #[cfg(test)]
@@ -141,6 +239,58 @@ mod tests {
                     found.filter(|(_, end)| *end == before.len() + cell.len()).map(|(number, _)| number);
                 assert_eq!(whole.map(f64::to_bits), expected(cell).map(f64::to_bits), "{text:?}");
             }
+        }
+    }
+
+    /// Exponents by another way: the standard library.
+    fn assert_exponent(cell: &str) {
+        let plain = cell.replace(['d', 'D'], "e");
+        let expected = plain.contains(['e', 'E']).then(|| plain.parse::<f64>().ok()).flatten();
+        for (behind, before) in [(",", ""), ("\n", ",1."), (",123456789012345678\n", "")] {
+            for point in [b'.', b','] {
+                if point == b',' && behind.starts_with(',') {
+                    continue;
+                }
+                let written = if point == b',' { cell.replace('.', ",") } else { cell.to_owned() };
+                let text = format!("{before}{written}{behind}");
+                let found = exponent_number_at(text.as_bytes(), before.len(), point);
+                let whole = found.filter(|(_, end)| end.get() == before.len() + cell.len());
+                assert_eq!(whole.map(|(number, _)| number.to_bits()), expected.map(f64::to_bits), "{text:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn exponents_of_any_writer() {
+        for cell in [
+            "1e5",
+            "-1.5E+05",
+            "1.5D+03",
+            "1.5d-3",
+            "-0e0",
+            "1.e2",
+            ".5e1",
+            "7e-22",
+            "7e22",
+            "7e23",
+            "7e-23",
+            "123456789012345e22",
+            "1.000000000000000000e+00",
+            "-9.999999999999999999E-01",
+            "1e308",
+            "1e309",
+            "4.9e-324",
+            "1e-400",
+            "9007199254740993e0",
+            "1e",
+            "1e+",
+            "e5",
+            ".e5",
+            "1.5",
+            "1e5.5",
+            "--1e5",
+        ] {
+            assert_exponent(cell);
         }
     }
 
@@ -208,6 +358,13 @@ mod tests {
         fn the_bits_of_the_shortest_text(number in any::<f64>(), decimals in 0..20_usize) {
             assert_number(&format!("{:.decimals$}", number % 1e6));
             assert_number(&format!("{}", number % 1e6));
+        }
+
+        #[test]
+        fn the_bits_of_exponents(number in any::<f64>(), decimals in 0..20_usize, power in -30..30_i32) {
+            assert_exponent(&format!("{number:.decimals$e}"));
+            assert_exponent(&format!("{:.decimals$e}", number % 1e3));
+            assert_exponent(&format!("{:.decimals$}e{power:+03}", number % 1e3));
         }
 
         #[test]

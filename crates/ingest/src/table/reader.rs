@@ -10,7 +10,7 @@ use super::cell_reader::{LastLine, PassedOver, ReadRows};
 use super::clock::{ClockOrigin, PreviousTime, TimeColumn};
 use super::column_map::{ColumnMap, known_columns, map_columns};
 use super::mended::{Mend, Mended};
-use super::polars_reader::Parser;
+use super::parser::Parser;
 use super::preamble::Header;
 use super::{cell_reader, channels, plausible, preamble, sparse};
 use crate::bytes::blocks::{BLOCK_BYTES, Block, Blocks, Next, Passed, line_count};
@@ -29,14 +29,11 @@ const MOST_LINES_ABOVE_HEADER: usize = 100;
 pub struct ReadOptions {
     /// Bytes of a block.
     pub block_bytes: usize,
-    /// Threads that polars may use for one block. With 1, parallelism comes from reading several
-    /// exports or blocks at once. polars' own pool bounds the sum (`POLARS_MAX_THREADS`).
-    pub threads: usize,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { block_bytes: BLOCK_BYTES, threads: 1 }
+        Self { block_bytes: BLOCK_BYTES }
     }
 }
 
@@ -154,7 +151,7 @@ impl<R: Read> ExportReader<R> {
     ) -> Result<Option<Self>, Rejection> {
         let mut blocks = Blocks::new(reader, options.block_bytes, layout.text.encoding);
         let Some(header) = preamble::read(&mut blocks, layout, path)? else { return Ok(None) };
-        Self::with_header(blocks, &header, path, layout, robot, options).map(Some)
+        Self::with_header(blocks, &header, path, layout, robot).map(Some)
     }
 
     fn with_header(
@@ -163,7 +160,6 @@ impl<R: Read> ExportReader<R> {
         path: &Path,
         layout: &Layout,
         robot: &Robot,
-        options: ReadOptions,
     ) -> Result<Self, Rejection> {
         let is_known = plausible::shows_export(known_columns(&header.text, layout, robot, path));
         let map = match map_columns(&header.text, layout, robot, path) {
@@ -190,7 +186,7 @@ impl<R: Read> ExportReader<R> {
             blocks,
             is_known,
             header_line: layout.header.then_some(header.line),
-            parser: Parser::new(map, options.threads),
+            parser: Parser::new(map),
             path: path.to_owned(),
             previous: None,
             has_moment: false,

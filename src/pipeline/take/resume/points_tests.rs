@@ -348,7 +348,7 @@ fn made_with(layout: &Layout, robot: &Robot, limits: &WorkLimits) -> ContentHash
 /// Reads an export as the pipeline does.
 fn read(intake: &AdmittedExport, block_bytes: usize) -> (Vec<CutCycle>, ReadEnd) {
     let (sender, mut receiver) = mpsc::channel(1000);
-    let options = ReadOptions { block_bytes, ..ReadOptions::default() };
+    let options = ReadOptions { block_bytes };
     let end = intake::read(intake, options, &sender, &CancellationToken::new(), |_| ());
     let mut cycles = Vec::new();
     while let Ok(cycle) = receiver.try_recv() {

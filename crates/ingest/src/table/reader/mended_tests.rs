@@ -67,6 +67,39 @@ fn parts(ms: u64) -> (u64, u64, u64, u64) {
 }
 
 #[test]
+fn recordings_in_one_file_follow_one_another() {
+    // three recordings of 100, 130 and 70 rows, each from its own start; times in ms
+    let (starts, firsts) = ([0, 100, 230], [500_u64, 400, 0]);
+    let recording = |row: usize| starts.iter().rposition(|start| row >= *start).expect("a recording");
+    let times =
+        |row: usize, _| (firsts[recording(row)] + 2 * (row - starts[recording(row)]) as u64).to_string();
+    let (samples, text) = with_times(300, times);
+    let without_counter = text.replacen(",cycle,", ",number,", 1);
+    let mut layout = numbers(1e-3);
+    let TimeSource::Column(column) = layout.time.clone() else { panic!("a column") };
+    layout.time = TimeSource::Restarting(column);
+    let expected: Vec<f64> = (0..300).map(|row| row as f64 * 0.002 + recording(row) as f64 * 0.998).collect();
+    for block_bytes in BLOCKS {
+        for (text, cycles) in [
+            (&without_counter, (0..300).map(|row| 1 + recording(row) as u32).collect::<Vec<u32>>()),
+            // the counter goes on inside of a cycle
+            (&text, (0..300).map(|row| 1 + (row / 12 + recording(row)) as u32).collect()),
+        ] {
+            let (rows, mended) = read(text.as_bytes(), &layout, block_bytes).expect("three recordings");
+            assert_times(&rows, &RawSamples { time: expected.clone(), ..samples.clone() }, "restarts");
+            assert_eq!(rows.cycle, Some(cycles));
+            let places = mended.places(Mend::Clock(Turn::Restart)).expect("two places");
+            assert_eq!((places.count, places.first_line), (2, 102));
+        }
+    }
+    let rejection = read(text.as_bytes(), &numbers(1e-3), 1 << 20).expect_err("time falls");
+    assert!(rejection.remedy.contains("restarts = true"), "{rejection}");
+    // a bad row is named as in any other export
+    let bad = text.replacen("\n5", "\nx", 1);
+    assert_eq!(read(bad.as_bytes(), &layout, 1 << 20).expect_err("a word").line, Some(2));
+}
+
+#[test]
 fn every_spelling_of_a_spreadsheet_or_controller_gives_the_same_times() {
     const START: u64 = (8 * 3600 + 47 * 60) * 1000;
     let clock = |ms: u64| parts(START + ms);

@@ -346,7 +346,7 @@ fn rows_before_the_cut_of_a_compressed_stream_are_kept() {
     // Stored without compression, so that half of the file holds about half of the text.
     std::fs::write(&path, &whole[..whole.len() - 100]).unwrap();
     for block_bytes in [64, 1 << 20] {
-        let options = ReadOptions { block_bytes, ..ReadOptions::default() };
+        let options = ReadOptions { block_bytes };
         let mut reader = ExportReader::new(open(&path).unwrap(), &path, &layout(), &er3a(), options).unwrap();
         let (mut rows, mut fault) = (RawSamples::default(), None);
         for item in &mut reader {

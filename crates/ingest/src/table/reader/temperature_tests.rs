@@ -23,7 +23,7 @@ fn export(rows: usize, cell: impl Fn(usize, usize) -> String) -> (RawSamples, St
 }
 
 fn read(text: &str, layout: &Layout, block_bytes: usize) -> RawSamples {
-    let options = ReadOptions { block_bytes, ..ReadOptions::default() };
+    let options = ReadOptions { block_bytes };
     let reader =
         ExportReader::new(text.as_bytes(), Path::new("a.csv"), layout, &er3a(), options).expect("a header");
     let mut all = RawSamples::default();

@@ -81,15 +81,6 @@ fn rows_before_a_fault_come_whole_whatever_the_blocks() {
 }
 
 #[test]
-fn more_threads_read_the_same() {
-    let (samples, text) = made_recording(2000);
-    for threads in [0, 1, 2, 5] {
-        let options = ReadOptions { threads, ..ReadOptions::default() };
-        assert_eq!(read_bytes(text.as_bytes(), &native(), options).as_ref(), Ok(&samples), "{threads}");
-    }
-}
-
-#[test]
 fn lines_and_rows_are_counted_over_chunks() {
     let (_, text) = made_recording(300);
     let path = Path::new("a.csv");

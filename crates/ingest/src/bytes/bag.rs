@@ -1,0 +1,236 @@
+//! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the type
+//! `sensor_msgs/JointState`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use mcap::parse_record;
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::joint_state::{Encoding, JointState};
+use super::source::unreadable;
+use armwatch_model::text;
+
+/// First bytes of a bag.
+pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+
+/// Names of the type of messages that are read, with ROS 2 and with ROS 1.
+const TYPES: [&str; 2] = ["sensor_msgs/msg/JointState", "sensor_msgs/JointState"];
+
+/// Largest record or chunk, compressed or not. Recorders make chunks of about 1 MiB.
+const MOST_RECORD_BYTES: usize = 32 << 20;
+
+/// Bytes that are read at once.
+const READ_BYTES: usize = 1 << 20;
+
+/// Takes the place of rows that a damaged bag has lost. The reader leaves out such a line without end, and remarks on it.
+const LOST: &[u8] = b"(the bag is damaged here)";
+
+/// Most topics that a message names.
+const MOST_NAMED: usize = 5;
+
+/// The joint states of a bag as CSV.
+pub(super) struct BagText<R> {
+    file: R,
+    reader: LinearReader,
+    path: PathBuf,
+    /// Schemas of joint states, by number.
+    schemas: BTreeSet<u16>,
+    /// Channels of joint states, by number.
+    channels: BTreeMap<u16, Topic>,
+    columns: Option<Columns>,
+    text: Vec<u8>,
+    given: usize,
+    ended: bool,
+}
+
+/// A request of the reader of records.
+enum Step {
+    Read(usize),
+    Take(Box<Record<'static>>),
+}
+
+struct Topic {
+    name: String,
+    encoding: Encoding,
+    messages: u64,
+}
+
+/// Joints and quantities of the rows: those of the first message with positions and efforts.
+struct Columns {
+    channel: u16,
+    names: Vec<String>,
+    /// Whether positions, velocities and efforts are recorded.
+    has: [bool; 3],
+}
+
+impl<R: Read> BagText<R> {
+    pub(super) fn new(file: R, path: &Path) -> Self {
+        // a recorder that was killed leaves a bag without an end
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_skip_end_magic(true)
+            .with_record_length_limit(MOST_RECORD_BYTES);
+        Self {
+            file,
+            reader: LinearReader::new_with_options(options),
+            path: path.to_owned(),
+            schemas: BTreeSet::new(),
+            channels: BTreeMap::new(),
+            columns: None,
+            text: Vec::new(),
+            given: 0,
+            ended: false,
+        }
+    }
+
+    /// Makes the next messages text.
+    fn fill(&mut self) -> io::Result<()> {
+        self.text.clear();
+        self.given = 0;
+        if self.ended {
+            return Ok(());
+        }
+        while self.text.is_empty() && !self.ended {
+            let step = match self.reader.next_event() {
+                None => return self.end(),
+                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => Ok(Step::Read(wanted)),
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                    parse_record(opcode, data).map(|record| Step::Take(Box::new(record.into_owned())))
+                }
+                Some(Err(error)) => Err(error),
+            };
+            match step {
+                Ok(Step::Take(record)) => self.take(&record),
+                Ok(Step::Read(wanted)) => {
+                    let count = self.file.read(self.reader.insert(wanted.min(READ_BYTES)))?;
+                    self.reader.notify_read(count);
+                }
+                Err(error) => return self.end_early(&error.to_string()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the rest of the file for its hash: the end of a bag says nothing of joints.
+    fn end(&mut self) -> io::Result<()> {
+        self.ended = true;
+        io::copy(&mut self.file, &mut io::sink())?;
+        if self.columns.is_none() {
+            return Err(self.nothing());
+        }
+        self.name_other_topics();
+        Ok(())
+    }
+
+    fn take(&mut self, record: &Record<'_>) {
+        match record {
+            Record::Schema { header, .. } if TYPES.contains(&header.name.as_str()) => {
+                self.schemas.insert(header.id);
+            }
+            Record::Channel(channel) if self.schemas.contains(&channel.schema_id) => {
+                if let Some(encoding) = Encoding::named(&channel.message_encoding) {
+                    let topic = Topic { name: channel.topic.clone(), encoding, messages: 0 };
+                    self.channels.entry(channel.id).or_insert(topic);
+                }
+            }
+            Record::Message { header, data } => {
+                let Some(topic) = self.channels.get_mut(&header.channel_id) else { return };
+                let Some(state) = JointState::read(data, topic.encoding) else { return };
+                topic.messages += 1;
+                self.add(header.channel_id, header.log_time, &state);
+            }
+            _ => {}
+        }
+    }
+
+    /// Adds a row. A message that lacks a joint or a quantity is of another part of the robot, such as a gripper.
+    fn add(&mut self, channel: u16, log_time: u64, state: &JointState<'_>) {
+        let has =
+            state.values.each_ref().map(|values| !values.is_empty() && values.len() == state.names.len());
+        if self.columns.is_none() && has[2] && has[0] {
+            let names: Vec<String> = state.names.iter().map(|name| (*name).to_owned()).collect();
+            let quantities = ["position", "velocity", "effort"];
+            self.text.extend_from_slice(b"time");
+            for (quantity, _) in quantities.iter().zip(has).filter(|(_, has)| *has) {
+                names.iter().for_each(|name| drop(write!(self.text, ",{}/{quantity}", cell(name))));
+            }
+            self.text.push(b'\n');
+            self.columns = Some(Columns { channel, names, has });
+        }
+        let Some(columns) = self.columns.as_ref().filter(|columns| columns.channel == channel) else {
+            return;
+        };
+        let place = |name: &String| state.names.iter().position(|one| *one == name.as_str());
+        let Some(places) = columns.names.iter().map(place).collect::<Option<Vec<usize>>>() else { return };
+        if columns.has.iter().zip(has).any(|(wanted, has)| *wanted && !has) {
+            return;
+        }
+        // some publishers leave the stamp at zero
+        let (seconds, nanoseconds) = match state.stamp {
+            (0, 0) => ((log_time / 1_000_000_000) as i64, (log_time % 1_000_000_000) as u32),
+            (seconds, nanoseconds) => (i64::from(seconds), nanoseconds),
+        };
+        // writing to memory does not fail
+        let _ = write!(self.text, "{seconds}.{nanoseconds:09}");
+        for (values, _) in state.values.iter().zip(columns.has).filter(|(_, has)| *has) {
+            places.iter().for_each(|place| drop(write!(self.text, ",{:?}", values[*place])));
+        }
+        self.text.push(b'\n');
+    }
+
+    fn end_early(&mut self, error: &str) -> io::Result<()> {
+        if self.columns.is_none() {
+            self.ended = true;
+            let reason = format!("a damaged MCAP bag without a whole message of joint states ({error})");
+            return Err(unreadable(reason, "copy the bag again, or record it again"));
+        }
+        let path = text::of_path(&self.path);
+        tracing::warn!(%path, error, "the bag is damaged; its whole messages before the damage are read");
+        self.text.extend_from_slice(LOST);
+        self.end()
+    }
+
+    fn nothing(&self) -> io::Error {
+        let topics: Vec<&str> =
+            self.channels.values().map(|topic| topic.name.as_str()).take(MOST_NAMED).collect();
+        let reason = match topics.as_slice() {
+            [] => "an MCAP bag without a topic of type sensor_msgs/JointState".to_owned(),
+            topics => format!("an MCAP bag without positions and efforts of joints in {}", topics.join(", ")),
+        };
+        unreadable(reason, "record a topic of type sensor_msgs/JointState with positions and efforts")
+    }
+
+    fn name_other_topics(&self) {
+        let read = self.columns.as_ref().map(|columns| columns.channel);
+        let others: Vec<&str> = (self.channels.iter())
+            .filter(|(channel, topic)| Some(**channel) != read && topic.messages > 0)
+            .map(|(_, topic)| topic.name.as_str())
+            .take(MOST_NAMED)
+            .collect();
+        let read =
+            read.and_then(|channel| self.channels.get(&channel)).map_or("", |topic| topic.name.as_str());
+        if !others.is_empty() {
+            let (path, others) = (text::of_path(&self.path), text::shown(&others.join(", ")).into_owned());
+            tracing::warn!(%path, read, others, "the bag has several topics of joint states; one is read");
+        }
+    }
+}
+
+impl<R: Read> Read for BagText<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.given == self.text.len() {
+            self.fill()?;
+        }
+        let count = (&self.text[self.given..]).read(buffer)?;
+        self.given += count;
+        Ok(count)
+    }
+}
+
+/// The name of a joint as a part of a header.
+fn cell(name: &str) -> String {
+    name.replace([',', '"', '\n', '\r', '\0'], "_")
+}

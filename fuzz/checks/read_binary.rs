@@ -1,0 +1,26 @@
+//! Any bytes behind the first ones of a Parquet file or a bag are text or an error, in bounded time and memory.
+
+use std::io::Read;
+
+use armwatch_ingest::bytes::source::open;
+
+/// Most bytes of text that are taken: a few bytes may stand for many equal rows.
+const MOST_TEXT_BYTES: u64 = 4 << 20;
+
+/// Checks one input; a failure panics.
+pub fn run(data: &[u8]) {
+    let Some((choice, rest)) = data.split_first() else { return };
+    let magic: &[u8] = match choice % 2 {
+        0 => b"PAR1",
+        _ => b"\x89MCAP0\r\n",
+    };
+    let path = std::env::temp_dir().join(format!("armwatch-fuzz-{}.bin", std::process::id()));
+    std::fs::write(&path, [magic, rest].concat()).expect("a temporary folder");
+    if let Ok(reader) = open(&path) {
+        let mut text = Vec::new();
+        if reader.take(MOST_TEXT_BYTES).read_to_end(&mut text).is_ok() {
+            assert!(!text.is_empty(), "no header and no error");
+        }
+    }
+    let _ = std::fs::remove_file(&path);
+}
