@@ -13,7 +13,7 @@ use jiff::{SignedDuration, Timestamp};
 pub const IMPLAUSIBLE_DATE: &str = "implausible_date";
 
 /// Grace for a start after the arrival: clocks and time zones differ by less.
-const GRACE: SignedDuration = SignedDuration::from_hours(24);
+pub const GRACE: SignedDuration = SignedDuration::from_hours(24);
 
 /// A file is written within this time of its recording, time zones included.
 const WRITTEN_WITHIN: SignedDuration = SignedDuration::from_hours(48);

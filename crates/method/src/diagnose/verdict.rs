@@ -1,0 +1,196 @@
+//! What is wrong with a cycle: the checks of its channels, of its model and of the description, in the order in which one
+//! cause explains what others see.
+
+use super::model::assignment::{assign, is_weightless};
+use super::model::causes::motor_torques;
+use super::model::channels::Channels;
+use super::model::combination::PlausibleSettings;
+use super::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description, late_torques};
+use super::model::level::{Level, RESIDUAL_RATIO};
+use super::model::nominal::inertia_ratios;
+use super::model::unmeasured::{accelerations, unmeasured};
+use super::model::weigh::{WeighSettings, Weighed, weigh};
+use super::model::{diagnose_model, top_speeds};
+use crate::analyse::Method;
+use crate::identify::cycle::{identify_rows, noise_errors};
+use crate::identify::cycle_rows::CycleRows;
+use crate::identify::filtered_columns::FilteredColumn;
+use crate::identify::joint_factors::{Factored, FactoredRows, embedded, used_for_identification};
+use crate::identify::verify::torque_rmsd;
+use crate::least_squares::factor::TriangularFactor;
+use crate::model::regressor::KeptColumns;
+use crate::signal::filter::FilteredSignals;
+use armwatch_model::analysis::Identification;
+use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
+use armwatch_model::run::{Samples, Stage};
+
+/// A cycle with what was made of its rows.
+#[derive(Clone, Copy)]
+pub(crate) struct Recorded<'a> {
+    pub(crate) samples: &'a Samples,
+    pub(crate) filtered: &'a FilteredSignals,
+    pub(crate) filtered_coulomb_columns: &'a [FilteredColumn],
+    pub(crate) factored: &'a Factored,
+}
+
+impl<'a> Recorded<'a> {
+    /// As torques are assigned by.
+    fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
+        Channels {
+            robot: &method.robot,
+            columns: &method.columns,
+            kept_columns: &method.base.kept_columns,
+            filtered: self.filtered,
+            filtered_coulomb_columns: self.filtered_coulomb_columns,
+            factored: self.factored,
+            excitation,
+        }
+    }
+
+    /// Usable rows of the excitation.
+    pub(crate) fn excitation(&self) -> Vec<usize> {
+        let usable = self.filtered.usable.iter().flat_map(Clone::clone);
+        usable.filter(|&row| self.samples.stage[row] == Stage::Excitation).collect()
+    }
+}
+
+/// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
+/// is wrong, torques are not judged by it. `level` has the tilt of the base wherever it was looked for.
+pub(crate) fn judge_channels(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    mut findings: Vec<Finding>,
+    level: &mut Option<Level>,
+) -> Vec<Finding> {
+    if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
+        let excitation = recorded.excitation();
+        let channels = recorded.channels(method, &excitation);
+        if let Some(found) = accelerations(&method.robot, recorded.filtered, &excitation) {
+            findings.push(found);
+        } else {
+            let assigned = assign(&channels, level);
+            // torques out of time look like any change of the arm, which no joint for itself needs
+            let late = if assigned.is_empty() { None } else { late_torques(&channels) };
+            findings.extend(late.map_or(assigned, |late| vec![late]));
+        }
+    }
+    findings
+}
+
+/// What the identified model says that no arm can be, as far as nothing else explains it. A tilt of the base that the
+/// torques show is a remark, and everything else is judged with it.
+pub(crate) fn judge_model(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    (factors, found): (&[TriangularFactor], &Identification),
+    level: Option<Level>,
+) -> Vec<Finding> {
+    let given = judged(method, recorded, (factors, found));
+    if given.is_empty() {
+        return given;
+    }
+    let excitation = recorded.excitation();
+    let level = level.or_else(|| Level::of(&recorded.channels(method, &excitation)));
+    let Some(level) = level.filter(Level::is_shown) else { return given };
+    let remark = level.remark();
+    let tilted = method.of_other(level.robot().clone(), level.base, level.columns);
+    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
+    let rows = FactoredRows {
+        robot: &tilted.robot,
+        columns: &tilted.columns,
+        regressor_columns: &tilted.base.kept_columns,
+        filtered,
+        filtered_coulomb_columns,
+        samples,
+    };
+    let factored = rows.factored_excitation();
+    let recorded = Recorded { factored: &factored, ..*recorded };
+    let factors = identifying_factors(&tilted, &factored);
+    let Ok(found) = identify_excitation(&tilted, &recorded, &factors) else { return given };
+    let mut findings = judged(&tilted, &recorded, (&factors, &found));
+    // beside a tilt, a description is doubted only where a change of it explains more
+    let names_change = |of: &Finding| of.evidence.iter().any(|evidence| evidence.name == RESIDUAL_RATIO);
+    findings.retain(|of| {
+        of.kind != FindingKind::Description || of.severity > FindingSeverity::Warn || names_change(of)
+    });
+    findings.push(remark);
+    findings
+}
+
+/// The findings about a model of the robot of `method`.
+fn judged(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    (factors, found): (&[TriangularFactor], &Identification),
+) -> Vec<Finding> {
+    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
+    let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
+    let rows = recorded.excitation();
+    let speeds = top_speeds(&filtered.qd, &rows);
+    let mut doubted = found.clone();
+    let fraction = filtered.independent_fraction();
+    if let Ok(errors) = noise_errors(&method.base.kept, factors, found.residual_std, fraction) {
+        let parameters = doubted.parameters.iter_mut();
+        parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
+    }
+    let of_model =
+        diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
+    let weighed = Weighed {
+        robot: &method.robot,
+        base: &method.base,
+        factors,
+        samples,
+        filtered,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    if let Some(found) = unmeasured(&weighed, || is_weightless(&recorded.channels(method, &rows))) {
+        // a torque that nobody measured gives a model of nothing
+        return vec![found];
+    }
+    let of_model = weigh(of_model, &weighed, &WeighSettings::default());
+    let judged = JudgedCycle {
+        robot: &method.robot,
+        columns: &method.columns,
+        kept_columns: &method.base.kept_columns,
+        filtered,
+        filtered_coulomb_columns,
+        excitation: &rows,
+        identified: &doubted,
+        verification: &verification,
+    };
+    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
+    let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
+    let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
+    findings.extend(motors.filter(|_| refused));
+    findings.extend(of_model);
+    findings
+}
+
+/// Factor of each joint over the rows that parameters are identified on.
+pub(crate) fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
+    let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
+    embedded(&method.columns, chosen)
+}
+
+pub(crate) fn identify_excitation(
+    method: &Method,
+    recorded: &Recorded<'_>,
+    factors: &[TriangularFactor],
+) -> Result<Identification, String> {
+    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
+    if factors.iter().all(|factor| factor.rows() == 0) {
+        return Err(match samples.stage.contains(&Stage::Excitation) {
+            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it"
+                .into(),
+            false => crate::analyse::without_excitation(&[]),
+        });
+    }
+    let columns = KeptColumns::new(&method.base.kept_columns);
+    let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);
+    identify_rows(&method.base.kept, factors, &rows, method.settings().estimator)
+        .map_err(|error| error.to_string())
+}
+
