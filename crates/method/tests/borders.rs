@@ -9,7 +9,7 @@ use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::analysis::finding::{FindingKind, FindingSeverity};
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::{
-    JointGeometry, JointKind, NominalJoint, Robot, StandardParameters, UrdfOrigin, WarmUpShape,
+    DhParameters, GeometrySource, JointGeometry, JointKind, NominalJoint, Robot, StandardParameters, UrdfOrigin, WarmUpShape,
 };
 use armwatch_model::run::{Cycle, Samples, Stage};
 use armwatch_simulate::arm::dynamics::{joint_torque, rigid_chain};
@@ -576,6 +576,76 @@ fn a_torque_ten_times_as_large_is_named() {
     };
     // a first joint that no gravity acts on takes most of its scale into its own inertia
     holds("scale", &(850..880).map(one).collect::<Vec<_>>(), 0.8);
+}
+
+#[test]
+fn torques_in_percent_of_rated_are_named_as_such() {
+    let percent = |case: &mut Case, _: &[MotionState], _: &[Vec<f64>], samples: &mut Samples| {
+        let last = samples.torque.len() - 1;
+        for (joint, torque) in samples.torque.iter_mut().enumerate() {
+            // wrists are rated for a twentieth of the shoulder's torque
+            let rated = 300.0 * 0.05_f64.powf(joint as f64 / last as f64) * case.rng.random_range(0.8..1.2);
+            torque.iter_mut().for_each(|tau| *tau *= 100.0 / rated);
+        }
+    };
+    let named = |a: &CycleAnalysis| {
+        is_refused(a, FindingKind::Description) && said(a).contains("percent of the joint's rated torque")
+    };
+    torques_are("percent", 890..910, percent, named, 0.9);
+}
+
+#[test]
+fn lengths_of_the_wrong_sign_are_named_and_no_mounting() {
+    let one = |seed: u64| {
+        let mut case = Case::drawn(seed, count(seed));
+        let mut described = case.described();
+        let long: Vec<usize> = (1..described.joint_count())
+            .filter(|&j| described.joints[j].geometry.placement().translation.norm() > 0.25)
+            .collect();
+        let joint = long[case.rng.random_range(0..long.len())];
+        let geometry = described.joints[joint].geometry;
+        let mut placement = *geometry.placement();
+        placement.translation = -placement.translation;
+        described.joints[joint].geometry = match *geometry.source() {
+            GeometrySource::Urdf(origin) => JointGeometry::urdf(placement, origin),
+            _ => {
+                let row = geometry.dh_row().expect("a row");
+                JointGeometry::modified_dh(DhParameters { a: -row.a, d: -row.d, ..row })
+            }
+        };
+        let analysis = analysed(&described, case.recorded());
+        let said = said(&analysis);
+        let right = ["a_m of joint", "d_m of joint", "origin", "turned by 180", "other way"]
+            .iter()
+            .any(|words| said.contains(words));
+        (format!("{seed} {}: {said}", joint + 1), right)
+    };
+    holds("lengths", &(910..940).map(one).collect::<Vec<_>>(), 0.9);
+}
+
+#[test]
+fn a_turned_torque_of_an_arm_off_level_is_named() {
+    let one = |seed: u64| {
+        let n = count(seed);
+        let mut case = Case::drawn(seed, n);
+        let described = case.described();
+        let turn = case.rng.random_range(0.0..TAU);
+        let tilt = 2.5_f64.to_radians();
+        case.robot.gravity = G * Vector3::new(tilt.sin() * turn.cos(), tilt.sin() * turn.sin(), -tilt.cos());
+        let mut samples = case.recorded();
+        let joint = case.rng.random_range(0..n);
+        samples.torque[joint].iter_mut().for_each(|tau| *tau = -*tau);
+        let analysis = analysed(&described, samples);
+        let named: Vec<usize> = analysis
+            .findings
+            .iter()
+            .filter(|f| f.kind == FindingKind::TorqueSign)
+            .filter_map(|f| f.joint)
+            .map(|j| j.index())
+            .collect();
+        (format!("{seed} {}: {}", joint + 1, said(&analysis)), named == [joint])
+    };
+    holds("signs off level", &(940..970).map(one).collect::<Vec<_>>(), 0.96);
 }
 
 fn is_refused(analysis: &CycleAnalysis, kind: FindingKind) -> bool {

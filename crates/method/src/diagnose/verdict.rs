@@ -1,12 +1,12 @@
 //! What is wrong with a cycle: the checks of its channels, of its model and of the description, in the order in which one
 //! cause explains what others see.
 
-use super::model::assignment::{assign, is_weightless};
+use super::model::assignment::{assign, is_weightless, turned_by_friction};
 use super::model::causes::motor_torques;
 use super::model::channels::Channels;
 use super::model::combination::PlausibleSettings;
 use super::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description, late_torques};
-use super::model::level::{Level, RESIDUAL_RATIO};
+use super::model::level::{Level, RESIDUAL_RATIO, TILT};
 use super::model::nominal::inertia_ratios;
 use super::model::unmeasured::{accelerations, unmeasured};
 use super::model::weigh::{WeighSettings, Weighed, weigh};
@@ -86,14 +86,24 @@ pub(crate) fn judge_model(
     level: Option<Level>,
 ) -> Vec<Finding> {
     let given = judged(method, recorded, (factors, found));
-    if given.is_empty() {
+    let is_suspect = |of: &Finding| {
+        of.severity >= FindingSeverity::Doubt || of.evidence.iter().any(|evidence| evidence.name == TILT)
+    };
+    if !given.iter().any(is_suspect) {
         return given;
     }
     let excitation = recorded.excitation();
-    let level = level.or_else(|| Level::of(&recorded.channels(method, &excitation)));
-    let Some(level) = level.filter(Level::is_shown) else { return given };
-    let remark = level.remark();
-    let tilted = method.of_other(level.robot().clone(), level.base, level.columns);
+    let channels = recorded.channels(method, &excitation);
+    let Some(level) = level.or_else(|| Level::of(&channels)) else { return given };
+    let tilted = if level.is_shown() { judged_beside_tilt(method, recorded, &level) } else { None };
+    let mut findings = tilted.unwrap_or(given);
+    findings.extend(turned_by_friction(&channels, &level, &findings));
+    findings
+}
+
+/// The same findings of the tilted description, and its tilt; `None` where it identifies nothing.
+fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &Level) -> Option<Vec<Finding>> {
+    let tilted = method.of_other(level.robot().clone(), level.base.clone(), level.columns.clone());
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     let rows = FactoredRows {
         robot: &tilted.robot,
@@ -106,15 +116,15 @@ pub(crate) fn judge_model(
     let factored = rows.factored_excitation();
     let recorded = Recorded { factored: &factored, ..*recorded };
     let factors = identifying_factors(&tilted, &factored);
-    let Ok(found) = identify_excitation(&tilted, &recorded, &factors) else { return given };
+    let found = identify_excitation(&tilted, &recorded, &factors).ok()?;
     let mut findings = judged(&tilted, &recorded, (&factors, &found));
     // beside a tilt, a description is doubted only where a change of it explains more
     let names_change = |of: &Finding| of.evidence.iter().any(|evidence| evidence.name == RESIDUAL_RATIO);
     findings.retain(|of| {
         of.kind != FindingKind::Description || of.severity > FindingSeverity::Warn || names_change(of)
     });
-    findings.push(remark);
-    findings
+    findings.push(level.remark());
+    Some(findings)
 }
 
 /// The findings about a model of the robot of `method`.

@@ -15,7 +15,8 @@ use super::joint_fit::JointFit;
 use super::level::{INSTANTS, Level};
 use super::readings::{Compared, MOUNTING, Reading, across, turned_about};
 use crate::least_squares::factor::TriangularFactor;
-use armwatch_model::analysis::finding::Finding;
+use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
+use armwatch_model::robot::{JointIndex, Robot};
 
 /// Mean weighted square that a scale of one torque may leave: own fits leave about 1, ripple some more.
 const WELL: f64 = 10.0;
@@ -34,6 +35,8 @@ const COST: f64 = 2.25;
 const NUMBERS_TRIED: usize = 4;
 /// Scales of a torque that are tried, evenly in their logarithm.
 const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
+/// Times that the scales of all torques are gone through.
+const SCALE_SWEEPS: usize = 3;
 /// Factor from which on a scale is another unit or gear: gains of catalogues are good to some ten per cent.
 const OTHER_UNIT: f64 = 1.5;
 /// Factor of the misfit up to which another arm explains the torques as well: ripple with the posture looks like gravity.
@@ -77,8 +80,9 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     changes.extend(described_changes(&coarse, &level.reading));
     let mut found: Vec<(Change, f64)> =
         changes.into_iter().map(|change| settled(&compared, level, change)).collect();
-    // where several torques are in another unit, no single scale explains them
-    found.retain(|(change, misfit)| !matches!(change, Change::Scaled(..)) || *misfit <= WELL * count);
+    // a scale frees a joint from the inertias of the others, and explains a part of anything
+    let is_scale = |change: &Change| matches!(change, Change::Scaled(..) | Change::Rescaled(_));
+    found.retain(|(change, misfit)| !is_scale(change) || *misfit <= WELL * count);
     // a length that costs no torque is no cause
     let costs = |misfit: f64| level.misfit - misfit >= COST * compared.rows.len() as f64;
     found.retain(|(change, misfit)| !matches!(change, Change::Described(..)) || costs(*misfit));
@@ -89,9 +93,28 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     }
     let price = |(change, misfit): &(Change, f64)| match change {
         Change::Described(..) => HARDLY_MORE * misfit,
+        Change::Rescaled(scales) => misfit * ONE_MORE.powi(-(scales.len() as i32)),
         _ => *misfit,
     };
     found.into_iter().min_by(|a, b| price(a).total_cmp(&price(b)))
+}
+
+/// Findings of turned signs where friction would drive joints and the arm with their torques turned explains more. The
+/// friction is evidence of its own, so that the change need not explain as much as one without.
+pub(crate) fn turned_by_friction(
+    channels: &Channels<'_>,
+    level: &Level,
+    findings: &[Finding],
+) -> Vec<Finding> {
+    let drives =
+        |of: &&Finding| of.kind == FindingKind::NegativeFriction && of.severity == FindingSeverity::Refuse;
+    let joints: Vec<usize> =
+        findings.iter().filter(drives).filter_map(|of| of.joint).map(JointIndex::index).collect();
+    if joints.is_empty() {
+        return Vec::new();
+    }
+    let (change, misfit) = settled(&level.compared(channels), level, Change::Turned(joints));
+    if misfit <= ONE_MORE * level.misfit { change.findings(misfit / level.misfit) } else { Vec::new() }
 }
 
 /// A change with the tilt of the base, and the scale, that it leaves least with.
@@ -121,7 +144,8 @@ fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<Chan
     let as_recorded: Vec<usize> = (0..n).collect();
     let fit = channels.ordered_fit(&factors, &compared.sigma, &as_recorded, &vec![1.0; n], &bounds);
     let judged = (channels, &factors[..], &compared.sigma[..], &bounds[..]);
-    turned(&fit, n).into_iter().chain(swapped(judged, &errors)).chain(scaled(judged)).collect()
+    let scales = [scaled(judged), rescaled(judged)].into_iter().flatten();
+    turned(&fit, n).into_iter().chain(swapped(judged, &errors)).chain(scales).collect()
 }
 
 /// What changes of channels are judged by: channels, factors, errors of the torques, bounds.
@@ -150,34 +174,68 @@ fn swapped((channels, factors, sigma, bounds): Judged<'_>, errors: &Errors) -> O
 }
 
 /// The scale of one torque that explains most, where it is another unit and no gain that is a little off.
-fn scaled((channels, factors, sigma, bounds): Judged<'_>) -> Option<Change> {
-    let n = factors.len();
-    let order: Vec<usize> = (0..n).collect();
-    let misfit = |joint: usize, scale: f64| {
-        let mut weights = vec![1.0; n];
-        weights[joint] = scale;
-        channels.ordered_fit(factors, sigma, &order, &weights, bounds).misfit(|_| 1.0)
+fn scaled(judged: Judged<'_>) -> Option<Change> {
+    let n = judged.1.len();
+    let tried = (0..n).map(|joint| (joint, best_scale(judged, &vec![1.0; n], joint)));
+    let (joint, (scale, _)) = tried.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+    is_other_unit(scale).then_some(Change::Scaled(joint, scale))
+}
+
+/// Scales of all torques, where several are other units: those of all but half of them are relative to the others.
+fn rescaled(judged: Judged<'_>) -> Option<Change> {
+    let n = judged.1.len();
+    let (mut scales, mut least) = (vec![1.0; n], f64::INFINITY);
+    for _sweep in 0..SCALE_SWEEPS {
+        let before = least;
+        for joint in 0..n {
+            (scales[joint], least) = best_scale(judged, &scales, joint);
+        }
+        if least > 0.99 * before {
+            break;
+        }
+    }
+    // one factor for all torques changes nothing but the parameters
+    let mut sorted = scales.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let common = sorted[n / 2];
+    scales.iter_mut().for_each(|scale| *scale /= common);
+    (scales.iter().filter(|scale| is_other_unit(**scale)).count() > 1).then_some(Change::Rescaled(scales))
+}
+
+/// The scale of one torque beside those of the others that leaves least, and what it leaves.
+fn best_scale(
+    (channels, factors, sigma, bounds): Judged<'_>,
+    scales: &[f64],
+    joint: usize,
+) -> (f64, f64) {
+    let order: Vec<usize> = (0..factors.len()).collect();
+    let misfit = |scale: f64| {
+        let mut scales = scales.to_vec();
+        scales[joint] = scale;
+        channels.ordered_fit(factors, sigma, &order, &scales, bounds).misfit(|_| 1.0)
     };
-    let tried = order.iter().flat_map(|&joint| SCALES.map(|scale| (joint, scale)));
-    let judged = tried.map(|(joint, scale)| (joint, scale, misfit(joint, scale)));
-    let (joint, mut scale, mut least) = judged.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    let own = scales[joint];
+    let tried = SCALES.iter().map(|factor| own * factor).map(|scale| (scale, misfit(scale)));
+    let least = |best: (f64, f64), tried: (f64, f64)| if tried.1 < best.1 { tried } else { best };
+    let (mut scale, mut left) = tried.fold((own, misfit(own)), least);
     let mut step = SCALES[1] / SCALES[0];
     while step > 1.01 {
         step = step.sqrt();
         for tried in [scale * step, scale / step] {
-            let found = misfit(joint, tried);
-            if found < least {
-                (scale, least) = (tried, found);
-            }
+            (scale, left) = least((scale, left), (tried, misfit(tried)));
         }
     }
-    (scale.max(1.0 / scale) > OTHER_UNIT).then_some(Change::Scaled(joint, scale))
+    (scale, left)
+}
+
+fn is_other_unit(scale: f64) -> bool {
+    scale.max(1.0 / scale) > OTHER_UNIT
 }
 
 /// The mistake of a description, and the one number, that leave least.
 fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<Change> {
     let robot = &level.robot;
-    let misfit = |robot: &armwatch_model::robot::Robot| compared.misfit(&Reading::of(robot));
+    let misfit = |robot: &Robot| compared.misfit(&Reading::of(robot));
     let least = |a: &(f64, Change), b: &(f64, Change)| a.0.total_cmp(&b.0);
     let mistaken = mistakes(robot)
         .into_iter()
@@ -225,7 +283,7 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Opt
 pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();
-    let compared = Compared { channels: *channels, rows, sigma };
+    let compared = Compared::new(*channels, rows, sigma);
     let [described, weightless] = [Reading::of(channels.robot), Change::Weightless.reading(channels.robot)]
         .map(|reading| compared.misfit(&reading));
     weightless <= AS_WELL * described

@@ -18,6 +18,8 @@ pub(super) enum Change {
     Swapped(usize, usize),
     /// One torque recorded so many times as large as it is.
     Scaled(usize, f64),
+    /// Torques recorded so many times as large as they are, relative to each other.
+    Rescaled(Vec<f64>),
     /// Gravity, m/s².
     Mounted(Vector3<f64>),
     /// No gravity.
@@ -34,6 +36,7 @@ impl Change {
             Self::Turned(joints) => joints.iter().for_each(|&joint| reading.scales[joint] = -1.0),
             Self::Swapped(a, b) => reading.order.swap(*a, *b),
             Self::Scaled(joint, scale) => reading.scales[*joint] = *scale,
+            Self::Rescaled(scales) => reading.scales.clone_from(scales),
             Self::Mounted(gravity) => reading.robot.gravity = *gravity,
             Self::Weightless => reading.robot.gravity = Vector3::zeros(),
             Self::Described(_, other) => reading.robot = (**other).clone(),
@@ -87,6 +90,13 @@ impl Change {
                 let remedy =
                     "check the unit (percent of rated, motor side, current), gain and gear ratio of that torque first";
                 described(Some(*joint), &words, remedy)
+            }
+            Self::Rescaled(scales) => {
+                let scales: Vec<String> = scales.iter().map(|scale| format!("{scale:.2}")).collect();
+                let words = format!("the scale of the torque of each joint = {} of its own", scales.join(", "));
+                let remedy = "each torque has a unit of its own, as percent of the joint's rated torque is: check the \
+                              unit of the torque (percent of rated, motor side, current) first";
+                described(None, &words, remedy)
             }
             Self::Weightless => {
                 let words = format!("without it, the torque error of the arm would be {left:.0} % of what it is");

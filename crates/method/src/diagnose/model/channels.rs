@@ -177,9 +177,15 @@ impl Channels<'_> {
         self.excitation.iter().copied().step_by(stride).collect()
     }
 
-    /// Mean power of friction and mean inertia of each joint as sums of the parameters of `columns`.
+    /// Mean power of friction and mean inertia of each joint as sums of the parameters of `columns`, which no arm has below
+    /// zero.
     pub(super) fn bounds(&self, robot: &Robot, columns: &[usize]) -> Vec<Vec<f64>> {
-        let n = robot.joint_count();
+        [self.friction_bounds(columns), self.inertia_bounds(robot, columns)].concat()
+    }
+
+    /// Mean power of friction of each joint, which no other description of the arm changes.
+    pub(super) fn friction_bounds(&self, columns: &[usize]) -> Vec<Vec<f64>> {
+        let robot = self.robot;
         let order = ParameterId::natural_order(robot);
         let place = |column: usize| match order[column].kind {
             // an offset of the torque signal is no friction, whatever its sign
@@ -188,7 +194,7 @@ impl Channels<'_> {
             }
             _ => None,
         };
-        let mut bounds = vec![vec![0.0; columns.len()]; 2 * n];
+        let mut bounds = vec![vec![0.0; columns.len()]; robot.joint_count()];
         let mut y = Regressor::new(robot);
         let mut state = State::default();
         for &row in &self.rows(COARSE_INSTANTS) {
@@ -200,7 +206,15 @@ impl Channels<'_> {
                 }
             }
         }
-        let mut resting = Regressor::new(robot);
+        bounds
+    }
+
+    /// Mean inertia of each joint of a robot.
+    pub(super) fn inertia_bounds(&self, robot: &Robot, columns: &[usize]) -> Vec<Vec<f64>> {
+        let n = robot.joint_count();
+        let mut bounds = vec![vec![0.0; columns.len()]; n];
+        let (mut y, mut resting) = (Regressor::new(robot), Regressor::new(robot));
+        let mut state = State::default();
         let still = [0.0; MAX_JOINTS];
         for &row in &self.rows(POSTURES) {
             self.filtered.row(row, &mut state.q, &mut state.qd, &mut state.qdd, &mut state.tau);
@@ -210,7 +224,7 @@ impl Channels<'_> {
                 let mut unit = still;
                 unit[j] = 1.0;
                 joint_torque_regressor(robot, q, &still[..n], &unit[..n], &mut y);
-                for (sum, &column) in bounds[n + j].iter_mut().zip(columns) {
+                for (sum, &column) in bounds[j].iter_mut().zip(columns) {
                     *sum += y.column(column)[j] - resting.column(column)[j];
                 }
             }

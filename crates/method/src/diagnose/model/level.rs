@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use super::alternatives::gravity_text;
-use super::channels::{Channels, OwnFit};
+use super::channels::{COARSE_INSTANTS, Channels, OwnFit};
 use super::readings::{Compared, Reading};
 use crate::identify::joint_factors::FactorColumns;
 use crate::model::base_parameters::{BaseParameters, base_parameters};
@@ -12,7 +12,7 @@ use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingS
 use armwatch_model::robot::Robot;
 
 /// Evidence of a tilt of the base, rad.
-pub(super) const TILT: &str = "tilt_rad";
+pub(crate) const TILT: &str = "tilt_rad";
 /// Evidence of a change that explains more: the part of the squares that it leaves.
 pub(crate) const RESIDUAL_RATIO: &str = "residual_ratio";
 /// Instants that readings are compared on.
@@ -53,8 +53,8 @@ impl Level {
             return None;
         }
         let described = Reading::of(channels.robot);
-        let first = Compared { channels: *channels, rows: rows.clone(), sigma };
-        let (tilted, _) = first.levelled(&described);
+        let first = Compared::new(*channels, rows.clone(), sigma);
+        let (tilted, _) = first.thinned(COARSE_INSTANTS).levelled(&described);
         let base = base_parameters(&tilted.robot).ok()?;
         let columns = FactorColumns::new(&tilted.robot, &base);
         let under = Channels {
@@ -66,7 +66,7 @@ impl Level {
         // the errors beside columns that know of the tilt weigh a joint about a vertical axis as it deserves
         let errors = under.errors(&under.factors(&rows));
         let own: Vec<OwnFit> = errors.own()?;
-        let compared = Compared { channels: *channels, rows, sigma: errors.least() };
+        let compared = Compared::new(*channels, rows, errors.least());
         let (reading, misfit) = compared.levelled(&tilted);
         let described_misfit = compared.misfit(&described);
         Some(Self {
@@ -101,7 +101,7 @@ impl Level {
             kept_columns: &self.base.kept_columns,
             ..*channels
         };
-        Compared { channels, rows: self.rows.clone(), sigma: self.sigma.clone() }
+        Compared::new(channels, self.rows.clone(), self.sigma.clone())
     }
 
     fn angle(&self) -> f64 {

@@ -53,9 +53,16 @@ pub(super) struct Compared<'a> {
     pub(super) rows: Vec<usize>,
     /// Standard deviation of the error of each recorded torque, Nm (N).
     pub(super) sigma: Vec<f64>,
+    /// Mean power of friction of each joint, as sums of all parameters.
+    friction: Vec<Vec<f64>>,
 }
 
-impl Compared<'_> {
+impl<'a> Compared<'a> {
+    pub(super) fn new(channels: Channels<'a>, rows: Vec<usize>, sigma: Vec<f64>) -> Self {
+        let whole: Vec<usize> = (0..channels.robot.parameter_count()).collect();
+        Self { channels, rows, sigma, friction: channels.friction_bounds(&whole) }
+    }
+
     /// The same on so many rows at most.
     pub(super) fn thinned(&self, rows: usize) -> Self {
         let stride = self.rows.len().div_ceil(rows.max(1)).max(1);
@@ -66,7 +73,7 @@ impl Compared<'_> {
     pub(super) fn misfit(&self, reading: &Reading) -> f64 {
         let (n, b) = (reading.robot.joint_count(), reading.robot.parameter_count());
         let whole: Vec<usize> = (0..b).collect();
-        let bounds = self.channels.bounds(&reading.robot, &whole);
+        let bounds = [&self.friction[..], &self.channels.inertia_bounds(&reading.robot, &whole)].concat();
         let mut builder = FactorBuilder::new(b + n - 1);
         self.each(reading, |j, y, _, [weight, torque]| {
             let torques = (0..n).map(|of| if of == j { torque } else { 0.0 });
