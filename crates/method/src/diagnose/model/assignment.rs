@@ -119,7 +119,7 @@ pub(crate) fn turned_by_friction(
 
 /// A change with the tilt of the base, and the scale, that it leaves least with.
 fn settled(compared: &Compared<'_>, level: &Level, change: Change) -> (Change, f64) {
-    let (reading, misfit) = compared.levelled(&change.reading(&level.reading.robot));
+    let (reading, misfit) = compared.levelled(&change.reading(level.robot()), &level.described);
     let Change::Scaled(joint, scale) = change else { return (change, misfit) };
     let at = |change: f64| {
         let mut tried = reading.clone();
@@ -131,7 +131,7 @@ fn settled(compared: &Compared<'_>, level: &Level, change: Change) -> (Change, f
     let scale = scale * change.exp();
     let mut scaled = reading.clone();
     scaled.scales[joint] = scale;
-    let (_, misfit) = compared.levelled(&scaled);
+    let (_, misfit) = compared.levelled(&scaled, &level.described);
     (Change::Scaled(joint, scale), misfit)
 }
 
@@ -252,7 +252,7 @@ fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<Change> {
 /// The best direction of gravity, where it is another mounting.
 fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Option<(Change, f64)> {
     let described = level.described;
-    let reading = |gravity: Vector3<f64>| Change::Mounted(gravity).reading(&level.reading.robot);
+    let reading = |gravity: Vector3<f64>| Change::Mounted(gravity).reading(level.robot());
     let misfit = |gravity: &Vector3<f64>| coarse.misfit(&reading(*gravity));
     let grid = directions().into_iter().map(|towards| described.norm() * towards);
     let rounded = grid.map(|gravity| (misfit(&gravity), gravity)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
@@ -268,7 +268,7 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Opt
             _ => step *= 0.5,
         }
     }
-    let (settled, least) = compared.levelled(&reading(best));
+    let (settled, least) = compared.levelled(&reading(best), &best);
     let at_rounded = compared.misfit(&reading(rounded));
     let (gravity, found) = match at_rounded <= ROUNDED * least {
         true => (rounded, at_rounded),

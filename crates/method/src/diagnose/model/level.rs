@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::alternatives::gravity_text;
 use super::channels::{COARSE_INSTANTS, Channels, OwnFit};
-use super::readings::{Compared, Reading};
+use super::readings::{Compared, INDEPENDENT, Reading};
 use crate::identify::joint_factors::FactorColumns;
 use crate::model::base_parameters::{BaseParameters, base_parameters};
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
@@ -19,9 +19,9 @@ pub(crate) const RESIDUAL_RATIO: &str = "residual_ratio";
 pub(super) const INSTANTS: usize = 300;
 /// Tilt of the base, rad, up to which it is a floor off level, and a remark: gravity is off by a tenth across.
 pub(super) const FLOOR: f64 = 0.1;
-/// Squares that a tilt must explain, in those that the own fit of one joint leaves. Ripple leaves some 25 independent values
-/// in 10 s, so that this is a chi-square of 12 with two degrees of freedom.
-const SHOWN: f64 = 0.5;
+/// Squares that a tilt must explain, in those that the own fit of one joint leaves: of [`INDEPENDENT`] values, a chi-square
+/// of 12 with two degrees of freedom.
+const SHOWN: f64 = 12.0 / INDEPENDENT;
 
 /// The description with the tilt of its base that the torques ask for.
 #[derive(Debug, Clone)]
@@ -54,7 +54,7 @@ impl Level {
         }
         let described = Reading::of(channels.robot);
         let first = Compared::new(*channels, rows.clone(), sigma);
-        let (tilted, _) = first.thinned(COARSE_INSTANTS).levelled(&described);
+        let (tilted, _) = first.thinned(COARSE_INSTANTS).levelled(&described, &channels.robot.gravity);
         let base = base_parameters(&tilted.robot).ok()?;
         let columns = FactorColumns::new(&tilted.robot, &base);
         let under = Channels {
@@ -67,7 +67,7 @@ impl Level {
         let errors = under.errors(&under.factors(&rows));
         let own: Vec<OwnFit> = errors.own()?;
         let compared = Compared::new(*channels, rows, errors.least());
-        let (reading, misfit) = compared.levelled(&tilted);
+        let (reading, misfit) = compared.levelled(&tilted, &channels.robot.gravity);
         let described_misfit = compared.misfit(&described);
         Some(Self {
             reading,

@@ -21,6 +21,11 @@ const ABSORBED: f64 = 1e-3;
 const LEVELLING_STEPS: usize = 5;
 /// Turn of gravity, rad, that changes no verdict.
 const LEVEL: f64 = 5e-4;
+/// Usual tilt of a floor, rad. The torque of a joint about a vertical axis shows the product of the tilt and of a first
+/// moment that nothing else shows: of the tilts that explain as much, the usual one is the likelier.
+const USUAL_TILT: f64 = 0.035;
+/// Independent values that ripple with the posture leaves of a joint's torque in some ten seconds.
+pub(super) const INDEPENDENT: f64 = 25.0;
 /// Angle, rad, from which on another direction of gravity is another mounting and no floor that is off level.
 pub(super) const MOUNTING: f64 = 0.17;
 
@@ -82,19 +87,21 @@ impl<'a> Compared<'a> {
         JointFit::new(&builder.take(), b, n, &bounds).misfit(|_| 1.0)
     }
 
-    /// The reading with the direction of gravity near its own, at most [`MOUNTING`] away, that leaves least; and what it
-    /// leaves.
-    pub(super) fn levelled(&self, reading: &Reading) -> (Reading, f64) {
-        let from = reading.robot.gravity;
+    /// The reading with the direction of gravity near `from`, m/s², that is likeliest, at most [`MOUNTING`] away from it; and
+    /// the squares that it leaves.
+    pub(super) fn levelled(&self, reading: &Reading, from: &Vector3<f64>) -> (Reading, f64) {
+        let price = self.rows.len() as f64 / INDEPENDENT / USUAL_TILT.powi(2);
+        let cost = |misfit: f64, gravity: &Vector3<f64>| misfit + price * gravity.angle(from).powi(2);
         let (mut best, mut least) = (reading.clone(), self.misfit(reading));
         for _step in 0..LEVELLING_STEPS {
-            let Some(change) = self.gravity_step(&best) else { break };
+            let Some(change) = self.gravity_step(&best, from, price) else { break };
+            let before = cost(least, &best.robot.gravity);
             let tried = [1.0, 0.5, 0.25].into_iter().find_map(|part| {
-                let gravity = towards(&from, &(best.robot.gravity + part * change))?;
+                let gravity = towards(from, &(best.robot.gravity + part * change))?;
                 let turned = gravity.angle(&best.robot.gravity);
                 let tried = best.under(gravity);
                 let left = self.misfit(&tried);
-                (left < least).then_some((tried, left, turned))
+                (cost(left, &gravity) < before).then_some((tried, left, turned))
             });
             let Some((tried, left, turned)) = tried else { break };
             (best, least) = (tried, left);
@@ -105,18 +112,21 @@ impl<'a> Compared<'a> {
         (best, least)
     }
 
-    /// Change of gravity, m/s², across its direction, that the torques ask for to first order.
-    fn gravity_step(&self, reading: &Reading) -> Option<Vector3<f64>> {
+    /// Change of gravity, m/s², across its direction, that the torques ask for to first order, with a `price` of the square
+    /// of the angle from a direction.
+    fn gravity_step(&self, reading: &Reading, from: &Vector3<f64>, price: f64) -> Option<Vector3<f64>> {
         let gravity = reading.robot.gravity;
         let side = gravity.cross(&across(&gravity)).try_normalize(f64::MIN_POSITIVE)?;
         let sides = [side, gravity.normalize().cross(&side)];
         let changed = sides.map(|side| reading.under(gravity + STEP * side).robot);
         let lacking = self.lacking(reading, &changed);
         let [a, b] = [&lacking.slopes[0], &lacking.slopes[1]];
-        let products = Matrix2::new(dot(a, a), dot(a, b), dot(a, b), dot(b, b));
-        let right = Vector2::new(dot(a, &lacking.residual), dot(b, &lacking.residual));
-        let inverse = products.pseudo_inverse(ABSORBED * ABSORBED * products.trace()).ok()?;
-        let change = inverse * right;
+        let price = price / gravity.norm_squared();
+        let products = Matrix2::new(dot(a, a) + price, dot(a, b), dot(a, b), dot(b, b) + price);
+        let away = gravity - from;
+        let right = Vector2::new(dot(a, &lacking.residual), dot(b, &lacking.residual))
+            - price * Vector2::new(sides[0].dot(&away), sides[1].dot(&away));
+        let change = products.try_inverse()? * right;
         Some(sides[0] * change.x + sides[1] * change.y)
     }
 
