@@ -14,9 +14,7 @@ use super::diagnose::verdict::{
 use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::filtered_columns::filtered_coulomb_columns;
-use super::identify::joint_factors::{
-    FactorColumns, Factored, FactoredRows, pack,
-};
+use super::identify::joint_factors::{FactorColumns, Factored, FactoredRows, pack};
 use super::identify::torque_noise::torque_noise;
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::model::base_parameters::{BaseParameters, base_parameters};
@@ -190,7 +188,12 @@ fn identify_and_verify(
     analysis.identification = identify_excitation(method, recorded, &factors);
     let found = analysis.identification.as_ref().ok();
     let (findings, explained) = spare.both(
-        || analysis.identification.as_ref().map_or_else(|_| Vec::new(), |found| judge_model(method, recorded, (&factors, found), level)),
+        || {
+            analysis
+                .identification
+                .as_ref()
+                .map_or_else(|_| Vec::new(), |found| judge_model(method, recorded, (&factors, found), level))
+        },
         || explained(method, number, recorded, found),
     );
     let had_model = found.is_some();

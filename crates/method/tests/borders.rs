@@ -9,7 +9,8 @@ use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::analysis::finding::{FindingKind, FindingSeverity};
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::robot::{
-    DhParameters, GeometrySource, JointGeometry, JointKind, NominalJoint, Robot, StandardParameters, UrdfOrigin, WarmUpShape,
+    DhParameters, GeometrySource, JointGeometry, JointKind, NominalJoint, Robot, StandardParameters,
+    UrdfOrigin, WarmUpShape,
 };
 use armwatch_model::run::{Cycle, Samples, Stage};
 use armwatch_simulate::arm::dynamics::{joint_torque, rigid_chain};

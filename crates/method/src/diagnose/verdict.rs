@@ -203,4 +203,3 @@ pub(crate) fn identify_excitation(
     identify_rows(&method.base.kept, factors, &rows, method.settings().estimator)
         .map_err(|error| error.to_string())
 }
-

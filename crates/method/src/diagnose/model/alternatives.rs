@@ -5,9 +5,9 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::readings::MOUNTING;
 use super::description::{DescriptionTest, JudgedRows, NumberScore};
 use super::numbers::{DescribedNumber, PlaceNumber, set_standard};
+use super::readings::MOUNTING;
 use armwatch_model::robot::{
     DhParameters, GeometrySource, JointGeometry, JointIndex, JointKind, Robot, Transform,
 };

@@ -33,6 +33,8 @@ const HARDLY_MORE: f64 = 1.15;
 const COST: f64 = 2.25;
 /// Single numbers that are settled.
 const NUMBERS_TRIED: usize = 4;
+/// Changes that are settled with a tilt of their own.
+const SETTLED: usize = 5;
 /// Scales of a torque that are tried, evenly in their logarithm.
 const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
 /// Times that the scales of all torques are gone through.
@@ -78,8 +80,13 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     let mut changes = channel_changes(channels, &compared);
     changes.extend(channel_changes(&compared.channels, &compared));
     changes.extend(described_changes(&coarse, &level.reading));
-    let mut found: Vec<(Change, f64)> =
-        changes.into_iter().map(|change| settled(&compared, level, change)).collect();
+    // each with the tilt as it is first: most are far behind
+    let mut tried: Vec<(f64, Change)> =
+        changes.into_iter().map(|change| (coarse.misfit(&change.reading(level.robot())), change)).collect();
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    tried.truncate(SETTLED);
+    let settle = |(_, change)| settled(&compared, &coarse, level, change);
+    let mut found: Vec<(Change, f64)> = tried.into_iter().map(settle).collect();
     // a scale frees a joint from the inertias of the others, and explains a part of anything
     let is_scale = |change: &Change| matches!(change, Change::Scaled(..) | Change::Rescaled(_));
     found.retain(|(change, misfit)| !is_scale(change) || *misfit <= WELL * count);
@@ -113,26 +120,30 @@ pub(crate) fn turned_by_friction(
     if joints.is_empty() {
         return Vec::new();
     }
-    let (change, misfit) = settled(&level.compared(channels), level, Change::Turned(joints));
+    let compared = level.compared(channels);
+    let coarse = compared.thinned(COARSE_INSTANTS);
+    let (change, misfit) = settled(&compared, &coarse, level, Change::Turned(joints));
     if misfit <= ONE_MORE * level.misfit { change.findings(misfit / level.misfit) } else { Vec::new() }
 }
 
 /// A change with the tilt of the base, and the scale, that it leaves least with.
-fn settled(compared: &Compared<'_>, level: &Level, change: Change) -> (Change, f64) {
-    let (reading, misfit) = compared.levelled(&change.reading(level.robot()), &level.described);
-    let Change::Scaled(joint, scale) = change else { return (change, misfit) };
+fn settled(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level, change: Change) -> (Change, f64) {
+    let (mut reading, left) = coarse.levelled(&change.reading(level.robot()), &level.described);
+    let Change::Scaled(joint, scale) = change else {
+        let misfit = compared.misfit(&reading);
+        return (change, misfit);
+    };
     let at = |change: f64| {
         let mut tried = reading.clone();
         tried.scales[joint] = scale * change.exp();
-        compared.misfit(&tried)
+        coarse.misfit(&tried)
     };
     // the tilt was settled with the scale that the search came upon
-    let (change, _) = lowest(at, misfit, 0.05);
+    let (change, _) = lowest(at, left, 0.05);
     let scale = scale * change.exp();
-    let mut scaled = reading.clone();
-    scaled.scales[joint] = scale;
-    let (_, misfit) = compared.levelled(&scaled, &level.described);
-    (Change::Scaled(joint, scale), misfit)
+    reading.scales[joint] = scale;
+    let (reading, _) = coarse.levelled(&reading, &level.described);
+    (Change::Scaled(joint, scale), compared.misfit(&reading))
 }
 
 /// The best change of signs, of order and of one scale, for the gravity of the `channels`.
@@ -154,8 +165,7 @@ type Judged<'a> = (&'a Channels<'a>, &'a [TriangularFactor], &'a [f64], &'a [Vec
 /// The set of turned torques that explains most; a further joint counts if it explains a good part more.
 fn turned(fit: &JointFit, n: usize) -> Option<Change> {
     let sign = |set: u32, joint: usize| if set & (1 << joint) == 0 { 1.0 } else { -1.0 };
-    let price =
-        |set: u32| fit.misfit(|joint| sign(set, joint)) * ONE_MORE.powi(-(set.count_ones() as i32));
+    let price = |set: u32| fit.misfit(|joint| sign(set, joint)) * ONE_MORE.powi(-(set.count_ones() as i32));
     let best = (1..1_u32 << n).min_by(|&a, &b| price(a).total_cmp(&price(b)))?;
     Some(Change::Turned((0..n).filter(|j| best & (1 << j) != 0).collect()))
 }
@@ -203,11 +213,7 @@ fn rescaled(judged: Judged<'_>) -> Option<Change> {
 }
 
 /// The scale of one torque beside those of the others that leaves least, and what it leaves.
-fn best_scale(
-    (channels, factors, sigma, bounds): Judged<'_>,
-    scales: &[f64],
-    joint: usize,
-) -> (f64, f64) {
+fn best_scale((channels, factors, sigma, bounds): Judged<'_>, scales: &[f64], joint: usize) -> (f64, f64) {
     let order: Vec<usize> = (0..factors.len()).collect();
     let misfit = |scale: f64| {
         let mut scales = scales.to_vec();
@@ -261,14 +267,14 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Opt
         let side = best.cross(&across(&best)).normalize();
         let axes = [side, best.cross(&side)];
         let near = axes.iter().flat_map(|axis| [step, -step].map(|angle| turned_about(axis, angle) * best));
-        let nearest =
-            near.map(|towards| (towards, misfit(&towards))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let nearest = near.map(|towards| (towards, misfit(&towards))).min_by(|a, b| a.1.total_cmp(&b.1));
         match nearest {
             Some((towards, found)) if found < least => (best, least) = (towards, found),
             _ => step *= 0.5,
         }
     }
-    let (settled, least) = compared.levelled(&reading(best), &best);
+    let (settled, _) = coarse.levelled(&reading(best), &best);
+    let least = compared.misfit(&settled);
     let at_rounded = compared.misfit(&reading(rounded));
     let (gravity, found) = match at_rounded <= ROUNDED * least {
         true => (rounded, at_rounded),

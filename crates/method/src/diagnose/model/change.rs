@@ -87,24 +87,27 @@ impl Change {
                     "the scale of the torque of joint {} = {scale:.3} in place of 1.000",
                     JointIndex::new(*joint)
                 );
-                let remedy =
-                    "check the unit (percent of rated, motor side, current), gain and gear ratio of that torque first";
+                let remedy = "check the unit (percent of rated, motor side, current), gain and gear ratio of that torque first";
                 described(Some(*joint), &words, remedy)
             }
             Self::Rescaled(scales) => {
                 let scales: Vec<String> = scales.iter().map(|scale| format!("{scale:.2}")).collect();
-                let words = format!("the scale of the torque of each joint = {} of its own", scales.join(", "));
+                let words =
+                    format!("the scale of the torque of each joint = {} of its own", scales.join(", "));
                 let remedy = "each torque has a unit of its own, as percent of the joint's rated torque is: check the \
                               unit of the torque (percent of rated, motor side, current) first";
                 described(None, &words, remedy)
             }
             Self::Weightless => {
-                let words = format!("without it, the torque error of the arm would be {left:.0} % of what it is");
+                let words =
+                    format!("without it, the torque error of the arm would be {left:.0} % of what it is");
                 vec![without_gravity(&words, ("residual_ratio", ratio))]
             }
-            Self::Mounted(gravity) => {
-                described(None, &format!("{} (how the arm is mounted)", gravity_text(gravity)), "check that first")
-            }
+            Self::Mounted(gravity) => described(
+                None,
+                &format!("{} (how the arm is mounted)", gravity_text(gravity)),
+                "check that first",
+            ),
             Self::Described(words, _) => described(None, words, "check that first"),
         }
     }

@@ -291,4 +291,3 @@ pub(super) struct State {
     pub(super) qdd: [f64; MAX_JOINTS],
     pub(super) tau: [f64; MAX_JOINTS],
 }
-

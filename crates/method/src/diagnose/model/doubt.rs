@@ -2,8 +2,8 @@
 
 use std::cell::OnceCell;
 
-use super::channels::Channels;
 use super::alternatives::{Alternative, Alternatives, alternatives};
+use super::channels::Channels;
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
@@ -118,7 +118,8 @@ pub fn diagnose_description(
 
 /// Torques out of time, whatever else a recording's channels have.
 pub(crate) fn late_torques(channels: &Channels<'_>) -> Option<Finding> {
-    let Channels { robot, columns, kept_columns, filtered, filtered_coulomb_columns, excitation, .. } = *channels;
+    let Channels { robot, columns, kept_columns, filtered, filtered_coulomb_columns, excitation, .. } =
+        *channels;
     let shapes = OnceCell::new();
     let delays = |shapes: &[Vec<Vec<f64>>]| {
         torque_delays(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, shapes)
