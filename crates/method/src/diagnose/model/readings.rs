@@ -13,8 +13,10 @@ use armwatch_model::robot::{MAX_JOINTS, ParameterId, Robot};
 
 /// Step of the numeric derivative, m, rad, m/s².
 const STEP: f64 = 1e-6;
-/// A column of the regressor of which no more than this part is new is dependent on those before it.
-const DEPENDENT: f64 = 1e-7;
+/// A column of the regressor of which no more than this part is new is dependent on those before it, as in
+/// [`base_parameters`](crate::model::base_parameters::base_parameters): a parameter that hardly shows under one gravity may
+/// be endless under another.
+const DEPENDENT: f64 = 1e-4;
 /// A number whose effect the parameters take up to this part of it shows nothing.
 const ABSORBED: f64 = 1e-3;
 /// Steps in which the direction of gravity is settled, each from the tangent at the one before.
