@@ -1,5 +1,5 @@
-//! What is wrong with a cycle: the checks of its channels, of its model and of the description, in the order in which one
-//! cause explains what others see.
+//! The findings about a cycle: checks of its channels, of its model and of the description. A cause comes before its
+//! consequences.
 
 use super::model::assignment::{assign, is_weightless, turned_by_friction};
 use super::model::causes::motor_torques;
@@ -55,7 +55,7 @@ impl<'a> Recorded<'a> {
 }
 
 /// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
-/// is wrong, torques are not judged by it. `level` has the tilt of the base wherever it was looked for.
+/// is wrong, torques are not judged by it. `level` receives the tilt of the base if it was estimated.
 pub(crate) fn judge_channels(
     method: &Method,
     recorded: &Recorded<'_>,
@@ -69,7 +69,7 @@ pub(crate) fn judge_channels(
             findings.push(found);
         } else {
             let assigned = assign(&channels, level);
-            // torques out of time look like any change of the arm, which no joint for itself needs
+            // late torques look like any change of the arm, but the fit of each single joint shows them
             let late = if assigned.is_empty() { None } else { late_torques(&channels) };
             findings.extend(late.map_or(assigned, |late| vec![late]));
         }
@@ -77,8 +77,8 @@ pub(crate) fn judge_channels(
     findings
 }
 
-/// What the identified model says that no arm can be, as far as nothing else explains it. A tilt of the base that the
-/// torques show is a remark, and everything else is judged with it.
+/// Findings about the identified model. If the torques show a tilt of the base, it is a remark, and everything else is judged
+/// with it.
 pub(crate) fn judge_model(
     method: &Method,
     recorded: &Recorded<'_>,
@@ -101,7 +101,7 @@ pub(crate) fn judge_model(
     findings
 }
 
-/// The same findings of the tilted description, and its tilt; `None` where it identifies nothing.
+/// The same findings with the tilted description, and its tilt; `None` if it identifies nothing.
 fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &Level) -> Option<Vec<Finding>> {
     let tilted = method.of_other(level.robot().clone(), level.base.clone(), level.columns.clone());
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
@@ -118,7 +118,7 @@ fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &Level) -
     let factors = identifying_factors(&tilted, &factored);
     let found = identify_excitation(&tilted, &recorded, &factors).ok()?;
     let mut findings = judged(&tilted, &recorded, (&factors, &found));
-    // beside a tilt, a description is doubted only where a change of it explains more
+    // next to a tilt, only a change that explains more is evidence against the description
     let names_change = |of: &Finding| of.evidence.iter().any(|evidence| evidence.name == RESIDUAL_RATIO);
     findings.retain(|of| {
         of.kind != FindingKind::Description || of.severity > FindingSeverity::Warn || names_change(of)

@@ -253,8 +253,8 @@ fn settled(
     })
 }
 
-/// The change of a number, and what is left with it, at the lowest point of parabolas: through what is left without it and
-/// with it once and twice as asked for, then through the least and its neighbours.
+/// The change of a number with the least squares, and these squares. The first parabola passes through the squares without
+/// the change, with the given `change` and with twice that; later ones through the least and its neighbours.
 pub(super) fn lowest(at: impl Fn(f64) -> f64, described: f64, change: f64) -> (f64, f64) {
     let mut known = vec![(0.0, described), (change, at(change)), (2.0 * change, at(2.0 * change))];
     for _parabola in 0..PARABOLAS {

@@ -20,14 +20,14 @@ use armwatch_model::robot::{JointIndex, Robot};
 
 /// Mean weighted square that a scale of one torque may leave: own fits leave about 1, ripple some more.
 const WELL: f64 = 10.0;
-/// Part of the misfit that a change may leave to be the cause. Fits of single joints leave less than any change, so nothing
-/// is looked for where the description leaves less than one over it of theirs.
+/// Part of the misfit that a change may leave to be the cause. Fits of single joints leave less than any change, so no
+/// change is tried if the description leaves at most 1.5 times their squares.
 const CAUSE: f64 = 2.0 / 3.0;
 /// Error of a joint's own fit, relative to its RMS torque, from which on its torque may be another joint's.
 const FOREIGN: f64 = 0.2;
 /// By how much more a change of one more joint must explain.
 const ONE_MORE: f64 = 0.9;
-/// Factor by which another number of the description must leave less than a channel or the mounting, which are likelier.
+/// Channels and the mounting are likelier causes than a number of the description, which must leave less by this factor.
 const HARDLY_MORE: f64 = 1.15;
 /// Mean weighted square that a number of the description must cost: 3 % of a torque whose error is the least one.
 const COST: f64 = 2.25;
@@ -37,19 +37,19 @@ const NUMBERS_TRIED: usize = 4;
 const SETTLED: usize = 5;
 /// Scales of a torque that are tried, evenly in their logarithm.
 const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
-/// Times that the scales of all torques are gone through.
+/// Rounds over the scales of all torques.
 const SCALE_SWEEPS: usize = 3;
 /// Factor from which on a scale is another unit or gear: gains of catalogues are good to some ten per cent.
 const OTHER_UNIT: f64 = 1.5;
 /// Factor of the misfit up to which another arm explains the torques as well: ripple with the posture looks like gravity.
 const AS_WELL: f64 = 2.0;
-/// Step, rad, to which directions of gravity are looked for.
+/// Smallest step, rad, of the search for directions of gravity.
 const LEAST_STEP: f64 = 0.05;
 /// Part by which the misfit may be larger with gravity along an axis or half-way between two than with the best one.
 const ROUNDED: f64 = 1.3;
 
 /// The change that explains the torques of all joints, if there is one: findings about signs, order, mounting or a length.
-/// `level` has the tilt of the base wherever it was looked for.
+/// `level` receives the tilt of the base if it was estimated.
 pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<Level>) -> Vec<Finding> {
     let fits = channels.own_fits();
     if fits.iter().all(Option::is_none) || channels.excitation.is_empty() {
@@ -72,7 +72,7 @@ pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<Level>) -> Vec<
     }
 }
 
-/// The change that leaves least, and what it leaves.
+/// The change with the least squares, and these squares.
 fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     let compared = level.compared(channels);
     let coarse = compared.thinned(COARSE_INSTANTS);
@@ -106,8 +106,8 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     found.into_iter().min_by(|a, b| price(a).total_cmp(&price(b)))
 }
 
-/// Findings of turned signs where friction would drive joints and the arm with their torques turned explains more. The
-/// friction is evidence of its own, so that the change need not explain as much as one without.
+/// Findings of turned signs, for joints that friction would drive if the arm with their torques turned explains more. The
+/// friction is independent evidence, so a smaller gain suffices.
 pub(crate) fn turned_by_friction(
     channels: &Channels<'_>,
     level: &Level,
@@ -126,7 +126,7 @@ pub(crate) fn turned_by_friction(
     if misfit <= ONE_MORE * level.misfit { change.findings(misfit / level.misfit) } else { Vec::new() }
 }
 
-/// A change with the tilt of the base, and the scale, that it leaves least with.
+/// A change with the tilt and the scale that suit it best, and the squares that it leaves.
 fn settled(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level, change: Change) -> (Change, f64) {
     let (mut reading, left) = coarse.levelled(&change.reading(level.robot()), &level.described);
     let Change::Scaled(joint, scale) = change else {
@@ -159,7 +159,7 @@ fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<Chan
     turned(&fit, n).into_iter().chain(swapped(judged, &errors)).chain(scales).collect()
 }
 
-/// What changes of channels are judged by: channels, factors, errors of the torques, bounds.
+/// Channels, factors, errors of the torques, bounds.
 type Judged<'a> = (&'a Channels<'a>, &'a [TriangularFactor], &'a [f64], &'a [Vec<f64>]);
 
 /// The set of turned torques that explains most; a further joint counts if it explains a good part more.
@@ -183,7 +183,7 @@ fn swapped((channels, factors, sigma, bounds): Judged<'_>, errors: &Errors) -> O
     judged.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(change, _)| change)
 }
 
-/// The scale of one torque that explains most, where it is another unit and no gain that is a little off.
+/// The scale of one torque that explains most, if it is large enough for another unit.
 fn scaled(judged: Judged<'_>) -> Option<Change> {
     let n = judged.1.len();
     let tried = (0..n).map(|joint| (joint, best_scale(judged, &vec![1.0; n], joint)));
@@ -191,7 +191,7 @@ fn scaled(judged: Judged<'_>) -> Option<Change> {
     is_other_unit(scale).then_some(Change::Scaled(joint, scale))
 }
 
-/// Scales of all torques, where several are other units: those of all but half of them are relative to the others.
+/// Scales of all torques relative to their median, if several are large enough for other units.
 fn rescaled(judged: Judged<'_>) -> Option<Change> {
     let n = judged.1.len();
     let (mut scales, mut least) = (vec![1.0; n], f64::INFINITY);
@@ -212,7 +212,7 @@ fn rescaled(judged: Judged<'_>) -> Option<Change> {
     (scales.iter().filter(|scale| is_other_unit(**scale)).count() > 1).then_some(Change::Rescaled(scales))
 }
 
-/// The scale of one torque beside those of the others that leaves least, and what it leaves.
+/// The scale of one torque with the least squares for given scales of the others, and these squares.
 fn best_scale((channels, factors, sigma, bounds): Judged<'_>, scales: &[f64], joint: usize) -> (f64, f64) {
     let order: Vec<usize> = (0..factors.len()).collect();
     let misfit = |scale: f64| {
@@ -238,7 +238,7 @@ fn is_other_unit(scale: f64) -> bool {
     scale.max(1.0 / scale) > OTHER_UNIT
 }
 
-/// The mistake of a description, and the one number, that leave least.
+/// The mistake of a description with the least squares, and the best change of one number.
 fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<Change> {
     let robot = &level.robot;
     let misfit = |robot: &Robot| compared.misfit(&Reading::of(robot));
@@ -255,7 +255,7 @@ fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<Change> {
     [mistaken.min_by(least), numbers.min_by(least)].into_iter().flatten().map(|(_, change)| change).collect()
 }
 
-/// The best direction of gravity, where it is another mounting.
+/// The best direction of gravity, if it is another mounting.
 fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Option<(Change, f64)> {
     let described = level.described;
     let reading = |gravity: Vector3<f64>| Change::Mounted(gravity).reading(level.robot());
@@ -285,7 +285,7 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Opt
     (described.angle(&gravity) > MOUNTING && !is_floor).then_some((Change::Mounted(gravity), found))
 }
 
-/// Whether an arm without gravity explains the torques as well as the description.
+/// Checks if an arm without gravity explains the torques as well as the description.
 pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();

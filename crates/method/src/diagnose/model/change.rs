@@ -1,4 +1,4 @@
-//! What differs in a recording from what its description and layout say, as findings.
+//! Differences of a recording from its description and layout, as findings.
 
 use nalgebra::Vector3;
 
@@ -92,8 +92,10 @@ impl Change {
             }
             Self::Rescaled(scales) => {
                 let scales: Vec<String> = scales.iter().map(|scale| format!("{scale:.2}")).collect();
-                let words =
-                    format!("the scale of the torque of each joint = {} of its own", scales.join(", "));
+                let words = format!(
+                    "the scale of the torque of each joint = {} times as large as it is",
+                    scales.join(", ")
+                );
                 let remedy = "each torque has a unit of its own, as percent of the joint's rated torque is: check the \
                               unit of the torque (percent of rated, motor side, current) first";
                 described(None, &words, remedy)

@@ -1,4 +1,4 @@
-//! Torques of all joints in rows of their own columns, and what single joints explain of them.
+//! Rows of single joints with the torques of all joints, and fits of single joints.
 
 use super::joint_fit::JointFit;
 use crate::identify::filtered_columns::{FilteredColumn, write_filtered_columns};
@@ -10,16 +10,16 @@ use armwatch_model::robot::{FrictionTerm, JointIndex, MAX_JOINTS, ParameterId, P
 
 /// The least standard deviation of a torque's error, relative to its RMS: no model is better.
 const LEAST_ERROR: f64 = 0.02;
-/// The same where a joint has too few rows for a fit of its own.
+/// The same for a joint with too few rows for a separate fit.
 const UNKNOWN_ERROR: f64 = 0.1;
-/// Instants that directions of gravity are looked for on.
+/// Instants for the search of directions and changes.
 pub(super) const COARSE_INSTANTS: usize = 100;
 /// Postures that inertias are averaged over.
 const POSTURES: usize = 6;
 /// Rows needed for each column of a fit of one joint.
 const ROWS_PER_COLUMN: usize = 2;
 
-/// What torques are assigned by.
+/// A cycle as torques are assigned to joints.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Channels<'a> {
     /// The description.
@@ -38,7 +38,7 @@ pub(crate) struct Channels<'a> {
     pub excitation: &'a [usize],
 }
 
-/// What a joint's torque leaves beside its own columns.
+/// The fit of one joint to one torque.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OwnFit {
     /// Standard deviation of the error, Nm (N).
@@ -49,7 +49,7 @@ pub(super) struct OwnFit {
     pub(super) misfit: f64,
 }
 
-/// Error of a fit of one joint: `left` squares of `rows` rows with `columns` columns, beside `all` squares of the torque.
+/// A fit of one joint: `left` squares of `rows` rows after `columns` columns, of `all` squares of the torque.
 fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
     let rms = (all / rows).sqrt();
     let judged = rows >= (ROWS_PER_COLUMN * columns) as f64;
@@ -74,11 +74,11 @@ struct Part<'a> {
     scale: f64,
 }
 
-/// What the columns of each joint leave of each torque in the rows in which the joint moves, `[joints][torques]`.
+/// Fits of each joint to each torque over the rows in which the joint moves, `[joints][torques]`.
 pub(super) struct Errors(Vec<Vec<Option<OwnFit>>>);
 
 impl Errors {
-    /// Of each torque beside the columns of the joint that explains it best.
+    /// The error of each torque in the fit of the joint that explains it best.
     pub(super) fn least(&self) -> Vec<f64> {
         let n = self.0.len();
         let sigma = |of: &Vec<Option<OwnFit>>, torque: usize| of[torque].map_or(f64::INFINITY, |of| of.sigma);
@@ -91,7 +91,7 @@ impl Errors {
         self.0.iter().enumerate().map(|(joint, of)| of[joint]).collect()
     }
 
-    /// Whether the joints' own columns explain the other's torque better.
+    /// Checks if each of two joints explains the torque of the other better.
     pub(super) fn are_swapped(&self, a: usize, b: usize) -> bool {
         let of = |joint: usize, torque: usize| self.0[joint][torque].map_or(f64::INFINITY, |of| of.sigma);
         of(a, b) * of(b, a) < of(a, a) * of(b, b)

@@ -1,5 +1,5 @@
-//! The tilt of the base: a floor is hardly level, and what that leaves of the torques is no fault of a channel, a length or
-//! a joint.
+//! The tilt of the base. Hardly any floor is level, and the error that this causes is no fault of a channel, a length or a
+//! joint.
 
 use nalgebra::Vector3;
 
@@ -15,26 +15,26 @@ use armwatch_model::robot::Robot;
 pub(crate) const TILT: &str = "tilt_rad";
 /// Evidence of a change that explains more: the part of the squares that it leaves.
 pub(crate) const RESIDUAL_RATIO: &str = "residual_ratio";
-/// Instants that readings are compared on.
+/// Instants for the comparison of readings.
 pub(super) const INSTANTS: usize = 300;
 /// Tilt of the base, rad, up to which it is a floor off level, and a remark: gravity is off by a tenth across.
 pub(super) const FLOOR: f64 = 0.1;
-/// Squares that a tilt must explain, in those that the own fit of one joint leaves: of [`INDEPENDENT`] values, a chi-square
-/// of 12 with two degrees of freedom.
+/// Squares that a tilt must explain, relative to those that the fit of one joint leaves. With [`INDEPENDENT`] values this is
+/// a chi-square of 12 with two degrees of freedom.
 const SHOWN: f64 = 12.0 / INDEPENDENT;
 
-/// The description with the tilt of its base that the torques ask for.
+/// The description with the likeliest tilt of its base.
 #[derive(Debug, Clone)]
 pub(crate) struct Level {
     /// The recording with gravity in this direction.
     pub(super) reading: Reading,
-    /// Base parameters under it: a joint about a vertical axis has gravity of its own.
+    /// Base parameters under it. The first moments of link 1 are among them.
     pub(crate) base: BaseParameters,
     /// The columns of each joint's factor.
     pub(crate) columns: FactorColumns,
     /// Gravity of the description, m/s².
     pub(super) described: Vector3<f64>,
-    /// Weighted squares that the tilted description leaves, that the given one leaves, and that the joints' own fits leave.
+    /// Weighted squares that the tilted description leaves.
     pub(super) misfit: f64,
     described_misfit: f64,
     pub(super) own_misfit: f64,
@@ -45,7 +45,7 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// The tilt that leaves least of the torques; `None` with too few rows, or for an arm of another structure under it.
+    /// The likeliest tilt; `None` with too few rows, or if the base parameters under it are unclear.
     pub(crate) fn of(channels: &Channels<'_>) -> Option<Self> {
         let rows = channels.rows(INSTANTS);
         let sigma = channels.errors(&channels.factors(&rows)).least();
@@ -63,7 +63,7 @@ impl Level {
             kept_columns: &base.kept_columns,
             ..*channels
         };
-        // the errors beside columns that know of the tilt weigh a joint about a vertical axis as it deserves
+        // without the tilt, its own effect would take the weight from a joint about a vertical axis
         let errors = under.errors(&under.factors(&rows));
         let own: Vec<OwnFit> = errors.own()?;
         let compared = Compared::new(*channels, rows, errors.least());
@@ -88,7 +88,7 @@ impl Level {
         &self.reading.robot
     }
 
-    /// Whether a joint's own fit leaves more than this part of its torque.
+    /// Checks if the fit of some joint leaves more than this part of its torque.
     pub(super) fn is_foreign(&self, part: f64) -> bool {
         self.own.iter().any(|of| of.relative > part)
     }
@@ -108,7 +108,7 @@ impl Level {
         self.described.angle(&self.robot().gravity)
     }
 
-    /// Whether it is a floor off level, and the torques show it.
+    /// Checks if it is a floor off level that the torques show.
     pub(crate) fn is_shown(&self) -> bool {
         let explained = self.described_misfit - self.misfit;
         (f64::MIN_POSITIVE..=FLOOR).contains(&self.angle()) && explained >= SHOWN * self.rows.len() as f64

@@ -17,21 +17,21 @@ const STEP: f64 = 1e-6;
 /// [`base_parameters`](crate::model::base_parameters::base_parameters): a parameter that hardly shows under one gravity may
 /// be endless under another.
 const DEPENDENT: f64 = 1e-4;
-/// A number whose effect the parameters take up to this part of it shows nothing.
+/// A number shows nothing if the parameters absorb its effect except for this part.
 const ABSORBED: f64 = 1e-3;
 /// Steps in which the direction of gravity is settled, each from the tangent at the one before.
 const LEVELLING_STEPS: usize = 5;
 /// Turn of gravity, rad, that changes no verdict.
 const LEVEL: f64 = 5e-4;
-/// Usual tilt of a floor, rad. The torque of a joint about a vertical axis shows the product of the tilt and of a first
-/// moment that nothing else shows: of the tilts that explain as much, the usual one is the likelier.
+/// Usual tilt of a floor, rad. A joint about a vertical axis shows only the product of the tilt and the first moment of its
+/// link, so of tilts that explain as much the smaller one is likelier.
 const USUAL_TILT: f64 = 0.035;
 /// Independent values that ripple with the posture leaves of a joint's torque in some ten seconds.
 pub(super) const INDEPENDENT: f64 = 25.0;
 /// Angle, rad, from which on another direction of gravity is another mounting and no floor that is off level.
 pub(super) const MOUNTING: f64 = 0.17;
 
-/// A description with torques in the order, with the signs and scales that they are read by.
+/// A description, and the order, signs and scales of the recorded torques.
 #[derive(Debug, Clone)]
 pub(super) struct Reading {
     pub(super) robot: Robot,
@@ -53,7 +53,7 @@ impl Reading {
     }
 }
 
-/// Rows and weights by which readings are compared.
+/// Rows and weights for the comparison of readings.
 #[derive(Debug, Clone)]
 pub(super) struct Compared<'a> {
     pub(super) channels: Channels<'a>,
@@ -89,8 +89,8 @@ impl<'a> Compared<'a> {
         JointFit::new(&builder.take(), b, n, &bounds).misfit(|_| 1.0)
     }
 
-    /// The reading with the direction of gravity near `from`, m/s², that is likeliest, at most [`MOUNTING`] away from it; and
-    /// the squares that it leaves.
+    /// The reading with the likeliest direction of gravity at most [`MOUNTING`] away from `from`, m/s², and the squares that it
+    /// leaves.
     pub(super) fn levelled(&self, reading: &Reading, from: &Vector3<f64>) -> (Reading, f64) {
         let price = self.rows.len() as f64 / INDEPENDENT / USUAL_TILT.powi(2);
         let cost = |misfit: f64, gravity: &Vector3<f64>| misfit + price * gravity.angle(from).powi(2);
@@ -114,8 +114,8 @@ impl<'a> Compared<'a> {
         (best, least)
     }
 
-    /// Change of gravity, m/s², across its direction, that the torques ask for to first order, with a `price` of the square
-    /// of the angle from a direction.
+    /// The best change of gravity, m/s², across its direction, to first order. `price` is that of the squared angle from
+    /// `from`.
     fn gravity_step(&self, reading: &Reading, from: &Vector3<f64>, price: f64) -> Option<Vector3<f64>> {
         let gravity = reading.robot.gravity;
         let side = gravity.cross(&across(&gravity)).try_normalize(f64::MIN_POSITIVE)?;
@@ -132,8 +132,8 @@ impl<'a> Compared<'a> {
         Some(sides[0] * change.x + sides[1] * change.y)
     }
 
-    /// Numbers of the description, each with the change that the torques ask for to first order were it the only wrong
-    /// one, the most telling first.
+    /// Numbers of the description, each with its best change to first order if it were the only wrong one. The number that
+    /// explains most is the first.
     pub(super) fn asked_for(&self, reading: &Reading) -> Vec<(DescribedNumber, f64)> {
         let numbers: Vec<DescribedNumber> = DescribedNumber::all(&reading.robot)
             .into_iter()
@@ -155,7 +155,7 @@ impl<'a> Compared<'a> {
         scored.into_iter().map(|(_, asked)| asked).collect()
     }
 
-    /// What parameters leave of the torque, and of its derivatives by descriptions that are a [`STEP`] away.
+    /// The parts that parameters leave of the torque, and of its derivatives by descriptions that are one [`STEP`] away.
     fn lacking(&self, reading: &Reading, changed: &[Robot]) -> Lacking {
         let robot = &reading.robot;
         let (n, b, m) = (robot.joint_count(), robot.parameter_count(), changed.len());
@@ -211,7 +211,7 @@ impl<'a> Compared<'a> {
     }
 }
 
-/// What parameters leave.
+/// The parts that parameters leave.
 struct Lacking {
     /// Of the derivative by each change.
     slopes: Vec<Vec<f64>>,
