@@ -92,10 +92,7 @@ impl Change {
             }
             Self::Rescaled(scales) => {
                 let scales: Vec<String> = scales.iter().map(|scale| format!("{scale:.2}")).collect();
-                let words = format!(
-                    "the scale of the torque of each joint = {} times as large as it is",
-                    scales.join(", ")
-                );
+                let words = format!("torques recorded {} times as large as they are,", scales.join(", "));
                 let remedy = "each torque has a unit of its own, as percent of the joint's rated torque is: check the \
                               unit of the torque (percent of rated, motor side, current) first";
                 described(None, &words, remedy)
