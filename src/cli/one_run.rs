@@ -14,6 +14,7 @@ use super::shared::said::said;
 use super::shared::selection::no_run;
 use super::shared::user::user;
 use armwatch_config::Config;
+use armwatch_model::run::arrival::GRACE;
 use armwatch_store::{DecidedRun, NotDecided, RunDecision, Store, time_in_views};
 
 #[derive(Debug, Clone, Args)]
@@ -27,7 +28,9 @@ Examples:
 The order of a robot's tests decides every comparison. A start that cannot be right is therefore named, and its run is left
 out: see docs/method.md. This command gives a run the right start, or confirms the recorded one; the run then takes part in
 all conclusions. The start as recorded stays in the column recorded_start_at of the view runs. Reading the export again,
-and a restart, keep the correction. If the file is renamed, the start in its new name counts.")]
+and a restart, keep the correction. If the file is renamed, the start in its new name counts.
+
+A start more than a day in the future is refused unless --force is given: every later test would be out of order.")]
 pub(super) struct RunDateArgs {
     /// Runs, by number
     #[arg(required = true, value_name = "RUN", value_parser = clap::value_parser!(i64).range(1..))]
@@ -44,6 +47,9 @@ pub(super) struct RunDateArgs {
     /// Take a correction back; the recorded start is judged again
     #[arg(long, required_unless_present_any = ["at", "as_arrived", "as_recorded"])]
     undo: bool,
+    /// Take a start in the future, as where the clock of this machine is slow
+    #[arg(long, conflicts_with_all = ["as_arrived", "undo"])]
+    force: bool,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -81,7 +87,25 @@ pub(super) fn run_date(global: &Global, args: &RunDateArgs) -> Result<u8, CliErr
         (_, _, true) => RunDecision::Confirm,
         _ => RunDecision::StartAsRecorded,
     };
-    decide(global, &args.runs, &decision)
+    if !args.force {
+        not_in_future(args.at)?;
+    }
+    decide(global, &args.runs, &decision, args.force)
+}
+
+/// No test began later than this moment, by more than the grace of all dates.
+fn not_in_future(start: Option<Timestamp>) -> Result<(), CliError> {
+    let now = Timestamp::now();
+    match start.filter(|start| start.duration_since(now) > GRACE) {
+        Some(start) => Err(CliError::Usage(format!(
+            "{} is more than {} h later than now, {}: no recording can have begun then, and every later test would be out \
+             of order; give the right time or, if the clock of this machine is wrong, --force",
+            time_in_views(start),
+            GRACE.as_hours(),
+            time_in_views(now)
+        ))),
+        None => Ok(()),
+    }
 }
 
 pub(super) fn set_aside(global: &Global, args: &SetAsideArgs) -> Result<u8, CliError> {
@@ -89,13 +113,18 @@ pub(super) fn set_aside(global: &Global, args: &SetAsideArgs) -> Result<u8, CliE
         true => RunDecision::TakeBack,
         false => RunDecision::SetAside(args.by.clone().unwrap_or_else(user)),
     };
-    decide(global, &args.runs, &decision)
+    decide(global, &args.runs, &decision, false)
 }
 
-fn decide(global: &Global, runs: &[i64], decision: &RunDecision) -> Result<u8, CliError> {
+fn decide(global: &Global, runs: &[i64], decision: &RunDecision, is_forced: bool) -> Result<u8, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
         let store = open_to_change(&config).await?;
+        if matches!(decision, RunDecision::Confirm) && !is_forced {
+            let rows = store.runs().await?;
+            let confirmed = rows.iter().filter(|row| runs.contains(&row.run_id));
+            not_in_future(confirmed.map(|row| row.started_at).max())?;
+        }
         let done = decide_about(global, &config, &store, runs, decision).await;
         store.close().await?;
         done

@@ -80,6 +80,15 @@ fn wear_is_told_beside_tests_of_another_century_and_these_are_named() {
             .number("SELECT count(*) FROM anomalies WHERE quantity = 'implausible_date' AND state = 'open'"),
         0
     );
+    // nobody corrects a start to the future by mistake
+    for future in [&["--at", "2099-01-11T08:47"][..], &["--as-recorded"]] {
+        workshop.stdout(&["run-date", "8", "--undo"], 0);
+        let refused = workshop.run(&[&["run-date", "8"], future].concat());
+        let said = text(&refused.stderr);
+        assert!(!refused.status.success() && said.contains("later than now"), "{said}");
+        assert!(said.contains("--force"), "{said}");
+        workshop.stdout(&[&["run-date", "8"], future, &["--force"]].concat(), 0);
+    }
     workshop.stdout(&["run", "date", "7", "--undo"], 0);
     assert_eq!(workshop.query(runs)[0], "2099-03-01T08:47:00.000Z||set_aside");
 }

@@ -188,7 +188,7 @@ const REFUSED: &[Told] = &[
     ("Swapped", |s| s.torque.swap(0, 1), &["joints 1 and 2", "swapped"]),
     ("Degrees", |s| units(s, DEGREES, DEGREES), &["joint 1", "degrees read as radians", "export layout"]),
     ("Tiny", |s| units(s, 1.0 / DEGREES, 1.0 / DEGREES), &["radians read as degrees", "export layout"]),
-    ("Percent", |s| percent(s), &["scale of the torque", "percent of rated"]),
+    ("Percent", |s| percent(s), &["each torque has a unit of its own", "percent of rated"]),
     ("Marker", |s| s.torque[3][700] = -9999.0, &["joint 4", "torque is -9999 Nm at 7.000 s"]),
     ("Ceiling", shortened, &["contradict the description", "gravity_m_s2 = [0.00, 0.00, -9.81]"]),
 ];

@@ -4,28 +4,19 @@ use std::borrow::Cow;
 
 use super::NumericsError;
 use super::buffers::Buffers;
-use super::diagnose::model::assignment::{Channels, assign, is_weightless};
-use super::diagnose::model::causes::{motor_torques, reason, sentences, without_consequences};
-use super::diagnose::model::combination::PlausibleSettings;
-use super::diagnose::model::doubt::{DoubtSettings, JudgedCycle, beside_tilt, diagnose_description};
-use super::diagnose::model::nominal::inertia_ratios;
-use super::diagnose::model::unmeasured::{accelerations, unmeasured};
-use super::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
-use super::diagnose::model::{diagnose_model, top_speeds};
+use super::diagnose::model::causes::{reason, sentences, without_consequences};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
+use super::diagnose::verdict::{
+    Recorded, identify_excitation, identifying_factors, judge_channels, judge_model,
+};
 use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
-use super::identify::cycle::{identify_rows, noise_errors};
-use super::identify::cycle_rows::CycleRows;
-use super::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns};
-use super::identify::joint_factors::{
-    FactorColumns, Factored, FactoredRows, embedded, pack, used_for_identification,
-};
+use super::identify::filtered_columns::filtered_coulomb_columns;
+use super::identify::joint_factors::{FactorColumns, Factored, FactoredRows, pack};
 use super::identify::torque_noise::torque_noise;
 use super::identify::verify::{torque_rmsd, warming_contrast};
-use super::least_squares::factor::TriangularFactor;
 use super::model::base_parameters::{BaseParameters, base_parameters};
 use super::model::dynamics::DynamicModel;
 use super::model::regressor::KeptColumns;
@@ -66,6 +57,16 @@ impl Method {
         let base = base_parameters(&robot)?;
         let columns = FactorColumns::new(&robot, &base);
         Ok(Self { robot, base, columns, settings })
+    }
+
+    /// The method for an arm of another structure, with the same settings.
+    pub(crate) fn of_other(&self, robot: Robot, base: BaseParameters, columns: FactorColumns) -> Self {
+        Self { robot, base, columns, settings: self.settings.clone() }
+    }
+
+    /// How cycles are analysed.
+    pub(crate) fn settings(&self) -> &AnalysisSettings {
+        &self.settings
     }
 }
 
@@ -172,7 +173,8 @@ fn identify_and_verify(
 ) {
     let Recorded { samples, filtered, factored, .. } = *recorded;
     let accept = method.settings.accept;
-    let channels = with_assignment(method, recorded, channels);
+    let mut level = None;
+    let channels = judge_channels(method, recorded, channels, &mut level);
     take_up(method, accepted(channels, accept), analysis);
     // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
     keep_factors(method, factored, analysis);
@@ -186,7 +188,12 @@ fn identify_and_verify(
     analysis.identification = identify_excitation(method, recorded, &factors);
     let found = analysis.identification.as_ref().ok();
     let (findings, explained) = spare.both(
-        || doubt_model(method, recorded, &factors, analysis),
+        || {
+            analysis
+                .identification
+                .as_ref()
+                .map_or_else(|_| Vec::new(), |found| judge_model(method, recorded, (&factors, found), level))
+        },
         || explained(method, number, recorded, found),
     );
     let had_model = found.is_some();
@@ -330,36 +337,6 @@ fn mean_speeds(filtered: &FilteredSignals) -> Vec<f64> {
     filtered.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
-/// A cycle with what was made of its rows.
-#[derive(Clone, Copy)]
-struct Recorded<'a> {
-    samples: &'a Samples,
-    filtered: &'a FilteredSignals,
-    filtered_coulomb_columns: &'a [FilteredColumn],
-    factored: &'a Factored,
-}
-
-impl<'a> Recorded<'a> {
-    /// As torques are assigned by.
-    fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
-        Channels {
-            robot: &method.robot,
-            columns: &method.columns,
-            kept_columns: &method.base.kept_columns,
-            filtered: self.filtered,
-            filtered_coulomb_columns: self.filtered_coulomb_columns,
-            factored: self.factored,
-            excitation,
-        }
-    }
-
-    /// Usable rows of the excitation.
-    fn excitation(&self) -> Vec<usize> {
-        let usable = self.filtered.usable.iter().flat_map(Clone::clone);
-        usable.filter(|&row| self.samples.stage[row] == Stage::Excitation).collect()
-    }
-}
-
 /// Findings that would refuse a cycle, or make it doubtful, and are accepted only mark it.
 fn accepted(findings: Vec<Finding>, accept: FindingKinds) -> Vec<Finding> {
     let weakened = |finding: Finding| match finding.severity {
@@ -399,74 +376,6 @@ fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis
     analysis.refusal_causes = refusal::causes(&analysis.findings);
 }
 
-/// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
-/// is wrong, torques are not judged by it.
-fn with_assignment(method: &Method, recorded: &Recorded<'_>, mut findings: Vec<Finding>) -> Vec<Finding> {
-    if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
-        let excitation = recorded.excitation();
-        match accelerations(&method.robot, recorded.filtered, &excitation) {
-            Some(found) => findings.push(found),
-            None => findings.extend(assign(&recorded.channels(method, &excitation))),
-        }
-    }
-    findings
-}
-
-/// What the identified model says that no arm can be, as far as nothing else explains it.
-fn doubt_model(
-    method: &Method,
-    recorded: &Recorded<'_>,
-    factors: &[TriangularFactor],
-    analysis: &CycleAnalysis,
-) -> Vec<Finding> {
-    let Ok(found) = &analysis.identification else { return Vec::new() };
-    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
-    let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
-    let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
-    let rows = recorded.excitation();
-    let speeds = top_speeds(&filtered.qd, &rows);
-    let mut doubted = found.clone();
-    let fraction = filtered.independent_fraction();
-    if let Ok(errors) = noise_errors(&method.base.kept, factors, found.residual_std, fraction) {
-        let parameters = doubted.parameters.iter_mut();
-        parameters.zip(errors).for_each(|(parameter, error)| parameter.std_error = error);
-    }
-    let of_model =
-        diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
-    let weighed = Weighed {
-        robot: &method.robot,
-        base: &method.base,
-        factors,
-        samples,
-        filtered,
-        excitation: &rows,
-        identified: &doubted,
-        verification: &verification,
-    };
-    if let Some(found) = unmeasured(&weighed, || is_weightless(&recorded.channels(method, &rows))) {
-        // a torque that nobody measured gives a model of nothing
-        return vec![found];
-    }
-    let of_model = weigh(of_model, &weighed, &WeighSettings::default());
-    let judged = JudgedCycle {
-        robot: &method.robot,
-        columns: &method.columns,
-        kept_columns: &method.base.kept_columns,
-        filtered,
-        filtered_coulomb_columns,
-        excitation: &rows,
-        identified: &doubted,
-        verification: &verification,
-    };
-    let mut findings = diagnose_description(&judged, &of_model, &DoubtSettings::default());
-    let of_model = beside_tilt(of_model, &findings);
-    let refused = of_model.iter().any(|finding| finding.severity == FindingSeverity::Refuse);
-    let motors = motor_torques(&method.robot, &inertia_ratios(&method.robot, &doubted));
-    findings.extend(motors.filter(|_| refused));
-    findings.extend(of_model);
-    findings
-}
-
 fn duration(samples: &Samples) -> f64 {
     match (samples.time.first(), samples.time.last()) {
         (Some(first), Some(last)) => last - first,
@@ -474,27 +383,8 @@ fn duration(samples: &Samples) -> f64 {
     }
 }
 
-fn identify_excitation(
-    method: &Method,
-    recorded: &Recorded<'_>,
-    factors: &[TriangularFactor],
-) -> Result<Identification, String> {
-    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
-    if factors.iter().all(|factor| factor.rows() == 0) {
-        return Err(match samples.stage.contains(&Stage::Excitation) {
-            true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it"
-                .into(),
-            false => without_excitation(&[]),
-        });
-    }
-    let columns = KeptColumns::new(&method.base.kept_columns);
-    let rows = CycleRows::new(&method.robot, &columns, filtered, filtered_coulomb_columns, samples);
-    identify_rows(&method.base.kept, factors, &rows, method.settings.estimator)
-        .map_err(|error| error.to_string())
-}
-
 /// Why a cycle without excitation has no parameters, and what it has.
-fn without_excitation(points: &[FrictionPoint]) -> String {
+pub(crate) fn without_excitation(points: &[FrictionPoint]) -> String {
     let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
     joints.dedup();
     let kept = match joints.len() {
@@ -503,12 +393,6 @@ fn without_excitation(points: &[FrictionPoint]) -> String {
         _ => format!("; the friction points of joints {} are kept", joints.join(", ")),
     };
     format!("the cycle has no excitation stage to identify parameters on{kept}")
-}
-
-/// Factor of each joint over the rows that parameters are identified on.
-fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
-    let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
-    embedded(&method.columns, chosen)
 }
 
 pub(super) fn keep_factors(method: &Method, factored: &Factored, analysis: &mut CycleAnalysis) {

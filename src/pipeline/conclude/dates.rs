@@ -12,6 +12,9 @@ use armwatch_store::{DatedRun, StaleRobot};
 /// Recordings that a message names.
 const MOST_NAMED: usize = 3;
 
+/// So many tests that arrived last and are all left out leave a robot unwatched.
+const UNWATCHED: usize = 3;
+
 /// A recording whose start cannot be right.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Misdated {
@@ -25,6 +28,8 @@ struct Misdated {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct JudgedDates {
     misdated: Vec<Misdated>,
+    /// How many of the tests that arrived last are left out without one that counts among them.
+    tests_left_out: usize,
     /// Whether recordings left the history or came back, so that it has to be read again.
     pub(super) changes_history: bool,
 }
@@ -36,7 +41,7 @@ impl Pipeline {
     /// Those of the store.
     pub(super) async fn judge_dates(&self, robot: &StaleRobot) -> Result<JudgedDates, PipelineError> {
         let runs = self.store.dated_runs(&robot.name).await?;
-        let mut judged = JudgedDates { misdated: Vec::new(), changes_history: false };
+        let mut judged = JudgedDates { misdated: Vec::new(), tests_left_out: 0, changes_history: false };
         let mut changed = Vec::new();
         for kind in [RunKind::Test, RunKind::Production] {
             let of_kind: Vec<&DatedRun> = runs.iter().filter(|run| run.kind == kind).collect();
@@ -49,6 +54,9 @@ impl Pipeline {
                 }
                 if !is_set_aside {
                     latest = latest.max(Some(run.started_at));
+                }
+                if kind == RunKind::Test {
+                    judged.tests_left_out = if is_set_aside { judged.tests_left_out + 1 } else { 0 };
                 }
                 if let Some(date) = date {
                     let place = latest.unwrap_or(run.started_at);
@@ -104,18 +112,20 @@ impl JudgedDates {
             DateProblem::SameStart(_) => 0.0,
         };
         let most = self.misdated.iter().map(days).fold(0.0, f64::max);
+        // nothing else tells a person that alarms cannot open any more
+        let severity = if self.is_unwatched() { Severity::Warning } else { Severity::Info };
         Some(Anomaly {
             joint: None,
             kind: AnomalyKind::Sensor,
             quantity: Quantity::ImplausibleDate,
-            severity: Severity::Info,
+            severity,
             score: most,
             threshold: 1.0,
             value: f64::NAN,
             baseline: f64::NAN,
             peak_value: f64::NAN,
             peak_score: most,
-            peak_severity: Severity::Info,
+            peak_severity: severity,
             first_cycle: None,
             first_run_id: first.run.run_id,
             last_run_id: last.run.run_id,
@@ -127,6 +137,10 @@ impl JudgedDates {
             ended: false,
             message: self.message(),
         })
+    }
+
+    fn is_unwatched(&self) -> bool {
+        self.tests_left_out >= UNWATCHED
     }
 
     fn message(&self) -> String {
@@ -147,8 +161,17 @@ impl JudgedDates {
                 format!("{left_out} of {all} are left out, of the others the order of arrival counts")
             }
         };
+        let unwatched = match self.is_unwatched() {
+            true => format!(
+                "the last {} tests are left out, so that the robot is not watched; if the order of arrival is right, \
+                 `armwatch run-date RUN.. --as-arrived` lets them count; ",
+                self.tests_left_out
+            ),
+            false => String::new(),
+        };
         format!(
-            "the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a start",
+            "{unwatched}the recorded start cannot be right: {}; {effect}; `armwatch run-date RUN --at TIME` corrects a \
+             start",
             named.join("; ")
         )
     }

@@ -3,3 +3,4 @@
 pub mod recording;
 pub mod model;
 pub(crate) mod refusal;
+pub(crate) mod verdict;

@@ -3,13 +3,17 @@
 mod alternatives;
 pub(crate) mod assignment;
 pub(crate) mod causes;
+mod change;
+pub(crate) mod channels;
 pub(crate) mod combination;
 mod delay;
 mod description;
 pub mod doubt;
 mod friction_shapes;
 pub(crate) mod nominal;
+pub(crate) mod level;
 mod numbers;
+mod readings;
 mod joint_fit;
 pub(crate) mod unmeasured;
 pub(crate) mod weigh;

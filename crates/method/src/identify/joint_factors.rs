@@ -178,6 +178,14 @@ pub(crate) struct FactoredRows<'a> {
 }
 
 impl FactoredRows<'_> {
+    /// Factors of the excitation alone.
+    #[must_use]
+    pub fn factored_excitation(&self) -> Factored {
+        let rows = self.filtered.observed_rows().filter(|&row| self.samples.stage[row] == Stage::Excitation);
+        let factors = JointFactorBuilders::new(self).factor(Stage::Excitation, self.filtered, rows);
+        Factored { factors, ..Factored::default() }
+    }
+
     /// Their factors as [`factor_cycle`] gives them, stages on more threads than one while some are `spare`.
     #[must_use]
     pub fn factored(&self, spare: &SpareThreads) -> Factored {

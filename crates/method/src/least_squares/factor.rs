@@ -121,11 +121,15 @@ impl TriangularFactor {
         }
     }
 
-    /// Columns of `w` of which more than the part `dependent` is new beside those before them.
+    /// Columns of `w` of which more than the part `dependent` is new beside those before them. Columns that are zero except
+    /// for rounding have no direction, and their parameters would be endless.
     #[must_use]
     pub fn independent_columns(&self, columns: usize, dependent: f64) -> Vec<usize> {
         let length = |k: usize| (0..=k).map(|i| self.r[(i, k)].powi(2)).sum::<f64>().sqrt();
-        (0..columns).filter(|&k| self.r[(k, k)].abs() > dependent * length(k)).collect()
+        let lengths: Vec<f64> = (0..columns).map(length).collect();
+        let zero = ZERO_COLUMN_THRESHOLD * lengths.iter().copied().fold(0.0, f64::max);
+        let is_new = |k: &usize| self.r[(*k, *k)].abs() > (dependent * lengths[*k]).max(zero);
+        (0..columns).filter(is_new).collect()
     }
 
     /// A solution `[b]` of least squares, zero for columns of which no more than the part `dependent` is new.

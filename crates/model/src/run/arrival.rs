@@ -10,7 +10,7 @@ use std::fmt;
 use jiff::{SignedDuration, Timestamp};
 
 /// Grace for a start after the arrival: clocks and time zones differ by less.
-const GRACE: SignedDuration = SignedDuration::from_hours(24);
+pub const GRACE: SignedDuration = SignedDuration::from_hours(24);
 
 /// A file is written within this time of its recording, time zones included.
 const WRITTEN_WITHIN: SignedDuration = SignedDuration::from_hours(48);

@@ -61,7 +61,9 @@ async fn texts(store: &Database, statement: &'static str) -> Vec<String> {
 }
 
 const ALARMS: &str =
-    "SELECT count(*) FROM anomaly WHERE severity > 'info' AND NOT ended AND NOT withdrawn AND state = 'open'";
+    "SELECT count(*) FROM anomaly WHERE severity > 'info' AND NOT ended AND NOT withdrawn AND state = 'open'
+         AND quantity <> 'implausible_date'";
+const UNWATCHED: &str = "SELECT count(*) FROM anomaly WHERE severity = 'warning' AND state = 'open' AND quantity = 'implausible_date'";
 const NAMED: &str =
     "SELECT message FROM anomaly WHERE quantity = 'implausible_date' AND state = 'open' AND NOT withdrawn";
 const OPENED: &str = "SELECT count(*) FROM anomaly_event JOIN anomaly USING (anomaly_id)
@@ -109,6 +111,7 @@ async fn an_alarm_is_raised_beside_wrong_dates_and_these_are_named() {
         let named = texts(&store, NAMED).await;
         assert!(named.len() == 1 && named[0].contains("run 7"), "{name}: {named:?}");
         assert!(named[0].contains("armwatch run-date"), "{name}: {named:?}");
+        assert_eq!(count(&store, UNWATCHED).await, 0, "{name}: later tests count");
         let left_out = count(
             &store,
             "SELECT count(*) FROM runs WHERE status = 'set_aside' AND date_problem IS NOT NULL",
@@ -189,6 +192,13 @@ async fn a_corrected_date_counts_and_can_be_taken_back() {
     }
     pipeline.conclude().await.expect("conclusions");
     assert_eq!(count(&store, "SELECT count(*) FROM run WHERE set_aside IS NOT NULL").await, 15);
+    // no test can show the load, which is an alarm of its own
+    assert_eq!((count(&store, ALARMS).await, count(&store, UNWATCHED).await), (0, 1));
+    let named = texts(&store, NAMED).await;
+    assert!(
+        named[0].starts_with("the last 15 tests are left out") && named[0].contains("--as-arrived"),
+        "{named:?}"
+    );
     for run in 10..25 {
         let decided = store.decide_about_run(run, &RunDecision::StartedAtArrival).await.expect("decided");
         assert!(decided.is_ok(), "{decided:?}");

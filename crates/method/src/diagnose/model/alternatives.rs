@@ -5,10 +5,12 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Vector3;
 
-use super::assignment::MOUNTING;
 use super::description::{DescriptionTest, JudgedRows, NumberScore};
-use super::numbers::{DescribedNumber, set_standard};
-use armwatch_model::robot::{DhParameters, GeometrySource, JointGeometry, JointKind, Robot, Transform};
+use super::numbers::{DescribedNumber, PlaceNumber, set_standard};
+use super::readings::MOUNTING;
+use armwatch_model::robot::{
+    DhParameters, GeometrySource, JointGeometry, JointIndex, JointKind, Robot, Transform,
+};
 
 /// Instants that alternatives are compared on: which of them fits best needs no more.
 const INSTANTS: usize = 250;
@@ -18,6 +20,10 @@ const TILTED: f64 = 0.97;
 const HARDLY_MORE: f64 = 1.15;
 /// Single numbers that are tried with the change that the torques ask for.
 const NUMBERS_TRIED: usize = 4;
+/// Parabolas that a number is settled by.
+const PARABOLAS: usize = 3;
+/// Lengths below this, m, are no lengths whose sign somebody could turn.
+const LEAST_LENGTH: f64 = 0.02;
 
 /// A description that explains the torques better.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,7 +84,7 @@ pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &Descript
     let numbers = numbers.filter_map(|score| settled(&base.robot, judged_rows, base.residual, score));
     let least = |one: &Tried, other: &Tried| one.residual.total_cmp(&other.residual);
     let mounted = mountings(&base.robot).into_iter().map(judged).min_by(least);
-    let other = candidates(&base.robot).into_iter().map(judged).chain(numbers).min_by(least);
+    let other = mistakes(&base.robot).into_iter().map(judged).chain(numbers).min_by(least);
     // of two that explain as much, gravity is the likelier
     let least = match (mounted, other) {
         (Some(mounted), Some(other)) if other.residual * HARDLY_MORE < mounted.residual => Some(other),
@@ -121,10 +127,11 @@ pub(super) fn gravity_text(gravity: &Vector3<f64>) -> String {
 }
 
 /// Changes of a description that are mistakes of sign, convention or zero.
-fn candidates(robot: &Robot) -> Vec<(String, Robot)> {
+pub(super) fn mistakes(robot: &Robot) -> Vec<(String, Robot)> {
     let mut found: Vec<(String, Robot)> = other_convention(robot).into_iter().collect();
     for (joint, described) in robot.joint_indices().zip(&robot.joints) {
         let j = joint.index();
+        found.extend(turned_lengths(robot, joint));
         if let Some(row) = described.geometry.dh_row().filter(|row| row.alpha.sin().abs() > 1e-3) {
             let number = DescribedNumber::Place(joint, super::numbers::PlaceNumber::Alpha);
             let words = format!(
@@ -151,6 +158,19 @@ fn candidates(robot: &Robot) -> Vec<(String, Robot)> {
         found.push((words, with_placements(robot, j, placement, next)));
     }
     found
+}
+
+/// Lengths of a joint's place, each with the other sign.
+fn turned_lengths(robot: &Robot, joint: JointIndex) -> impl Iterator<Item = (String, Robot)> + '_ {
+    let lengths: &[PlaceNumber] = match robot.joints[joint.index()].geometry.source() {
+        GeometrySource::Urdf(_) => &[PlaceNumber::Origin(0), PlaceNumber::Origin(1), PlaceNumber::Origin(2)],
+        _ => &[PlaceNumber::A, PlaceNumber::D],
+    };
+    lengths.iter().filter_map(move |&length| {
+        let number = DescribedNumber::Place(joint, length);
+        let change = -2.0 * number.value(robot).filter(|value| value.abs() > LEAST_LENGTH)?;
+        Some((words(robot, number, change), number.changed(robot, change)))
+    })
 }
 
 fn other_convention(robot: &Robot) -> Option<(String, Robot)> {
@@ -220,13 +240,7 @@ fn settled(
         gains
     };
     let at = |change: f64| judged_rows.residual(&score.number.changed(robot, change), &gains(change));
-    let (once, twice) = (at(score.change), at(2.0 * score.change));
-    let bend = described - 2.0 * once + twice;
-    let lowest =
-        if bend > 0.0 { score.change * (1.0 + 0.5 * (described - twice) / bend) } else { score.change };
-    let (change, residual) = [(score.change, once), (2.0 * score.change, twice), (lowest, at(lowest))]
-        .into_iter()
-        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (change, residual) = lowest(at, described, score.change);
     // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
     let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
     (!turned).then(|| Tried {
@@ -239,8 +253,34 @@ fn settled(
     })
 }
 
+/// The change of a number with the least squares, and these squares. The first parabola passes through the squares without
+/// the change, with the given `change` and with twice that; later ones through the least and its neighbours.
+pub(super) fn lowest(at: impl Fn(f64) -> f64, described: f64, change: f64) -> (f64, f64) {
+    let mut known = vec![(0.0, described), (change, at(change)), (2.0 * change, at(2.0 * change))];
+    for _parabola in 0..PARABOLAS {
+        known.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some(least) = (0..known.len()).min_by(|&a, &b| known[a].1.total_cmp(&known[b].1)) else { break };
+        let first = least.saturating_sub(1).min(known.len() - 3);
+        let [(a, at_a), (b, at_b), (c, at_c)] = [known[first], known[first + 1], known[first + 2]];
+        let (left, right) = ((at_b - at_a) / (b - a), (at_c - at_b) / (c - b));
+        let bend = (right - left) / (c - a);
+        // beyond the outermost one, no further than as far again
+        let lowest = 0.5 * (a + b - left / bend);
+        let next = match bend > 0.0 {
+            true => lowest.clamp(2.0 * a - c, 2.0 * c - a),
+            false if at_a < at_c => 2.0 * a - c,
+            false => 2.0 * c - a,
+        };
+        if known.iter().any(|(change, _)| *change == next) || !next.is_finite() {
+            break;
+        }
+        known.push((next, at(next)));
+    }
+    known.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, described))
+}
+
 /// The number with its value as described and as the torques have it.
-fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
+pub(super) fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
     let (scale, unit) = if number.is_angle() { (180.0 / PI, " deg") } else { (1.0, "") };
     let sentence = match number.value(robot) {
         Some(value) => {

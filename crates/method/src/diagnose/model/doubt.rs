@@ -3,9 +3,11 @@
 use std::cell::OnceCell;
 
 use super::alternatives::{Alternative, Alternatives, alternatives};
+use super::channels::Channels;
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
+use super::level::{FLOOR, RESIDUAL_RATIO, TILT};
 use crate::identify::filtered_columns::FilteredColumn;
 use crate::identify::joint_factors::FactorColumns;
 use crate::signal::filter::FilteredSignals;
@@ -13,9 +15,6 @@ use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingS
 use armwatch_model::analysis::{Identification, Rmsd, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Stage;
-
-/// Evidence of a tilt of the base, rad.
-const TILT: &str = "tilt_rad";
 
 /// From where on a description, or the time of the torques, is doubted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,8 +32,6 @@ pub struct DoubtSettings {
     pub cost: f64,
     /// Part of the joint's rated torque, or of the largest RMS torque of the arm, below which no error counts.
     pub least_share: f64,
-    /// Tilt of the base, rad, up to which it is a floor off level, and a remark: gravity is off by a tenth across.
-    pub floor_tilt: f64,
     /// Weighted residual sum of squares that another description may leave, relative to the given
     /// one's, to be named as the likely one.
     pub alternative: f64,
@@ -61,7 +58,6 @@ impl Default for DoubtSettings {
             healthy: [0.13, 0.2],
             cost: 0.03,
             least_share: 0.002,
-            floor_tilt: 0.1,
             alternative: 0.8,
             least_cutoff: 4.0,
             least_excitation: 9.5,
@@ -93,22 +89,6 @@ pub struct JudgedCycle<'a> {
     pub verification: &'a [TorqueRmsd],
 }
 
-/// Findings of a model whose base is known to be tilted: what a tilt leaves unexplained is no second cause.
-#[must_use]
-pub fn beside_tilt(findings: Vec<Finding>, description: &[Finding]) -> Vec<Finding> {
-    let tilted = |of: &Finding| {
-        of.severity == FindingSeverity::Warn && of.evidence.iter().any(|evidence| evidence.name == TILT)
-    };
-    if !description.iter().any(tilted) {
-        return findings;
-    }
-    let weakened = |finding: Finding| match finding.kind {
-        FindingKind::Unexplained => Finding { severity: FindingSeverity::Warn, ..finding },
-        _ => finding,
-    };
-    findings.into_iter().map(weakened).collect()
-}
-
 /// Findings about the description: torques out of time, numbers that the torques contradict.
 ///
 /// `known` are the findings about the same model so far; where there is one, the description that
@@ -122,16 +102,11 @@ pub fn diagnose_description(
     let noise = noise(judged);
     let made = OnceCell::new();
     let shapes = || made.get_or_init(|| friction_shapes(judged.filtered));
-    // friction of the description's law first, which is the quicker of the two
     let moving = judged
         .verification
         .iter()
         .filter(|of| of.scope == RmsdScope::Stage(Stage::Excitation) && of.moving_rows.samples > 0);
-    let moving = moving.count();
-    let first = delays(judged, &[]);
-    let suspected = first.as_ref().and_then(|delay| late(delay, moving, settings));
-    let late =
-        suspected.and_then(|_| delays(judged, shapes())).and_then(|delay| late(&delay, moving, settings));
+    let (late, first) = late_finding(|shapes| delays(judged, shapes), &shapes, moving.count(), settings);
     if late.is_some() {
         return late.into_iter().collect();
     }
@@ -139,6 +114,32 @@ pub fn diagnose_description(
         first.and_then(|delay| perhaps_late(&delay, settings)).into_iter().collect();
     found.extend(contradicted(judged, known, settings, (noise, &shapes)));
     found
+}
+
+/// Torques out of time, whatever else a recording's channels have.
+pub(crate) fn late_torques(channels: &Channels<'_>) -> Option<Finding> {
+    let Channels { robot, columns, kept_columns, filtered, filtered_coulomb_columns, excitation, .. } =
+        *channels;
+    let shapes = OnceCell::new();
+    let delays = |shapes: &[Vec<Vec<f64>>]| {
+        torque_delays(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, shapes)
+    };
+    let moving = channels.own_fits().iter().flatten().count();
+    let shapes = || shapes.get_or_init(|| friction_shapes(filtered));
+    late_finding(delays, &shapes, moving, &DoubtSettings::default()).0
+}
+
+/// A delay that friction of the description's law shows, which is the quicker to try, and friction of any shape too; and
+/// the former.
+fn late_finding<'s>(
+    delays: impl Fn(&[Vec<Vec<f64>>]) -> Option<JointDelay>,
+    shapes: MakeShapes<'_, 's>,
+    moving: usize,
+    settings: &DoubtSettings,
+) -> (Option<Finding>, Option<JointDelay>) {
+    let first = delays(&[]);
+    let suspected = first.as_ref().and_then(|delay| late(delay, moving, settings));
+    (suspected.and_then(|_| delays(shapes())).and_then(|delay| late(&delay, moving, settings)), first)
 }
 
 /// Makes columns of friction of any shape, by joint, once.
@@ -186,7 +187,7 @@ fn contradicted<'s>(
     }
     let tilt = tilt.filter(|tilt| is_told(judged, tilt, settings));
     if let Some(tilt) = tilt {
-        let matters = tells && tilt.tilt > settings.floor_tilt;
+        let matters = tells && tilt.tilt > FLOOR;
         return Some(doubted(&test, Some(tilt), matters));
     }
     let poorest = poorest(judged, settings);
@@ -344,7 +345,7 @@ fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<F
         ),
         evidence: vec![
             Evidence { name: "delay_s", value: delay },
-            Evidence { name: "residual_ratio", value: found.residual_ratio },
+            Evidence { name: RESIDUAL_RATIO, value: found.residual_ratio },
             Evidence { name: "agreeing_joints", value: agreeing as f64 },
         ],
     })
@@ -370,7 +371,7 @@ fn doubted(test: &DescriptionTest, better: Option<Alternative>, matters: bool) -
         Evidence { name: "freedom", value: test.freedom[1] as f64 },
     ];
     if let Some(better) = better {
-        evidence.push(Evidence { name: "residual_ratio", value: better.residual_ratio });
+        evidence.push(Evidence { name: RESIDUAL_RATIO, value: better.residual_ratio });
         if better.tilt > 0.0 {
             evidence.push(Evidence { name: TILT, value: better.tilt });
         }

@@ -8,6 +8,7 @@ use armwatch_model::robot::Robot;
 use armwatch_model::run::{Cycle, Samples};
 use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
 use armwatch_testing::er3a;
+use nalgebra::Vector3;
 
 fn recording(robot: &Robot, seed: u64, rate: f64) -> Samples {
     let settings = ExactSettings { seed, sample_rate_hz: rate, ..ExactSettings::default() };
@@ -174,4 +175,16 @@ fn a_rate_below_four_times_the_cut_off_lowers_it_with_a_remark() {
         "{:?}",
         analysis.remarks
     );
+}
+
+#[test]
+fn a_base_off_level_is_a_remark_with_its_tilt_and_stays_out_of_joint_1() {
+    let upright = er3a();
+    let tilted = Robot { gravity: Vector3::new(0.35, 0.2, -9.80), ..upright.clone() };
+    let truth = upright.gravity.angle(&tilted.gravity);
+    let analysis = analysed(&upright, &recording(&tilted, 10, 100.0));
+    assert!(analysis.identification.is_ok() && !analysis.is_doubtful(), "{:?}", analysis.findings);
+    let evidence = analysis.findings.iter().flat_map(|finding| &finding.evidence);
+    let tilt = evidence.filter(|of| of.name == "tilt_rad").map(|of| of.value).next().expect("a tilt");
+    assert!((tilt - truth).abs() < 0.006, "{tilt} {truth}");
 }

@@ -1,6 +1,6 @@
 //! The description held against torques whose truth is known.
 
-use super::alternatives::alternatives;
+use super::alternatives::{alternatives, lowest};
 use super::delay::torque_delays;
 use super::description::{DescriptionTest, JudgedRows, test_description};
 use super::friction_shapes::friction_shapes;
@@ -167,4 +167,12 @@ fn a_changed_number_is_changed_in_every_convention() {
             assert!(robot.joints.iter().zip(&back.joints).map(off).fold(0.0, f64::max) < 1e-12, "{number}");
         }
     }
+}
+
+#[test]
+fn a_number_far_from_the_change_that_is_asked_for_is_settled() {
+    // as steep as a length that is wrong by half: the first change asked for is a quarter of it
+    let left = |change: f64| 1.0 + (change - 0.4).powi(2) * (1.0 + change);
+    let (change, least) = lowest(left, left(0.0), 0.1);
+    assert!((change - 0.4).abs() < 0.02 && (least - 1.0).abs() < 1e-3, "{change} {least}");
 }

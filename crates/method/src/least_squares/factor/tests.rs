@@ -331,3 +331,16 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_column_of_rounding_has_no_direction_and_no_parameter() {
+    let mut builder = FactorBuilder::new(2);
+    for i in 0..50 {
+        let t = 0.1 * f64::from(i);
+        builder.push([t.sin(), 1e-16 * t.cos(), 2.0 * t.sin() + 0.1 * (3.0 * t).cos()].into_iter());
+    }
+    let factor = builder.take();
+    assert_eq!(factor.independent_columns(2, 1e-7), [0]);
+    let theta = factor.basic_solution(1e-7);
+    assert!((theta[0] - 2.0).abs() < 0.05 && theta[1] == 0.0, "{theta:?}");
+}
