@@ -74,7 +74,8 @@ impl ArmEvidence {
     }
 
     /// The fault of a run after one with the fault `before`: one that is clear, or the same still. Where something that is not
-    /// known has come on top, a known fault goes on as long as it explains most.
+    /// known has come on top, a known fault goes on as long as it explains most. A fault of the mechanics does not become an
+    /// offset of the torque signal that the friction stage does not show.
     fn after(&self, before: ArmCause) -> ArmCause {
         let still = self.still();
         if still.is_same_fault(&before) {
@@ -85,7 +86,7 @@ impl ArmEvidence {
             self.causes.iter().find(|(cause, _)| *cause != ArmCause::Unknown && cause.is_same_fault(&before));
         match (known, none) {
             (Some((cause, cost)), Some(none))
-                if still == ArmCause::Unknown
+                if (still == ArmCause::Unknown || still.is_offset_of_rest(&before))
                     && none - cost >= self.least_advantage.max(MOST_EXPLAINED * none) =>
             {
                 *cause

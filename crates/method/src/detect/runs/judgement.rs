@@ -20,7 +20,7 @@ use armwatch_model::robot::JointIndex;
 
 /// Changes whenever the program finds something else in the same cycles, or keeps it in another form. What another version
 /// of the program has kept is not believed either.
-const METHOD: (u64, &str) = (10, env!("CARGO_PKG_VERSION"));
+const METHOD: (u64, &str) = (11, env!("CARGO_PKG_VERSION"));
 
 /// What is found in the cycles of a test.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,7 +73,8 @@ pub(super) fn key(frame: u64, run: &RunSummary, together: &[&RunSummary]) -> u64
     frame.hash(&mut hasher);
     content(run).hash(&mut hasher);
     for of in &run.joints {
-        (of.joint, of.relative_rmsd.map(f64::to_bits), of.relative_noise.map(f64::to_bits)).hash(&mut hasher);
+        let figures = [of.relative_rmsd, of.relative_noise, of.torque_rms];
+        (of.joint, figures.map(|figure| figure.map(f64::to_bits))).hash(&mut hasher);
     }
     together.iter().for_each(|run| content(run).hash(&mut hasher));
     hasher.finish()

@@ -37,9 +37,13 @@ const LEAST_DEVIATION: f64 = 0.005;
 
 /// Mean effects over the runs of a baseline, from which those of all runs are counted; over those before the change
 /// where friction jumped from one to the next.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Zero {
     wear: f64,
+    /// By part, Coulomb and viscous.
+    parts: [f64; 2],
+    /// By level.
+    levels: Vec<f64>,
     ambient: f64,
     /// Variance of `wear`.
     variance: f64,
@@ -52,6 +56,7 @@ pub(super) struct Zero {
 pub(super) struct Relative {
     pub wear: f64,
     pub variance: f64,
+    pub parts: [Estimate; 2],
     pub ambient: Estimate,
 }
 
@@ -66,6 +71,10 @@ impl Zero {
         let runs = baseline.len() as f64;
         Self {
             wear: of(&|e| e.wear),
+            parts: [0, 1].map(|part| of(&|e| e.parts[part].value)),
+            levels: (0..baseline.first().map_or(0, |e| e.levels.len()))
+                .map(|at| of(&|e| e.levels[at]))
+                .collect(),
             ambient: of(&|e| e.ambient.value),
             variance: of(&|e| e.variance) / runs.max(1.0),
             own_share: if change.is_some() || baseline.is_empty() { 0.0 } else { 2.0 / runs },
@@ -86,8 +95,20 @@ impl Zero {
         Relative {
             wear: (1.0 + effect.wear) / (1.0 + self.wear) - 1.0,
             variance: (own * effect.variance + self.variance).max(0.0),
+            parts: [0, 1].map(|part| Estimate {
+                value: (1.0 + effect.parts[part].value) / (1.0 + self.parts[part]) - 1.0,
+                ..effect.parts[part]
+            }),
             ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
         }
+    }
+}
+
+impl Zero {
+    /// Friction of a run at a level as a multiple of that of the baseline.
+    pub(super) fn factor(&self, effect: &RunEffect, level: usize) -> f64 {
+        let of = |levels: &[f64]| 1.0 + levels.get(level).copied().unwrap_or(0.0);
+        of(&effect.levels) / of(&self.levels)
     }
 }
 
@@ -152,6 +173,8 @@ mod tests {
             identified: true,
             wear: *wear,
             variance: 1e-5,
+            parts: [Estimate { value: *wear, std_error: 0.003 }; 2],
+            levels: vec![*wear],
             ambient: Estimate { value: 0.0, std_error: 0.01 },
             start: [0.0; 2],
         };

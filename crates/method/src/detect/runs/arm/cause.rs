@@ -73,6 +73,16 @@ impl ArmCause {
         }
     }
 
+    /// Whether this is an offset of the torque signal of the joint whose mechanics were at fault before.
+    pub(in crate::detect::runs) fn is_offset_of_rest(&self, before: &Self) -> bool {
+        match (self, before) {
+            (Self::TorqueSignal { joint, fault: SignalFault::Offset(_) }, Self::UnexplainedTorque { joint: of, .. }) => {
+                joint == of
+            }
+            _ => false,
+        }
+    }
+
     /// What it would be, in words that follow "rather than".
     pub(in crate::detect::runs) fn words(&self) -> String {
         match self {

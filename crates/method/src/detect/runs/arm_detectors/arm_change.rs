@@ -156,7 +156,7 @@ fn of_signal(fault: SignalFault) -> Figure {
             message: format!(
                 "the torque signal has an offset of {torque:+.2} Nm beyond the usual; friction in both directions, the arm's \
                  parameters and the torque that they leave unexplained show it; check the zero of the torque sensor or of \
-                 the motor current"
+                 the motor current, and look for a cable, a hose or a seal that pulls to one side"
             ),
         },
         SignalFault::Noise(ratio) => Figure {
