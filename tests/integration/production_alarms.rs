@@ -276,7 +276,8 @@ fn causes_of_work_are_named_from_the_first_log_on() {
     for seed in 600..606 {
         let (_, found) = of_joint(None, seed);
         assert_eq!(found, [], "a healthy arm, seed {seed}");
-        let (joint, found) = of_joint(Some(FaultKind::Wear { part: WornPart::All, rate_per_run: 0.5, cap: 0.5 }), seed);
+        let (joint, found) =
+            of_joint(Some(FaultKind::Wear { part: WornPart::All, rate_per_run: 0.5, cap: 0.5 }), seed);
         assert!(named(&found, AnomalyKind::Drift, joint), "friction of joint {}: {found:?}", joint + 1);
         // joints 2 and 3 carry weight; of those behind them nearly all torque is friction
         let (joint, found) = of_joint(Some(FaultKind::Gain { size: 0.1 }), seed);

@@ -321,6 +321,7 @@ fn costs(
         let channels = Shown { change, signals: &signals, run, baseline }.channels();
         channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
+    causes.extend(noise_of_all(change, &signals, baseline));
     // what the arm has become adds no constant to the torque of a joint, but in another posture than is believed
     let offsets: f64 = signals.iter().map(|of| of.offset.1).sum();
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE + offsets.min(MOST_FOR_OFFSETS)));
@@ -330,6 +331,20 @@ fn costs(
         causes.clear();
     }
     Some(causes)
+}
+
+/// Noise of most torque signals, such as of a supply or a ground, with its cost; `None` where fewer have more noise. The
+/// parameters may move anywhere, since the rows know them badly.
+fn noise_of_all(change: Option<&Change>, signals: &[Signal], baseline: &Baseline) -> Option<(ArmCause, f64)> {
+    let ratios: Vec<f64> =
+        signals.iter().filter(|of| of.noise_cost() > 0.0).filter_map(Signal::noise_ratio).collect();
+    if ratios.len() < 2 || 3 * ratios.len() < 2 * signals.len() {
+        return None;
+    }
+    let ratio = ratios.iter().map(|ratio| ratio.ln()).sum::<f64>() / ratios.len() as f64;
+    let rest = change.map_or(0.0, |change| price_of_any(change, |_| true, baseline));
+    let others: f64 = signals.iter().map(|of| of.offset.1 + of.unexplained.1).sum();
+    Some((ArmCause::NoiseOfAll(ratio.exp()), rest + others + 4.0 * PARAMETER_PRICE))
 }
 
 /// Adds a fault of a channel. An offset of a torque that the friction stage shows as well is one cause with it: at the lower

@@ -598,11 +598,33 @@ fn a_season_of_friction_is_no_noise() {
     // noise that has grown in summer has its own size
     let mut noisy = fleet(18, 9, |run| {
         let ratio = if run >= 15 { 4.0 } else { 1.0 };
-        State { noise: Some((3, ratio)), unexplained: Some((3, if run >= 15 { 2.18 } else { 1.0 })), ..State::default() }
+        State {
+            noise: Some((3, ratio)),
+            unexplained: Some((3, if run >= 15 { 2.18 } else { 1.0 })),
+            ..State::default()
+        }
     });
     season(&mut noisy);
     let found = only(&noisy, AnomalyKind::Sensor, Some(4));
     assert!((found.value / 4.0 - 1.0).abs() < 0.05 && found.message.contains("noise"), "{found:?}");
+}
+
+#[test]
+fn noise_of_all_signals_is_one_alarm_of_the_arm() {
+    let mut history = fleet(9, 9, |_| State { noise: Some((3, 1.0)), ..State::default() });
+    for run in &mut history[7..] {
+        for joint in &mut run.joints {
+            joint.relative_noise = joint.relative_noise.map(|noise| 3.0 * noise);
+            // half of the unexplained torque is noise
+            joint.relative_rmsd = joint.relative_rmsd.map(|rmsd| 1.73 * rmsd);
+        }
+        // parameters are known three times as badly
+        for (place, of) in run.parameters.iter_mut().enumerate() {
+            of.mean += if place % 2 == 0 { 8.0 } else { -8.0 } * of.std_dev / f64::from(of.cycles).sqrt();
+        }
+    }
+    let found = only(&history, AnomalyKind::Sensor, None);
+    assert!((found.value / 3.0 - 1.0).abs() < 0.05 && found.message.contains("most joints"), "{found:?}");
 }
 
 #[test]

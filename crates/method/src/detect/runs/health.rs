@@ -127,7 +127,8 @@ fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Op
     let joints: Vec<_> = latest.joints.iter().filter_map(of_joint).collect();
     let (_, measured, index, own) = *joints.iter().find(|(joint, ..)| *joint == series.joint)?;
     let common = median(&joints.iter().map(|(.., taken)| *taken).collect::<Vec<f64>>())?;
-    let is_odd = joints.len() >= FEWEST_JOINTS && (own - common).abs() > MOST_OWN + MOST_OWN_SHARE * common.abs();
+    let is_odd =
+        joints.len() >= FEWEST_JOINTS && (own - common).abs() > MOST_OWN + MOST_OWN_SHARE * common.abs();
     is_odd.then(|| {
         format!(
             "measured friction is {:+.0} % against the baseline and the friction index {index:.3}: the difference counts as \

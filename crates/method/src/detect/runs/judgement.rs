@@ -164,6 +164,7 @@ impl Packed {
                     SignalFault::Gain(part) => self.of_joint(6, joint, part),
                 },
                 ArmCause::UnexplainedTorque { joint, ratio } => self.of_joint(7, joint, ratio),
+                ArmCause::NoiseOfAll(ratio) => self.sized(8, ratio),
             }
             self.numbers([*cost]);
         }
@@ -286,6 +287,7 @@ impl Reader<'_> {
                 5 => signal(self.joint()?, SignalFault::Noise(self.number()?)),
                 6 => signal(self.joint()?, SignalFault::Gain(self.number()?)),
                 7 => ArmCause::UnexplainedTorque { joint: self.joint()?, ratio: self.number()? },
+                8 => ArmCause::NoiseOfAll(self.number()?),
                 _ => return None,
             };
             Some((cause, self.number()?))

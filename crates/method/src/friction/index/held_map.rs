@@ -40,8 +40,6 @@ const LEAST_DEVIATION: f64 = 0.005;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Zero {
     wear: f64,
-    /// By part, Coulomb and viscous.
-    parts: [f64; 2],
     /// By level.
     levels: Vec<f64>,
     ambient: f64,
@@ -56,7 +54,6 @@ pub(super) struct Zero {
 pub(super) struct Relative {
     pub wear: f64,
     pub variance: f64,
-    pub parts: [Estimate; 2],
     pub ambient: Estimate,
 }
 
@@ -71,7 +68,6 @@ impl Zero {
         let runs = baseline.len() as f64;
         Self {
             wear: of(&|e| e.wear),
-            parts: [0, 1].map(|part| of(&|e| e.parts[part].value)),
             levels: (0..baseline.first().map_or(0, |e| e.levels.len()))
                 .map(|at| of(&|e| e.levels[at]))
                 .collect(),
@@ -95,10 +91,6 @@ impl Zero {
         Relative {
             wear: (1.0 + effect.wear) / (1.0 + self.wear) - 1.0,
             variance: (own * effect.variance + self.variance).max(0.0),
-            parts: [0, 1].map(|part| Estimate {
-                value: (1.0 + effect.parts[part].value) / (1.0 + self.parts[part]) - 1.0,
-                ..effect.parts[part]
-            }),
             ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
         }
     }
@@ -173,7 +165,6 @@ mod tests {
             identified: true,
             wear: *wear,
             variance: 1e-5,
-            parts: [Estimate { value: *wear, std_error: 0.003 }; 2],
             levels: vec![*wear],
             ambient: Estimate { value: 0.0, std_error: 0.01 },
             start: [0.0; 2],

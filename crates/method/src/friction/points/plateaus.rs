@@ -398,7 +398,8 @@ pub(in crate::friction) mod tests {
         for (part, tolerance) in [(0.5, 0.0), (0.8, 0.01), (0.9, 0.0), (1.0, 0.02)] {
             let mut described = robot.clone();
             // the program says level by number; its speeds are a part of those that the description has
-            described.speed_levels = robot.speed_levels.iter().map(|level| level / (part * (1.0 + tolerance))).collect();
+            described.speed_levels =
+                robot.speed_levels.iter().map(|level| level / (part * (1.0 + tolerance))).collect();
             let found = points(&described, &stage(&robot, &levels, true, |_| 0.0));
             assert_eq!(found.points.len(), 2 * levels.len(), "{part}: {:?}", found.remarks);
             for point in &found.points {

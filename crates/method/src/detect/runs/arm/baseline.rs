@@ -295,11 +295,6 @@ impl Baseline {
         let change = if self.groups.is_empty() { change } else { &change - nearest(&self.groups, &change) };
         Some(change / self.inflation.sqrt())
     }
-
-    /// Whether the first runs carried different loads by turns.
-    pub(super) fn has_groups(&self) -> bool {
-        !self.groups.is_empty()
-    }
 }
 
 impl Usual {
@@ -314,7 +309,6 @@ impl Usual {
         let is_change = |before: f64, behind: f64| (behind - before).abs() >= LEAST_OFFSET * friction;
         Self::of(runs.iter().filter_map(|run| mean(run)), count, least, is_change)
     }
-
 }
 
 /// Usual value and deviation of each parameter of the first run that has some, with what it stands for: those that `count` runs have.
@@ -345,7 +339,8 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
 /// square are of one group. Empty where fewer than two groups have two runs, which is scatter
 /// or one odd run, and where no group comes back, which is a change that lasts.
 fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
-    let is_near = |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;
+    let is_near =
+        |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (run, change) in first.iter().enumerate() {
         match groups.iter_mut().find(|group| is_near(&first[group[0]], change)) {
@@ -354,7 +349,8 @@ fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
         }
     }
     let returns = |group: &Vec<usize>| group.windows(2).any(|pair| pair[1] > pair[0] + 1);
-    if groups.len() < 2 || !groups.iter().any(returns) || groups.iter().filter(|of| of.len() > 1).count() < 2 {
+    if groups.len() < 2 || !groups.iter().any(returns) || groups.iter().filter(|of| of.len() > 1).count() < 2
+    {
         return Vec::new();
     }
     let mean = |group: &Vec<usize>| {

@@ -166,7 +166,8 @@ impl Shown<'_> {
             if known.is_some_and(|joint| joint.index() == other) {
                 continue;
             }
-            cost += match (self.baseline.rmsd[other], self.baseline.rmsd_of(self.run, JointIndex::new(other))) {
+            cost += match (self.baseline.rmsd[other], self.baseline.rmsd_of(self.run, JointIndex::new(other)))
+            {
                 (Some(usual), Some(now)) => {
                     let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
                     match other == direction.joint.index() {

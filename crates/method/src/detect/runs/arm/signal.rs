@@ -31,6 +31,11 @@ impl Signal {
         self.noise.map_or(0.0, |(_, cost)| cost)
     }
 
+    /// Noise as a multiple of the usual; `None` where it is not known.
+    pub(super) fn noise_ratio(&self) -> Option<f64> {
+        self.noise.map(|(ratio, _)| ratio)
+    }
+
     /// Whether the friction stage shows an offset, however small against friction.
     pub(super) fn shows_offset(&self) -> bool {
         self.offset_deviations.abs() >= SIGNAL_DEVIATIONS
