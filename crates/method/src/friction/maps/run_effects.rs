@@ -309,7 +309,13 @@ mod tests {
     /// A run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
     fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {
         let point = RunPoint { level: 0, torque: 10.0, predicted: 10.0, slope: 1.0, decay: [0.5, 0.5] };
-        let points = RunPoints { points: vec![point], in_map: true, top_slope: 0.1, viscous: vec![0.0] };
+        let points = RunPoints {
+            points: vec![point],
+            in_map: true,
+            top_slope: 0.1,
+            viscous: vec![0.0],
+            recorded_ambient: 0.0,
+        };
         let layout = EffectLayout::with_levels(std::iter::once(1));
         let wear = layout.joints[0].wear();
         let mut covariance = DMatrix::identity(layout.size, layout.size);

@@ -1,7 +1,7 @@
 //! Points of the runs with the values of the friction map at them, and how much they weigh.
 
 use super::map::{FittedMap, point_deficits};
-use super::record::JointRecord;
+use super::record::{JointRecord, ThermalSensor};
 use crate::statistics::descriptive::{mean, median};
 
 /// Scatter of a run's points beyond the joint's usual one that takes weight from them, as a multiple.
@@ -24,6 +24,8 @@ pub(in crate::friction) struct RunPoints {
     pub top_slope: f64,
     /// Result of [`viscous_shares`] for the map of the joint.
     pub viscous: Vec<f64>,
+    /// Thermal deficit that the recorded ambient temperature of the run makes; 0 without one.
+    pub recorded_ambient: f64,
 }
 
 /// A point with the values of the map at it.
@@ -114,8 +116,17 @@ pub(in crate::friction) fn run_points(
     let top = record.levels.len() - 1;
     let top_slope = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
     let viscous = viscous_shares(&fit.warm);
-    let empty = || RunPoints { points: Vec::new(), in_map: false, top_slope, viscous: viscous.clone() };
-    let mut runs: Vec<RunPoints> = starts.iter().map(|_| empty()).collect();
+    let empty = |run: usize| RunPoints {
+        points: Vec::new(),
+        in_map: false,
+        top_slope,
+        viscous: viscous.clone(),
+        recorded_ambient: match &record.sensor {
+            ThermalSensor::Ambient(ambient) => fit.law.sensor * ambient.below_usual[run],
+            ThermalSensor::None | ThermalSensor::Motor(_) => 0.0,
+        },
+    };
+    let mut runs: Vec<RunPoints> = (0..starts.len()).map(empty).collect();
     for (p, x) in record.points.iter().zip(point_deficits(record, &fit.law)) {
         let run = &mut runs[p.run];
         run.points.push(RunPoint {
@@ -155,8 +166,13 @@ mod tests {
 
     #[test]
     fn points_that_scatter_far_more_than_usual_weigh_less() {
-        let mut points =
-            RunPoints { points: Vec::new(), in_map: true, top_slope: 0.1, viscous: vec![0.0; 2] };
+        let mut points = RunPoints {
+            points: Vec::new(),
+            in_map: true,
+            top_slope: 0.1,
+            viscous: vec![0.0; 2],
+            recorded_ambient: 0.0,
+        };
         let of = |level: usize, cycle: usize, scatter: f64| RunPoint {
             level,
             // the same at both levels of a cycle
@@ -176,8 +192,13 @@ mod tests {
 
     #[test]
     fn a_step_inside_a_run_takes_no_weight() {
-        let mut points =
-            RunPoints { points: Vec::new(), in_map: true, top_slope: 0.1, viscous: vec![0.0; 2] };
+        let mut points = RunPoints {
+            points: Vec::new(),
+            in_map: true,
+            top_slope: 0.1,
+            viscous: vec![0.0; 2],
+            recorded_ambient: 0.0,
+        };
         let of = |cycle: usize| if cycle < 4 { 10.0 } else { 12.5 };
         let point = |cycle: usize| RunPoint {
             level: 0,

@@ -27,7 +27,7 @@ const NO_SHAPE: f64 = 1e-5;
 const MOST_OWN: f64 = 0.015;
 const MOST_OWN_SHARE: f64 = 0.6;
 /// The same of the thermal deficit at the start, in its prior scales.
-const MOST_OWN_SCALES: f64 = 3.5;
+const MOST_OWN_SCALES: f64 = 2.5;
 /// Standard deviation of an effect that is held: none.
 const HELD: f64 = 1e-5;
 /// Fewest joints of which one can differ from the median.
@@ -222,6 +222,7 @@ fn solved(
 /// Thermal effects of a joint in a run, as fractions of friction at the largest speed.
 struct OwnThermal {
     joint: usize,
+    /// That of the recorded ambient temperature included.
     ambient: f64,
     /// Mean over the points.
     start: f64,
@@ -248,7 +249,7 @@ fn own_shapes(
         };
         Some(OwnThermal {
             joint,
-            ambient: points.top_slope * solution.effects[at.ambient()],
+            ambient: points.top_slope * (solution.effects[at.ambient()] + points.recorded_ambient),
             start: points.top_slope * mean_of(&|[of_slow, of_fast]| slow * of_slow + fast * of_fast)?,
             most_start: MOST_OWN_SCALES
                 * points.top_slope
@@ -269,7 +270,8 @@ fn own_shapes(
     };
     if all.len() >= FEWEST_JOINTS {
         for of in all.iter().filter(is_own) {
-            let value = ambient / joints[of.joint].top_slope;
+            let points = joints[of.joint];
+            let value = ambient / points.top_slope - points.recorded_ambient;
             found[of.joint] = Some(HeldAmbient { value, std_error: 0.5 * most });
         }
     }

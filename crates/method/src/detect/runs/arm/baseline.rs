@@ -337,7 +337,8 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
 
 /// Means of the groups that the changes of the first runs fall into: those that differ by less than [`ODD_RUN`] in the mean
 /// square are of one group. Empty where fewer than two groups have two runs, which is scatter
-/// or one odd run, and where no group comes back, which is a change that lasts.
+/// or one odd run, where no group comes back, which is a change that lasts, and
+/// where most runs are of one group, which is the usual one.
 fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
     let is_near =
         |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;
@@ -349,8 +350,9 @@ fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
         }
     }
     let returns = |group: &Vec<usize>| group.windows(2).any(|pair| pair[1] > pair[0] + 1);
-    if groups.len() < 2 || !groups.iter().any(returns) || groups.iter().filter(|of| of.len() > 1).count() < 2
-    {
+    let is_usual = |group: &Vec<usize>| 2 * group.len() > first.len();
+    let repeated = groups.iter().filter(|group| group.len() > 1).count();
+    if repeated < 2 || !groups.iter().any(returns) || groups.iter().any(is_usual) {
         return Vec::new();
     }
     let mean = |group: &Vec<usize>| {
