@@ -20,7 +20,7 @@ use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, ProductionSummary};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
-use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::fault::{Fault, FaultKind, WornPart};
 use armwatch_simulate::arm::load::Load;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
@@ -213,7 +213,7 @@ fn wear_between_tests_is_found() {
             let joint = usize::try_from(seed).expect("small") % 6;
             // wear begins with the fifth log after the first test
             let faults = vec![Fault {
-                kind: FaultKind::Wear { rate_per_run: step, cap: step },
+                kind: FaultKind::Wear { part: WornPart::All, rate_per_run: step, cap: step },
                 joint: Some(JointIndex::new(joint)),
                 start_run: 6,
                 last_run: None,
@@ -276,7 +276,8 @@ fn causes_of_work_are_named_from_the_first_log_on() {
     for seed in 600..606 {
         let (_, found) = of_joint(None, seed);
         assert_eq!(found, [], "a healthy arm, seed {seed}");
-        let (joint, found) = of_joint(Some(FaultKind::Wear { rate_per_run: 0.5, cap: 0.5 }), seed);
+        let (joint, found) =
+            of_joint(Some(FaultKind::Wear { part: WornPart::All, rate_per_run: 0.5, cap: 0.5 }), seed);
         assert!(named(&found, AnomalyKind::Drift, joint), "friction of joint {}: {found:?}", joint + 1);
         // joints 2 and 3 carry weight; of those behind them nearly all torque is friction
         let (joint, found) = of_joint(Some(FaultKind::Gain { size: 0.1 }), seed);

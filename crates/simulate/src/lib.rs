@@ -24,7 +24,7 @@ use rand_distr::StandardNormal;
 
 use self::arm::dynamics::rigid_chain;
 use self::arm::fault::in_run::RunFaults;
-use self::arm::fault::{Fault, loads, warm_up_factor, wear};
+use self::arm::fault::{Fault, Wear, loads, warm_up_factor, wear};
 use self::arm::friction::{JointFriction, RippleOrder, ThermalState, joint_friction};
 use self::arm::load::Load;
 use self::arm::unit::unit;
@@ -37,10 +37,15 @@ use self::run::truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTrut
 
 pub use self::settings::SimulationSettings;
 use crate::error::SimulateError;
-use armwatch_model::robot::{JointIndex, MAX_JOINTS, Robot, WarmUpShape};
+use armwatch_model::robot::{Joint, JointIndex, MAX_JOINTS, NominalJoint, Robot, WarmUpShape};
 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
+
+/// Stream of what the days draw for friction: far from those of runs, cycles and units.
+const DAY_STREAM: u64 = 1 << 42;
+/// Speed at which the truth says how much friction has risen, as a fraction of the largest: that of thesis Table N.1.
+const WEAR_SPEED: f64 = 0.6;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -184,15 +189,16 @@ fn recording_of_unit(
     let mut torque_noise = Vec::new();
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
-        let mut gearbox = joint_friction(joint, nominal, wear(&settings.faults, index, run));
+        let worn = wear(&settings.faults, index, run);
+        let mut gearbox = joint_friction(joint, nominal, settings.friction_load, &worn);
         gearbox.warm_up = longer_slow_part(gearbox.warm_up, warm_up_factor(&settings.faults, index, run));
         let is_last = index.number() == robot.joint_count();
         let mut gearbox = gearbox.in_shape(settings.friction, is_last, joint.limits.velocity);
         if let Some(orders) = &settings.ripples {
             gearbox = gearbox.with_ripples(orders, joint.gear_ratio);
         }
-        (gearbox.direction, gearbox.load) = (settings.friction_direction, settings.friction_load);
-        friction.push(gearbox);
+        gearbox.direction = settings.friction_direction;
+        friction.push(gearbox.scaled(day_factor(settings, run_index, index)));
         torque_noise.push(nominal.torque_noise);
     }
     let point =
@@ -222,6 +228,14 @@ fn recording_of_unit(
         },
         temperatures: settings.temperatures,
     })
+}
+
+/// Friction of a joint on the day of a run, as a multiple of its usual one.
+fn day_factor(settings: &SimulationSettings, run_index: u32, joint: JointIndex) -> f64 {
+    let mut rng = ChaCha8Rng::seed_from_u64(robot_seed(settings));
+    rng.set_stream(DAY_STREAM + u64::from(run_index));
+    let deviations = (0..=joint.index()).map(|_| rng.sample::<f64, _>(StandardNormal));
+    (1.0 + settings.friction_day * deviations.last().unwrap_or(0.0)).max(0.0)
 }
 
 /// The same warm-up with the longer one of its time constants `factor` times as long.
@@ -305,6 +319,13 @@ fn ripple_truth(asked: &RippleOrder, friction: &JointFriction) -> RippleTruth {
     RippleTruth { order: asked.order, amplitude_nm: asked.part * friction.warm[0].abs() }
 }
 
+/// Fraction by which wear has raised warm friction at [`WEAR_SPEED`] of the largest speed, without that of loads.
+fn worn_by(joint: &Joint, nominal: &NominalJoint, worn: &Wear) -> f64 {
+    let speed = WEAR_SPEED * joint.limits.velocity;
+    let at = |worn: &Wear| joint_friction(joint, nominal, 0.0, worn).warm_torque(speed);
+    if *worn == Wear::default() { 0.0 } else { at(worn) / at(&Wear::default()) - 1.0 }
+}
+
 fn joint_truths(
     robot: &Robot,
     settings: &SimulationSettings,
@@ -320,7 +341,7 @@ fn joint_truths(
                 inertial: nominal.inertial.0,
                 motor_inertia_kg_m2: nominal.motor_inertia,
                 warm_friction_f1_f4: friction.warm,
-                wear: wear(&settings.faults, index, run),
+                wear: worn_by(joint, &nominal, &wear(&settings.faults, index, run)),
                 stribeck_nm: friction.bump * friction.warm[0],
                 stribeck_rad_s: friction.stribeck_speed,
                 ripple_nm: friction.ripple,

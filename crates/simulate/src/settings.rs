@@ -85,6 +85,8 @@ pub struct SimulationSettings {
     pub friction_direction: f64,
     /// Friction for each Nm (N) that a gear carries.
     pub friction_load: f64,
+    /// Standard deviation of the friction of each joint from run to run, as a fraction.
+    pub friction_day: f64,
     /// Stiffness of gears that bend, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
     pub stiffness: Vec<(JointIndex, f64)>,
     /// Whether the export is written under its own name from its first row on, as a controller does that is watched.
@@ -130,6 +132,7 @@ impl Default for SimulationSettings {
             ripples: None,
             friction_direction: 0.0,
             friction_load: 0.0,
+            friction_day: 0.0,
             stiffness: Vec::new(),
             grows: false,
             load: None,
@@ -186,6 +189,7 @@ pub(super) fn check(robot: &Robot, settings: &SimulationSettings) -> Result<(), 
         ("lag_s", settings.servo.lag_s),
         ("delay_s", settings.servo.delay_s),
         ("friction_load", settings.friction_load),
+        ("friction_day", settings.friction_day),
         ("unit_spread", settings.unit_spread.friction),
         ("unit_spread", settings.unit_spread.bodies),
         ("position_noise", settings.sensors.position_noise),

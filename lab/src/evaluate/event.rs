@@ -54,6 +54,7 @@ pub(super) fn drawn_size(scenario: Scenario, draws: &mut Draws) -> f64 {
         S::Repair => draws.between(0.85, 1.15),
         S::Wear => draws.log_between(0.05, 0.5),
         S::WearByTest => draws.log_between(0.003, 0.05),
+        S::WearCoulomb | S::WearViscous | S::WearLinear => draws.log_between(0.02, 0.08),
         S::StepBetween | S::StepInside | S::StepInBaseline => draws.sign(0.25) * draws.log_between(0.04, 0.4),
         S::Payload => draws.sign(0.3) * draws.log_between(0.1, 5.0),
         S::Jitter | S::CoupledJitter => draws.log_between(0.02, 0.2),

@@ -36,6 +36,8 @@ pub struct RecordedRobot {
     pub hall_k: f64,
     /// Standard deviation of the instants of rows, steps; 0 for a clock that is even.
     pub clock_jitter: f64,
+    /// Scatter of each joint's friction from test to test, as a fraction.
+    pub friction_day: f64,
     /// One of several forms of friction, see [`FRICTION_FORMS`].
     pub friction_form: usize,
     /// By joint, how its unit differs from the description.
@@ -107,6 +109,7 @@ impl RecordedRobot {
             clock_jitter: if draws.happens(0.3) { 0.1 } else { 0.0 },
             friction_form: draws.whole(0, FRICTION_FORMS - 1),
             units: (0..joints).map(|_| joint_unit(&mut draws)).collect(),
+            friction_day: draws.log_between(0.002, 0.02),
         }
     }
 }

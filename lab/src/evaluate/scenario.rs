@@ -59,6 +59,12 @@ pub enum Scenario {
     MixedTests,
     /// The slow time constant of the warm-up of all joints changes.
     Lubricant,
+    /// The Coulomb part of a joint's friction grows with every test.
+    WearCoulomb,
+    /// The part that grows with speed does.
+    WearViscous,
+    /// The constant and the linear part do, the curvature does not.
+    WearLinear,
 }
 
 /// The roads on which a scenario can be simulated.
@@ -81,7 +87,10 @@ struct Row {
     roads: Roads,
 }
 
-const ROWS: [Row; 27] = {
+/// Size of wear of a part of friction.
+const PART_BY_TEST: &str = "rise of the part with every test, fraction";
+
+const ROWS: [Row; 30] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
@@ -96,7 +105,7 @@ const ROWS: [Row; 27] = {
     [
         row(Scenario::Healthy, "healthy", None, "", Both),
         row(Scenario::Hall, "hall", None, "largest change, K", Both),
-        row(Scenario::Season, "season", None, "amplitude, K", Figures),
+        row(Scenario::Season, "season", None, "amplitude, K", Both),
         row(Scenario::Weekend, "weekend", None, "", Figures),
         row(Scenario::ShortTests, "short-tests", None, "", Both),
         row(Scenario::LongTests, "long-tests", None, "", Both),
@@ -157,13 +166,16 @@ const ROWS: [Row; 27] = {
             "slow time constants, fraction of the old",
             Both,
         ),
+        row(Scenario::WearCoulomb, "wear-coulomb", Some(Drift), PART_BY_TEST, Exports),
+        row(Scenario::WearViscous, "wear-viscous", Some(Drift), PART_BY_TEST, Exports),
+        row(Scenario::WearLinear, "wear-linear", Some(Drift), PART_BY_TEST, Exports),
     ]
 };
 
 impl Scenario {
     /// All of them. What is drawn for a robot depends on the place of its scenario.
-    pub const ALL: [Self; 27] = {
-        let mut all = [Self::Healthy; 27];
+    pub const ALL: [Self; ROWS.len()] = {
+        let mut all = [Self::Healthy; ROWS.len()];
         let mut at = 0;
         while at < all.len() {
             all[at] = ROWS[at].scenario;

@@ -18,8 +18,9 @@ use armwatch::pipeline::context::{Pipeline, Retry};
 use armwatch_config::Config;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
-use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::fault::{Fault, FaultKind, WornPart};
 use armwatch_simulate::arm::friction::FrictionShape;
+use armwatch_simulate::arm::hall::HallSettings;
 use armwatch_simulate::plan::motion::PerJoint;
 use armwatch_simulate::run::record::record;
 use armwatch_simulate::run::recording::Clock;
@@ -196,6 +197,7 @@ fn differing(described: &Robot, units: &[JointUnit]) -> Robot {
 
 /// Settings of its simulation, with the fault of its scenario.
 fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<SimulationSettings, CliError> {
+    let season = drawn.scenario == Scenario::Season;
     let mut settings = SimulationSettings {
         robot_name: "R01".into(),
         seed: drawn.seed,
@@ -204,7 +206,10 @@ fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<Simulati
         cycles: u32::try_from(drawn.cycles).unwrap_or(u32::MAX),
         warming_s: drawn.warming_s,
         runs: tests,
-        interval: Duration::from_secs(24 * 3600),
+        // a season needs months
+        interval: Duration::from_secs(if season { 7 } else { 1 } * 24 * 3600),
+        hall: HallSettings { season_k: if season { drawn.size } else { 0.0 }, day_k: 0.0 },
+        friction_day: drawn.friction_day,
         ambient_std_k: drawn.hall_k,
         friction: FORMS[drawn.friction_form],
         ..SimulationSettings::default()
@@ -227,10 +232,14 @@ fn fault(
         let joint = (!matches!(kind, FaultKind::Load { .. })).then(|| JointIndex::new(drawn.joint));
         Some(Fault { kind, joint, start_run, last_run: None })
     };
+    let wear = |part| FaultKind::Wear { part, rate_per_run: size, cap: WEAR_CAP };
     let load = |mass| FaultKind::Load { mass, centre: [0.0; 3] };
     Ok(match drawn.scenario {
-        S::Healthy | S::Hall | S::ShortTests | S::LongTests | S::MixedTests => None,
-        S::WearByTest => always(FaultKind::Wear { rate_per_run: size, cap: WEAR_CAP }),
+        S::Healthy | S::Hall | S::Season | S::ShortTests | S::LongTests | S::MixedTests => None,
+        S::WearByTest => always(wear(WornPart::All)),
+        S::WearCoulomb => always(wear(WornPart::Coulomb)),
+        S::WearViscous => always(wear(WornPart::Viscous)),
+        S::WearLinear => always(wear(WornPart::Linear)),
         S::StepBetween => always(FaultKind::Step { size, cycle: 1 }),
         S::StepInside | S::StepInBaseline => always(FaultKind::Step { size, cycle: number(drawn.cycle) }),
         // what is taken away was there before
@@ -268,7 +277,7 @@ fn fault(
             always(FaultKind::Saturation { torque: size * largest })
         }
         S::LateTorque => always(FaultKind::Delay { seconds: size }),
-        S::Season | S::Weekend | S::Repair | S::Wear | S::CoupledJitter => {
+        S::Weekend | S::Repair | S::Wear | S::CoupledJitter => {
             return Err(CliError::Internal(format!("{} is not simulated as exports", drawn.scenario.name())));
         }
     })

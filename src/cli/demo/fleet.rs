@@ -16,7 +16,7 @@ use tokio::task::JoinHandle;
 use crate::cli::context::CliError;
 use armwatch_model::anomaly::AnomalyKind;
 use armwatch_model::robot::{JointIndex, Robot};
-use armwatch_simulate::arm::fault::{Fault, FaultKind};
+use armwatch_simulate::arm::fault::{Fault, FaultKind, WornPart};
 use armwatch_simulate::error::SimulateError;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
@@ -130,7 +130,7 @@ pub(super) fn fleet(first_day: Date) -> Result<Vec<Arm>, jiff::Error> {
         days,
         planted,
     };
-    let wear = FaultKind::Wear { rate_per_run: 0.05, cap: 1.0 };
+    let wear = FaultKind::Wear { part: WornPart::All, rate_per_run: 0.05, cap: 1.0 };
     let step = FaultKind::Step { size: 0.25, cycle: 5 };
     let jitter = FaultKind::Jitter { size: 0.12 };
     let load = FaultKind::Load { mass: 0.8, centre: [0.0; 3] };

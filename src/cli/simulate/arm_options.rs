@@ -60,6 +60,9 @@ pub(in crate::cli) struct ArmOptions {
     /// Friction for each Nm (N) that a gear carries, such as 0.03
     #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
     friction_load: f64,
+    /// Standard deviation of each joint's friction from run to run, such as 0.015
+    #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
+    friction_day: f64,
     /// Gears warm by the power that friction takes, and cool at rest, instead of by the time since the cold start
     #[arg(help_heading = "Friction", long)]
     heating_by_work: bool,
@@ -114,6 +117,7 @@ impl ArmOptions {
             ripples: self.ripple.clone().map(|ripples| ripples.0),
             friction_direction: self.friction_direction,
             friction_load: self.friction_load,
+            friction_day: self.friction_day,
             heating: if self.heating_by_work { Heating::Work } else { Heating::Time },
             unit_spread: UnitSpread {
                 friction: self.unit_spread,

@@ -64,7 +64,8 @@ Examples:
       --interval-h 168 --season-k 6 --day-k 2 --shifts 6-14,14-22
 
 Faults, each with from= (first run) and perhaps to= (last run):
-  wear:joint=,rate=[,cap=]     friction grows by a fraction a run
+  wear:joint=,rate=[,cap=][,part=]  friction grows by a fraction a run; part:
+                               all, coulomb, viscous, linear (f1, f2), load
   step:joint=,size=[,cycle=]   friction grows at once
   jitter:joint=,size=          friction varies from cycle to cycle
   warm-up:[joint=,]factor=     slow time constant of the warm-up

@@ -97,3 +97,6 @@ mod alarm_tests;
 
 #[cfg(test)]
 mod temperature_tests;
+
+#[cfg(test)]
+mod part_wear_tests;

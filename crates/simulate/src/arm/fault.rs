@@ -7,7 +7,7 @@ mod text;
 
 pub use text::FaultParseError;
 
-use armwatch_model::robot::JointIndex;
+use armwatch_model::robot::{FRICTION_COUNT, JointIndex};
 
 /// Largest wear unless said otherwise: friction doubled.
 const DEFAULT_CAP: f64 = 1.0;
@@ -29,11 +29,13 @@ pub struct Fault {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum FaultKind {
-    /// All friction grows by the fraction `rate_per_run` of healthy friction a run, up to `cap`.
+    /// A part of friction grows by the fraction `rate_per_run` of its healthy size a run, up to `cap`.
     Wear {
-        /// Growth a run, as a fraction of healthy friction.
+        /// What grows.
+        part: WornPart,
+        /// Growth a run, as a fraction of the healthy part.
         rate_per_run: f64,
-        /// Largest growth, as a fraction of healthy friction.
+        /// Largest growth, as a fraction of the healthy part.
         cap: f64,
     },
     /// All friction is larger by a fraction at once.
@@ -106,6 +108,58 @@ pub enum FaultKind {
     },
 }
 
+/// Part of a joint's friction that wears.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WornPart {
+    /// All of it, in proportion at all speeds.
+    All,
+    /// The Coulomb part f1: preload, a seal, a dry contact.
+    Coulomb,
+    /// The part that grows with speed, f2 to f4: the lubricant.
+    Viscous,
+    /// f1 and f2; the curvature f3 and f4 stays, so that friction rises more than in proportion at high speeds.
+    Linear,
+    /// The part that grows with the torque that the gear carries: the teeth.
+    Load,
+}
+
+impl WornPart {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::All, Self::Coulomb, Self::Viscous, Self::Linear, Self::Load];
+
+    /// Name as people write it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::Coulomb => "coulomb",
+            Self::Viscous => "viscous",
+            Self::Linear => "linear",
+            Self::Load => "load",
+        }
+    }
+
+    /// Which of f1 to f4 grow.
+    fn coefficients(self) -> [bool; FRICTION_COUNT] {
+        match self {
+            Self::All => [true; FRICTION_COUNT],
+            Self::Coulomb => [true, false, false, false],
+            Self::Viscous => [false, true, true, true],
+            Self::Linear => [true, true, false, false],
+            Self::Load => [false; FRICTION_COUNT],
+        }
+    }
+}
+
+/// Growth of a joint's friction by part, as fractions of healthy friction.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Wear {
+    /// Of f1 to f4.
+    pub coefficients: [f64; FRICTION_COUNT],
+    /// Of the friction for each Nm (N) that the gear carries.
+    pub load: f64,
+}
+
 impl FaultKind {
     /// Whether it is the whole arm's.
     fn is_of_arm(self) -> bool {
@@ -114,10 +168,10 @@ impl FaultKind {
 }
 
 impl Fault {
-    /// Wear of a joint up to twice its friction.
+    /// Wear of all friction of a joint up to twice its friction.
     #[must_use]
     pub fn wear(joint: JointIndex, start_run: u32, rate_per_run: f64) -> Self {
-        let kind = FaultKind::Wear { rate_per_run, cap: DEFAULT_CAP };
+        let kind = FaultKind::Wear { part: WornPart::All, rate_per_run, cap: DEFAULT_CAP };
         Self { kind, joint: Some(joint), start_run, last_run: None }
     }
 
@@ -135,7 +189,7 @@ impl Fault {
             return 0.0;
         }
         match self.kind {
-            FaultKind::Wear { rate_per_run, cap } => {
+            FaultKind::Wear { rate_per_run, cap, .. } => {
                 (rate_per_run * (f64::from(run - self.start_run) + 1.0)).min(cap)
             }
             FaultKind::Step { size, .. } | FaultKind::Jitter { size } | FaultKind::Gain { size } => size,
@@ -158,11 +212,19 @@ impl Fault {
 
 /// Growth of friction of `joint` in run `run` over all its wear.
 #[must_use]
-pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> f64 {
-    // A sum over nothing is -0.0, which looks odd in a truth file.
-    let worn =
-        faults.iter().filter(|of| matches!(of.kind, FaultKind::Wear { .. }) && of.is_of(joint.index()));
-    worn.fold(0.0, |total, fault| total + fault.size(run))
+pub fn wear(faults: &[Fault], joint: JointIndex, run: u32) -> Wear {
+    let mut worn = Wear::default();
+    for fault in faults.iter().filter(|of| of.is_of(joint.index())) {
+        let FaultKind::Wear { part, .. } = fault.kind else { continue };
+        let size = fault.size(run);
+        for (of, grows) in worn.coefficients.iter_mut().zip(part.coefficients()) {
+            *of += if grows { size } else { 0.0 };
+        }
+        if matches!(part, WornPart::All | WornPart::Load) {
+            worn.load += size;
+        }
+    }
+    worn
 }
 
 /// How many times longer the slow time constant of the warm-up of `joint` is in run `run`.
@@ -188,13 +250,26 @@ mod tests {
     use super::*;
 
     #[test]
+    fn wear_of_a_part_leaves_the_others() {
+        for (part, coefficients, load) in [
+            ("coulomb", [0.1, 0.0, 0.0, 0.0], 0.0),
+            ("viscous", [0.0, 0.1, 0.1, 0.1], 0.0),
+            ("linear", [0.1, 0.1, 0.0, 0.0], 0.0),
+            ("load", [0.0; 4], 0.1),
+        ] {
+            let fault: Fault = format!("wear:joint=1,from=1,part={part},rate=0.1").parse().unwrap();
+            assert_eq!(wear(&[fault], JointIndex::new(0), 1), Wear { coefficients, load }, "{part}");
+        }
+    }
+
+    #[test]
     fn wear_grows_from_its_run_to_its_cap() {
         let fault: Fault = "wear:joint=2,from=4,rate=0.1,cap=0.25".parse().unwrap();
         let sizes: Vec<f64> = (1..=8).map(|run| fault.size(run)).collect();
         assert_eq!(sizes, [0.0, 0.0, 0.0, 0.1, 0.2, 0.25, 0.25, 0.25]);
         let joint = JointIndex::new(1);
-        assert_eq!(wear(&[fault, fault], joint, 4), 0.2, "two faults add");
-        assert_eq!(wear(&[fault], JointIndex::new(0), 4), 0.0, "another joint is healthy");
-        assert!(wear(&[], joint, 4).is_sign_positive(), "a truth file must not say -0.0");
+        let all = Wear { coefficients: [0.2; 4], load: 0.2 };
+        assert_eq!(wear(&[fault, fault], joint, 4), all, "two faults add");
+        assert_eq!(wear(&[fault], JointIndex::new(0), 4), Wear::default(), "another joint is healthy");
     }
 }

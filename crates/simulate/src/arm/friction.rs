@@ -5,6 +5,7 @@
 
 use std::f64::consts::TAU;
 
+use super::fault::Wear;
 use armwatch_model::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 
 /// Part of the thermal excess that the Coulomb friction f1 shows; the oil's viscosity shows all of it.
@@ -112,10 +113,10 @@ pub struct RippleOrder {
     pub part: f64,
 }
 
-/// Friction of a joint whose wear adds the fraction `wear` to all warm coefficients.
+/// Friction of a joint with `wear`; `load` is its healthy friction for each Nm (N) that the gear carries.
 #[must_use]
-pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> JointFriction {
-    let warm = nominal.friction.map(|f| f * (1.0 + wear));
+pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, load: f64, wear: &Wear) -> JointFriction {
+    let warm = std::array::from_fn(|k| nominal.friction[k] * (1.0 + wear.coefficients[k]));
     JointFriction {
         warm,
         warm_up: nominal.warm_up,
@@ -127,11 +128,28 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, wear: f64) -> Joint
         more_ripples: [Ripple::default(); MORE_RIPPLES],
         presliding_travel: 0.0,
         direction: 0.0,
-        load: 0.0,
+        load: load * (1.0 + wear.load),
     }
 }
 
 impl JointFriction {
+    /// The same gearbox with `factor` times the friction.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self {
+            warm: self.warm.map(|f| f * factor),
+            ripple: self.ripple * factor,
+            load: self.load * factor,
+            ..self
+        }
+    }
+
+    /// Warm friction without ripple and load at the speed `qd`, Nm.
+    #[must_use]
+    pub fn warm_torque(&self, qd: f64) -> f64 {
+        friction_torque(self, &self.warm, qd)
+    }
+
     /// The same gearbox with these ripples in place of its own; those beyond 1 + [`MORE_RIPPLES`] are left out.
     #[must_use]
     pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
@@ -281,7 +299,8 @@ mod tests {
 
     fn first_joint(wear: f64) -> JointFriction {
         let robot = er3a();
-        joint_friction(&robot.joints[0], &robot.joints[0].nominal.unwrap(), wear)
+        let wear = Wear { coefficients: [wear; FRICTION_COUNT], load: wear };
+        joint_friction(&robot.joints[0], &robot.joints[0].nominal.unwrap(), 0.0, &wear)
     }
 
     fn after(seconds: f64) -> ThermalState {

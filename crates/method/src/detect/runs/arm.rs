@@ -75,7 +75,8 @@ impl ArmEvidence {
     }
 
     /// The fault of a run after one with the fault `before`: one that is clear, or the same still. Where something that is not
-    /// known has come on top, a known fault goes on as long as it explains most.
+    /// known has come on top, a known fault goes on as long as it explains most. A fault of the mechanics does not become an
+    /// offset of the torque signal that the friction stage does not show.
     fn after(&self, before: ArmCause) -> ArmCause {
         let still = self.still();
         if still.is_same_fault(&before) {
@@ -86,7 +87,7 @@ impl ArmEvidence {
             self.causes.iter().find(|(cause, _)| *cause != ArmCause::Unknown && cause.is_same_fault(&before));
         match (known, none) {
             (Some((cause, cost)), Some(none))
-                if still == ArmCause::Unknown
+                if (still == ArmCause::Unknown || still.is_offset_of_rest(&before))
                     && none - cost >= self.least_advantage.max(MOST_EXPLAINED * none) =>
             {
                 *cause
@@ -321,6 +322,7 @@ fn costs(
         let channels = Shown { change, signals: &signals, run, baseline }.channels();
         channels.into_iter().for_each(|of| add_channel(&mut causes, of));
     }
+    causes.extend(noise_of_all(change, &signals, baseline));
     // what the arm has become adds no constant to the torque of a joint, but in another posture than is believed
     let offsets: f64 = signals.iter().map(|of| of.offset.1).sum();
     causes.push((ArmCause::Unknown, UNKNOWN_PRICE + offsets.min(MOST_FOR_OFFSETS)));
@@ -330,6 +332,20 @@ fn costs(
         causes.clear();
     }
     Some(causes)
+}
+
+/// Noise of most torque signals, such as of a supply or a ground, with its cost; `None` where fewer have more noise. The
+/// parameters may move anywhere, since the rows know them badly.
+fn noise_of_all(change: Option<&Change>, signals: &[Signal], baseline: &Baseline) -> Option<(ArmCause, f64)> {
+    let ratios: Vec<f64> =
+        signals.iter().filter(|of| of.noise_cost() > 0.0).filter_map(Signal::noise_ratio).collect();
+    if ratios.len() < 2 || 3 * ratios.len() < 2 * signals.len() {
+        return None;
+    }
+    let ratio = ratios.iter().map(|ratio| ratio.ln()).sum::<f64>() / ratios.len() as f64;
+    let rest = change.map_or(0.0, |change| price_of_any(change, |_| true, baseline));
+    let others: f64 = signals.iter().map(|of| of.offset.1 + of.unexplained.1).sum();
+    Some((ArmCause::NoiseOfAll(ratio.exp()), rest + others + 4.0 * PARAMETER_PRICE))
 }
 
 /// Adds a fault of a channel. An offset of a torque that the friction stage shows as well is one cause with it: at the lower

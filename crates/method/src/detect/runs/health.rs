@@ -4,7 +4,7 @@ use super::history::friction_history::{FrictionHistory, Observed, Source};
 use super::joint_detectors::friction_drift;
 use super::series::JointSeries;
 use super::without_result::why;
-use crate::statistics::descriptive::robust_deviation;
+use crate::statistics::descriptive::{median, robust_deviation};
 use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::epoch::not_compared;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunSummary};
@@ -12,6 +12,15 @@ use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunS
 /// Largest standard deviation of friction from test to test, as a fraction of the baseline, at which a change is reported as
 /// such a fraction. Healthy joints have 0.01 to 0.05. Above this limit friction is small against measurement noise.
 const MOST_SCATTER: f64 = 0.1;
+
+/// Change of a joint's friction by temperature, in logarithms, that differs from that of the arm's other joints in health: by
+/// so much, and by this share of what they have in common. In a hall of 5 to 35 °C healthy joints reach half of it.
+const MOST_OWN: f64 = 0.12;
+const MOST_OWN_SHARE: f64 = 0.6;
+/// Fewest joints of which one can be odd.
+const FEWEST_JOINTS: usize = 4;
+/// Speeds compare within this fraction of the largest.
+const SAME_SPEED: f64 = 1e-3;
 
 /// Where a joint stands after the latest test of the history, which is not empty. `found` are the joint's
 /// anomalies.
@@ -86,9 +95,47 @@ fn knowledge(
         );
         return (Knowledge::Unsettled, Some(words));
     }
+    if let Some(words) = taken_for_temperature(history, series) {
+        return (Knowledge::Unsettled, Some(words));
+    }
     let words = [refused_part(latest), not_watched(observed), not_told(series, observed)];
     let words: Vec<String> = words.into_iter().flatten().collect();
     (Knowledge::Compared, Some(words.join("; ")).filter(|words| !words.is_empty()))
+}
+
+/// The reason for doubting an index that differs from measured friction in this joint alone.
+///
+/// What the index leaves of the change of warm friction is temperature, `t_j = ln(measured_j / usual_j) - ln(index_j)`.
+/// Joints of one arm share it, as far as healthy joints do: `|t_j - m| <= MOST_OWN + MOST_OWN_SHARE |m|` with the median `m`
+/// of all joints.
+fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Option<String> {
+    let count = series.settings.baseline_runs.max(1);
+    let latest = history.last()?;
+    let of_joint = |of: &JointSummary| {
+        let (now, index) = (of.warm_friction?, of.friction_index?);
+        let usual: Vec<f64> = history
+            .iter()
+            .filter_map(|run| run.joints.iter().find(|other| other.joint == of.joint)?.warm_friction)
+            .filter(|usual| (usual.speed_fraction - now.speed_fraction).abs() < SAME_SPEED)
+            .map(|usual| usual.torque)
+            .take(count)
+            .collect();
+        let measured = now.torque / median(&usual).filter(|_| usual.len() == count)?;
+        let taken = (measured / index.value).ln();
+        taken.is_finite().then_some((of.joint, measured, index.value, taken))
+    };
+    let joints: Vec<_> = latest.joints.iter().filter_map(of_joint).collect();
+    let (_, measured, index, own) = *joints.iter().find(|(joint, ..)| *joint == series.joint)?;
+    let common = median(&joints.iter().map(|(.., taken)| *taken).collect::<Vec<f64>>())?;
+    let is_odd =
+        joints.len() >= FEWEST_JOINTS && (own - common).abs() > MOST_OWN + MOST_OWN_SHARE * common.abs();
+    is_odd.then(|| {
+        format!(
+            "measured friction is {:+.0} % against the baseline and the friction index {index:.3}: the difference counts as \
+             temperature, which no other joint of the arm shows so; check this joint",
+            100.0 * (measured - 1.0)
+        )
+    })
 }
 
 /// What nothing is known of in a test without a friction stage.

@@ -120,7 +120,8 @@ pub(super) fn key(frame: u64, run: &RunSummary, own: u64, together: impl Iterato
     let mut hasher = DefaultHasher::new();
     (frame, own).hash(&mut hasher);
     for of in &run.joints {
-        (of.joint, of.relative_rmsd.map(f64::to_bits), of.relative_noise.map(f64::to_bits)).hash(&mut hasher);
+        let figures = [of.relative_rmsd, of.relative_noise, of.torque_rms];
+        (of.joint, figures.map(|figure| figure.map(f64::to_bits))).hash(&mut hasher);
     }
     together.for_each(|content| content.hash(&mut hasher));
     hasher.finish()

@@ -12,7 +12,7 @@ use armwatch_model::robot::JointIndex;
 const REFERENCE: f64 = 0.6;
 
 /// The history as the detectors get it, with the index or without.
-fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
+pub(super) fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
     let found = arm.friction();
     let summary = |i: usize, j: usize| {
         let joint = JointIndex::new(j);

@@ -84,7 +84,7 @@ pub fn fit_maps(
             usual_speed: usual_speed(record.joint, &spans),
             scales: scales.of_joint(at),
             ambient_scale: scales.ambient(),
-            zero: zeros[at],
+            zero: zeros[at].clone(),
             usual: usual_friction(record, baseline_runs),
         });
     }
@@ -213,7 +213,7 @@ fn apply_effects(record: &mut JointRecord, fit: &FittedMap, of: &JointEffects, s
         let relative = of.zero.relative(effect, true);
         let [slow, fast] = start_decay(fit, p.time - starts[p.run]);
         p.offset = with_offset * (relative.ambient.value + slow * effect.start[0] + fast * effect.start[1]);
-        p.factor = 1.0 + relative.wear;
+        p.factor = of.zero.factor(effect, p.level);
     }
 }
 

@@ -37,9 +37,11 @@ const LEAST_DEVIATION: f64 = 0.005;
 
 /// Mean effects over the runs of a baseline, from which those of all runs are counted; over those before the change
 /// where friction jumped from one to the next.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Zero {
     wear: f64,
+    /// By level.
+    levels: Vec<f64>,
     ambient: f64,
     /// Variance of `wear`.
     variance: f64,
@@ -66,6 +68,9 @@ impl Zero {
         let runs = baseline.len() as f64;
         Self {
             wear: of(&|e| e.wear),
+            levels: (0..baseline.first().map_or(0, |e| e.levels.len()))
+                .map(|at| of(&|e| e.levels[at]))
+                .collect(),
             ambient: of(&|e| e.ambient.value),
             variance: of(&|e| e.variance) / runs.max(1.0),
             own_share: if change.is_some() || baseline.is_empty() { 0.0 } else { 2.0 / runs },
@@ -88,6 +93,14 @@ impl Zero {
             variance: (own * effect.variance + self.variance).max(0.0),
             ambient: Estimate { value: effect.ambient.value - self.ambient, ..effect.ambient },
         }
+    }
+}
+
+impl Zero {
+    /// Friction of a run at a level as a multiple of that of the baseline.
+    pub(super) fn factor(&self, effect: &RunEffect, level: usize) -> f64 {
+        let of = |levels: &[f64]| 1.0 + levels.get(level).copied().unwrap_or(0.0);
+        of(&effect.levels) / of(&self.levels)
     }
 }
 
@@ -152,6 +165,7 @@ mod tests {
             identified: true,
             wear: *wear,
             variance: 1e-5,
+            levels: vec![*wear],
             ambient: Estimate { value: 0.0, std_error: 0.01 },
             start: [0.0; 2],
         };

@@ -151,6 +151,8 @@ pub(super) struct Arm {
     pub(super) motor: [f64; JOINTS],
     pub(super) sensors: Sensors,
     pub(super) now: f64,
+    /// Whether cycles are short: a third of [`CYCLE_S`].
+    pub(super) is_brisk: bool,
     pub(super) runs: Vec<MapRun>,
 }
 
@@ -165,6 +167,7 @@ impl Arm {
             motor: [0.0; JOINTS],
             sensors: Sensors::default(),
             now: 0.0,
+            is_brisk: false,
             runs: Vec::new(),
         }
     }
@@ -247,24 +250,26 @@ impl Arm {
 
     pub(super) fn run_of(&mut self, cycles: usize, hall: f64, wear: [f64; JOINTS]) {
         let started_at = self.now;
+        // one row of the programme takes two seconds, or one where cycles are short
+        let (cycle_s, row_s) = if self.is_brisk { (CYCLE_S / 3.0, 1) } else { (CYCLE_S, 2) };
         let (mut points, mut readings) = (Vec::new(), Vec::new());
         for cycle in 0..cycles {
-            for second in 0..CYCLE_S as usize {
+            for second in 0..cycle_s as usize {
                 if second % 5 == 0 {
                     self.step(hall, self.pace, 5.0);
                 }
                 if self.sensors.step > 0.0 && second % 60 == 30 {
                     readings.push((cycle, self.readings(hall)));
                 }
-                let Some(place) = second.checked_sub(40).filter(|s| s % 2 == 0) else { continue };
-                let (joint, rest) = (place / 2 / 12, place / 2 % 12);
+                let Some(place) = second.checked_sub(20 * row_s).filter(|s| s % row_s == 0) else { continue };
+                let (joint, rest) = (place / row_s / 12, place / row_s % 12);
                 if joint < JOINTS {
                     let (level, direction) = (LEVELS[rest / 2], if rest % 2 == 0 { 1 } else { -1 });
                     let noise = 1.0 + SCATTER * std::f64::consts::SQRT_2 * self.normal();
                     let friction = self.gears[joint].friction(level, self.heat[joint][0]);
                     points.push(FrictionPoint {
                         joint: JointIndex::new(joint),
-                        time: cycle as f64 * CYCLE_S + second as f64,
+                        time: cycle as f64 * cycle_s + second as f64,
                         speed_fraction: level,
                         speed: 4.0 * level,
                         direction,
@@ -276,7 +281,7 @@ impl Arm {
                 }
             }
         }
-        let end = cycles as f64 * CYCLE_S;
+        let end = cycles as f64 * cycle_s;
         self.now += end;
         let speeds = self.pace.map(|pace| 1.5 * pace).to_vec();
         let span =
@@ -285,8 +290,8 @@ impl Arm {
             false => vec![span(0.0, end, CycleTemperatures::default())],
             true => (0..cycles)
                 .map(|cycle| {
-                    let start = cycle as f64 * CYCLE_S;
-                    span(start, start + CYCLE_S, mean_readings(&readings, cycle))
+                    let start = cycle as f64 * cycle_s;
+                    span(start, start + cycle_s, mean_readings(&readings, cycle))
                 })
                 .collect(),
         };

@@ -12,7 +12,8 @@ pub(super) struct EffectLayout {
     pub(in crate::friction) size: usize,
 }
 
-/// Indices of one joint's effects: wear, ambient, start of the slow and of the fast part, then one for each level.
+/// Indices of one joint's effects: wear, its shape, ambient, start of the slow and of the fast part, then one for each
+/// level.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointLayout {
     pub(in crate::friction) first: usize,
@@ -44,17 +45,21 @@ impl JointLayout {
         self.first
     }
 
-    pub(in crate::friction) fn ambient(self) -> usize {
+    pub(in crate::friction) fn shape(self) -> usize {
         self.first + 1
+    }
+
+    pub(in crate::friction) fn ambient(self) -> usize {
+        self.first + 2
     }
 
     /// Slow and fast part.
     pub(in crate::friction) fn start(self) -> [usize; 2] {
-        [self.first + 2, self.first + 3]
+        [self.first + 3, self.first + 4]
     }
 
     pub(in crate::friction) fn level(self, level: usize) -> usize {
-        self.first + 4 + level
+        self.first + 5 + level
     }
 
     pub(in crate::friction) fn levels(self) -> Range<usize> {

@@ -9,3 +9,4 @@ pub(super) mod thermal_source;
 mod effect_layout;
 pub(super) mod run_points;
 pub(super) mod run_effects;
+mod run_solution;

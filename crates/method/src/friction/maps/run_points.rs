@@ -1,8 +1,8 @@
 //! Points of the runs with the values of the friction map at them, and how much they weigh.
 
 use super::map::{FittedMap, point_deficits};
-use super::record::JointRecord;
-use crate::statistics::descriptive::median;
+use super::record::{JointRecord, ThermalSensor};
+use crate::statistics::descriptive::{mean, median};
 
 /// Scatter of a run's points beyond the joint's usual one that takes weight from them, as a multiple.
 const FAR_MORE: f64 = 2.5;
@@ -22,6 +22,10 @@ pub(in crate::friction) struct RunPoints {
     pub in_map: bool,
     /// Slope of the map over the thermal deficit at the largest speed, as a fraction of warm friction.
     pub top_slope: f64,
+    /// Result of [`viscous_shares`] for the map of the joint.
+    pub viscous: Vec<f64>,
+    /// Thermal deficit that the recorded ambient temperature of the run makes; 0 without one.
+    pub recorded_ambient: f64,
 }
 
 /// A point with the values of the map at it.
@@ -45,7 +49,24 @@ pub(in crate::friction) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2
     std::array::from_fn(|part| share[part] * (-seconds / heating[part]).exp())
 }
 
+/// Part of warm friction that grows with speed, by level, 0 to 1: `1 - least / warm`, with the least friction of the
+/// levels as the Coulomb part.
+pub(super) fn viscous_shares(warm: &[f64]) -> Vec<f64> {
+    let least = warm.iter().copied().fold(f64::INFINITY, f64::min);
+    warm.iter().map(|warm| 1.0 - least / warm).collect()
+}
+
 impl RunPoints {
+    /// Mean over the levels of the map of the part of friction that grows with speed.
+    pub fn viscous_mean(&self) -> f64 {
+        mean(&self.viscous).unwrap_or(0.0)
+    }
+
+    /// Mean over the points of what a thermal deficit of one adds to friction, as a fraction of it.
+    pub fn mean_slope(&self) -> f64 {
+        mean(&self.points.iter().map(|p| p.slope / p.predicted).collect::<Vec<f64>>()).unwrap_or(0.0)
+    }
+
     /// Levels with points, rising and each once.
     pub fn levels(&self) -> impl Iterator<Item = usize> {
         let mut levels: Vec<usize> = self.points.iter().map(|p| p.level).collect();
@@ -94,8 +115,18 @@ pub(in crate::friction) fn run_points(
 ) -> Vec<RunPoints> {
     let top = record.levels.len() - 1;
     let top_slope = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
-    let empty = || RunPoints { points: Vec::new(), in_map: false, top_slope };
-    let mut runs: Vec<RunPoints> = starts.iter().map(|_| empty()).collect();
+    let viscous = viscous_shares(&fit.warm);
+    let empty = |run: usize| RunPoints {
+        points: Vec::new(),
+        in_map: false,
+        top_slope,
+        viscous: viscous.clone(),
+        recorded_ambient: match &record.sensor {
+            ThermalSensor::Ambient(ambient) => fit.law.sensor * ambient.below_usual[run],
+            ThermalSensor::None | ThermalSensor::Motor(_) => 0.0,
+        },
+    };
+    let mut runs: Vec<RunPoints> = (0..starts.len()).map(empty).collect();
     for (p, x) in record.points.iter().zip(point_deficits(record, &fit.law)) {
         let run = &mut runs[p.run];
         run.points.push(RunPoint {
@@ -135,7 +166,13 @@ mod tests {
 
     #[test]
     fn points_that_scatter_far_more_than_usual_weigh_less() {
-        let mut points = RunPoints { points: Vec::new(), in_map: true, top_slope: 0.1 };
+        let mut points = RunPoints {
+            points: Vec::new(),
+            in_map: true,
+            top_slope: 0.1,
+            viscous: vec![0.0; 2],
+            recorded_ambient: 0.0,
+        };
         let of = |level: usize, cycle: usize, scatter: f64| RunPoint {
             level,
             // the same at both levels of a cycle
@@ -155,7 +192,13 @@ mod tests {
 
     #[test]
     fn a_step_inside_a_run_takes_no_weight() {
-        let mut points = RunPoints { points: Vec::new(), in_map: true, top_slope: 0.1 };
+        let mut points = RunPoints {
+            points: Vec::new(),
+            in_map: true,
+            top_slope: 0.1,
+            viscous: vec![0.0; 2],
+            recorded_ambient: 0.0,
+        };
         let of = |cycle: usize| if cycle < 4 { 10.0 } else { 12.5 };
         let point = |cycle: usize| RunPoint {
             level: 0,

@@ -5,7 +5,7 @@ use super::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::model::dynamics::DynamicModel;
 use crate::segment::cycles::ranges_where;
 use crate::signal::filter::FilteredSignals;
-use crate::statistics::descriptive::mean;
+use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::FrictionPoint;
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
@@ -24,6 +24,16 @@ const PLATEAU_QUANTILE: f64 = 0.7;
 
 /// Measured speed may differ from the level's nominal speed by this fraction before it is said.
 const NOMINAL_TOLERANCE: f64 = 0.15;
+
+/// Controllers reduce speed by steps of this fraction. The speed of a stage is rounded to it, so that tests at one override
+/// have the same levels.
+const REDUCED_STEP: f64 = 0.05;
+
+/// Levels of a stage at reduced speed agree on the part to this fraction of it.
+const REDUCED_TOLERANCE: f64 = 0.04;
+
+/// Levels count as the same speed within this fraction.
+const SAME_LEVEL: f64 = 0.02;
 
 /// Joints other than the one under test stand still within this fraction of their largest speed.
 const STILL_FRACTION: f64 = 0.01;
@@ -170,7 +180,7 @@ fn plateaus(
 ) -> Vec<Plateau> {
     let qd = &filtered.qd[joint.index()];
     let fastest = robot.joints[joint.index()].limits.velocity;
-    let mut plateaus = Vec::new();
+    let (mut plateaus, mut ratios, mut other_speeds) = (Vec::new(), Vec::new(), Vec::new());
     for (index, &speed_fraction) in robot.speed_levels.iter().enumerate() {
         let nominal = speed_fraction * fastest;
         let mut missing = Vec::new();
@@ -196,11 +206,12 @@ fn plateaus(
                 continue;
             };
             if (speed - nominal).abs() > NOMINAL_TOLERANCE * nominal {
-                remarks.push(format!(
+                other_speeds.push(format!(
                     "joint {joint} moves at {speed:.3} rad/s on its {:.0} % level, {nominal:.3} rad/s by its description",
                     100.0 * speed_fraction
                 ));
             }
+            ratios.push(speed / nominal);
             plateaus.push(Plateau { speed_fraction, direction, rows: on_plateau });
         }
         if !missing.is_empty() {
@@ -211,7 +222,34 @@ fn plateaus(
             ));
         }
     }
+    match reduced_speed(&ratios) {
+        Some(reduced) => {
+            for plateau in &mut plateaus {
+                plateau.speed_fraction = level_at(&robot.speed_levels, reduced * plateau.speed_fraction);
+            }
+            remarks.push(format!(
+                "joint {joint} moves at {:.0} % of the speeds of its description; its friction is compared at equal speed only",
+                100.0 * reduced
+            ));
+        }
+        None => remarks.extend(other_speeds),
+    }
     plateaus
+}
+
+/// Speed of a friction stage as a part of what the description says, a multiple of [`REDUCED_STEP`]: a test at reduced
+/// speed (override). `None` where the stage has the described speeds, or where its levels do not agree on another one.
+fn reduced_speed(ratios: &[f64]) -> Option<f64> {
+    let middle = median(ratios)?;
+    let reduced = ((middle / REDUCED_STEP).round() * REDUCED_STEP).max(REDUCED_STEP);
+    let agrees = |ratio: &f64| (ratio - middle).abs() <= REDUCED_TOLERANCE * middle;
+    ((reduced - 1.0).abs() > 0.5 * REDUCED_STEP && ratios.iter().all(agrees)).then_some(reduced)
+}
+
+/// The level that is `fraction` of the largest speed, within [`SAME_LEVEL`]; `fraction` itself, to four digits, without one.
+fn level_at(levels: &[f64], fraction: f64) -> f64 {
+    let same = levels.iter().copied().find(|level| (level - fraction).abs() <= SAME_LEVEL * level);
+    same.unwrap_or((fraction * 1e4).round() / 1e4)
 }
 
 /// Rows of all plateaus at `speed` among `rows`, without their ends: there the low-passed torque
@@ -349,6 +387,29 @@ pub(in crate::friction) mod tests {
             let found = points(&robot, &stage(&robot, &levels, signals, |_| 0.0));
             assert_friction(&robot, &found, &levels);
             assert!(found.points.iter().all(|p| p.gravity == GravityRemoval::AxisVertical));
+        }
+    }
+
+    /// The same programme at another override: friction belongs to the speed that was measured.
+    #[test]
+    fn a_stage_at_reduced_speed_has_the_levels_that_it_moves_at() {
+        let robot = one_joint(false);
+        let levels = [2, 3, 4, 5, 6];
+        for (part, tolerance) in [(0.5, 0.0), (0.8, 0.01), (0.9, 0.0), (1.0, 0.02)] {
+            let mut described = robot.clone();
+            // the program says level by number; its speeds are a part of those that the description has
+            described.speed_levels =
+                robot.speed_levels.iter().map(|level| level / (part * (1.0 + tolerance))).collect();
+            let found = points(&described, &stage(&robot, &levels, true, |_| 0.0));
+            assert_eq!(found.points.len(), 2 * levels.len(), "{part}: {:?}", found.remarks);
+            for point in &found.points {
+                let along = point.torque * f64::from(point.direction);
+                assert!((along - friction(point.speed)).abs() < TOLERANCE * along, "{point:?}");
+                let nominal = point.speed_fraction * robot.joints[0].limits.velocity;
+                assert!((point.speed - nominal).abs() < 0.025 * nominal, "{part}: {point:?}");
+            }
+            let is_said = found.remarks.iter().any(|said| said.contains("of the speeds of its description"));
+            assert_eq!(is_said, part < 1.0, "{:?}", found.remarks);
         }
     }
 

@@ -9,6 +9,7 @@ use crate::analyse_run::warm_up_fits;
 use crate::friction::points::level_means::friction_means;
 use armwatch_model::analysis::{Estimate, FrictionPoint, GravityRemoval, WarmUpFit, WarmUpModel};
 use armwatch_model::robot::JointIndex;
+use armwatch_simulate::arm::fault::Wear;
 use armwatch_simulate::arm::friction::{ThermalState, coefficients_at, friction_torque, joint_friction};
 use armwatch_testing::er3a;
 
@@ -173,7 +174,7 @@ fn simulated_run(seed: u64) -> Vec<FrictionPoint> {
     for cycle in 0..24 {
         for (joint, description) in robot.joint_indices().zip(&robot.joints) {
             let nominal = description.nominal.as_ref().expect("nominal");
-            let friction = joint_friction(description, nominal, 0.0);
+            let friction = joint_friction(description, nominal, 0.0, &Wear::default());
             for direction in [-1_i8, 1] {
                 let time =
                     300.0 * f64::from(cycle) + 60.0 + 12.0 * joint.index() as f64 + f64::from(direction);

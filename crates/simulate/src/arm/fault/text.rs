@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use super::{DEFAULT_CAP, Fault, FaultKind};
+use super::{DEFAULT_CAP, Fault, FaultKind, WornPart};
 use armwatch_model::robot::JointIndex;
 
 impl FaultKind {
@@ -31,8 +31,11 @@ impl FaultKind {
     fn keys(self) -> Vec<(&'static str, String)> {
         let one = |key, value: f64| vec![(key, value.to_string())];
         match self {
-            Self::Wear { rate_per_run, cap } => {
-                vec![("rate", rate_per_run.to_string()), ("cap", cap.to_string())]
+            Self::Wear { part, rate_per_run, cap } => {
+                let own = (part != WornPart::All).then(|| ("part", part.name().to_owned()));
+                own.into_iter()
+                    .chain([("rate", rate_per_run.to_string()), ("cap", cap.to_string())])
+                    .collect()
             }
             Self::Step { size, cycle } => vec![("size", size.to_string()), ("cycle", cycle.to_string())],
             Self::Jitter { size } | Self::Gain { size } => one("size", size),
@@ -88,6 +91,12 @@ impl<'a> Keys<'a> {
         if count == 0 { Err(format!("{what}s count from 1")) } else { Ok(Some(count)) }
     }
 
+    fn worn_part(&mut self, key: &str) -> Result<WornPart, String> {
+        let Some(value) = self.0.remove(key) else { return Ok(WornPart::All) };
+        let found = WornPart::ALL.into_iter().find(|part| part.name() == value);
+        found.ok_or_else(|| not_a(key, value, "part of friction: all, coulomb, viscous, linear, load"))
+    }
+
     fn place(&mut self, key: &str) -> Result<[f64; 3], String> {
         let Some(value) = self.0.remove(key) else { return Ok([0.0; 3]) };
         let numbers: Vec<f64> = value.split('/').filter_map(|of| of.parse().ok()).collect();
@@ -108,7 +117,7 @@ fn parse(text: &str) -> Result<Fault, String> {
     let kind = match kind.trim() {
         "wear" => {
             let cap = if keys.0.contains_key("cap") { keys.fraction("cap")? } else { DEFAULT_CAP };
-            FaultKind::Wear { rate_per_run: keys.fraction("rate")?, cap }
+            FaultKind::Wear { part: keys.worn_part("part")?, rate_per_run: keys.fraction("rate")?, cap }
         }
         "step" => FaultKind::Step {
             size: keys.number("size", "fraction above -1", |size| size > -1.0)?,
@@ -187,6 +196,7 @@ mod tests {
     fn faults_are_read_and_written() {
         for text in [
             "wear:joint=3,from=5,rate=0.03,cap=1",
+            "wear:joint=3,from=5,part=linear,rate=0.04,cap=0.6",
             "step:joint=2,from=4,to=9,size=0.25,cycle=5",
             "jitter:joint=5,from=1,size=0.12",
             "warm-up:from=3,factor=2",
@@ -222,6 +232,7 @@ mod tests {
             ("wear:joint=1,from=2,rate=nan", "rate=nan"),
             ("wear:joint=1,from=2,rate=0.1,speed=3", "no key \"speed\""),
             ("wear:joint=x,from=2,rate=1", "joint=x"),
+            ("wear:joint=1,from=2,rate=1,part=seal", "part=seal is not a part of friction"),
             ("load:joint=2,from=1,kg=1", "has no joint"),
             ("load:from=1,kg=1,centre=1/2", "X/Y/Z"),
             ("step:joint=1,from=1,size=-2", "above -1"),

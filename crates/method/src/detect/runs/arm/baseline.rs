@@ -86,9 +86,15 @@ pub(super) struct Baseline {
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
     /// How much more than their deviations the parameters of the first runs vary, squared.
     inflation: f64,
+    /// Changes of the parameters of the groups that the first runs fall into, as with tools by turns; empty where they are
+    /// of one kind. A run is compared with the nearest group.
+    groups: Vec<DVector<f64>>,
     /// Friction of each joint, Nm (N).
     pub(super) friction: Vec<Option<f64>>,
     pub(super) offsets: Vec<Option<Usual>>,
+    /// RMS torque of each joint, Nm (N). Unexplained torque and noise of every run are fractions of it: friction changes
+    /// with the season, and what neither grows nor falls with it must not seem to.
+    torque: Vec<Option<f64>>,
     pub(super) rmsd: Vec<Option<Usual>>,
     /// Logarithm of the noise of the torque channels, where all of the first runs have it.
     pub(super) noise: Vec<Option<Usual>>,
@@ -124,7 +130,13 @@ impl Baseline {
         let mut found = Self { parameters, inflation: 1.0, tests: count, ..Self::default() };
         let first: Vec<DVector<f64>> =
             history.iter().filter_map(|run| found.change(run)).take(count).collect();
-        let levels = FirstLevels::of(&first, ODD_RUN, |_, _| true);
+        let found_groups = groups(&first);
+        let about_group = |run: &DVector<f64>| run - nearest(&found_groups, run);
+        let rests: Vec<DVector<f64>> = match found_groups[..] {
+            [] => first,
+            _ => first.iter().map(about_group).collect(),
+        };
+        let levels = FirstLevels::of(&rests, ODD_RUN, |_, _| true);
         let own = levels.mean_squares();
         let most = ODD_RUN * median(&own).unwrap_or(1.0).max(1.0);
         let inflation = own.iter().copied().filter(|of| *of <= most).fold(1.0, f64::max) / levels.freedom();
@@ -133,12 +145,14 @@ impl Baseline {
             found.parameters = usual_parameters(history, found.tests);
         }
         found.inflation = inflation;
+        found.groups = found_groups;
         for joint in (0..joints).map(JointIndex::new) {
             let offset = Usual::of_offsets(history, joint, count);
             found.friction.push(usual_friction(history, joint, offset.map_or(count, |(_, tests)| tests)));
             found.offsets.push(offset.map(|(usual, _)| usual));
-            found.rmsd.push(Usual::of_rmsd(history, joint, count));
-            found.noise.push(Usual::of_noise(history, joint, count));
+            found.torque.push(usual_torque(history, joint, count));
+            found.rmsd.push(found.usual_rmsd(history, joint, count));
+            found.noise.push(found.usual_noise(history, joint, count));
         }
         found.directions = response.map(|of| found.directions(of)).unwrap_or_default();
         found
@@ -164,6 +178,38 @@ impl Baseline {
                 properties(run, wanted.as_ref().is_some_and(|wanted| wanted.iter().all(has)))
             },
         )
+    }
+
+    fn usual_rmsd(&self, history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Usual> {
+        let values = history.iter().filter_map(|run| self.rmsd_of(run, joint)).map(f64::ln);
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_RMSD_RATIO.ln();
+        Usual::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
+    }
+
+    /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
+    /// measure it.
+    fn usual_noise(&self, history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Usual> {
+        let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
+        let noises: Option<Vec<f64>> = first.map(|run| self.noise_of(run, joint)).collect();
+        let is_change = |before: f64, behind: f64| behind - before >= LEAST_NOISE_RATIO.ln();
+        Usual::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION, is_change)
+            .map(|(usual, _)| usual)
+    }
+
+    /// RMSD of a joint in a run, as a fraction of its usual torque.
+    pub(super) fn rmsd_of(&self, run: &RunSummary, joint: JointIndex) -> Option<f64> {
+        Some(rmsd(run, joint)? * self.torque_ratio(run, joint))
+    }
+
+    /// Noise of a joint's torque channel in a run, as a fraction of its usual torque.
+    pub(super) fn noise_of(&self, run: &RunSummary, joint: JointIndex) -> Option<f64> {
+        Some(noise(run, joint)? * self.torque_ratio(run, joint))
+    }
+
+    /// Torque of a joint in a run as a multiple of the usual; 1 where one of the two is not known.
+    fn torque_ratio(&self, run: &RunSummary, joint: JointIndex) -> f64 {
+        let usual = self.torque.get(joint.index()).copied().flatten();
+        torque(run, joint).zip(usual).map_or(1.0, |(torque, usual)| torque / usual)
     }
 
     /// Variance of the usual parameters in the variances of a run.
@@ -227,10 +273,12 @@ impl Baseline {
         }
         let value = |(id, usual, _): &(ParameterId, Usual, [f64; 10])| {
             let of = run.parameters.iter().find(|of| of.id == *id)?;
-            Some(usual.deviations(of.mean) / self.inflation.sqrt())
+            Some(usual.deviations(of.mean))
         };
         let values: Option<Vec<f64>> = self.parameters.iter().map(value).collect();
-        values.map(DVector::from_vec)
+        let change = DVector::from_vec(values?);
+        let change = if self.groups.is_empty() { change } else { &change - nearest(&self.groups, &change) };
+        Some(change / self.inflation.sqrt())
     }
 }
 
@@ -245,22 +293,6 @@ impl Usual {
         let least = median(&within).unwrap_or(0.0).max(1e-3 * friction).max(f64::MIN_POSITIVE);
         let is_change = |before: f64, behind: f64| (behind - before).abs() >= LEAST_OFFSET * friction;
         Self::of(runs.iter().filter_map(|run| mean(run)), count, least, is_change)
-    }
-
-    fn of_rmsd(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
-        let values = history.iter().filter_map(|run| rmsd(run, joint)).map(f64::ln);
-        let is_change = |before: f64, behind: f64| behind - before >= LEAST_RMSD_RATIO.ln();
-        Self::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
-    }
-
-    /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
-    /// measure it.
-    fn of_noise(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Self> {
-        let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
-        let noises: Option<Vec<f64>> = first.map(|run| noise(run, joint)).collect();
-        let is_change = |before: f64, behind: f64| behind - before >= LEAST_NOISE_RATIO.ln();
-        Self::of(noises?.into_iter().map(f64::ln), count, LEAST_NOISE_DEVIATION, is_change)
-            .map(|(usual, _)| usual)
     }
 }
 
@@ -288,6 +320,39 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
     first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default()
 }
 
+/// Means of the groups that the changes of the first runs fall into: those that differ by less than [`ODD_RUN`] in the mean
+/// square are of one group. Empty where fewer than two groups have two runs, which is scatter
+/// or one odd run, where no group comes back, which is a change that lasts, and
+/// where most runs are of one group, which is the usual one.
+fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
+    let is_near =
+        |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (run, change) in first.iter().enumerate() {
+        match groups.iter_mut().find(|group| is_near(&first[group[0]], change)) {
+            Some(group) => group.push(run),
+            None => groups.push(vec![run]),
+        }
+    }
+    let returns = |group: &Vec<usize>| group.windows(2).any(|pair| pair[1] > pair[0] + 1);
+    let is_usual = |group: &Vec<usize>| 2 * group.len() > first.len();
+    let repeated = groups.iter().filter(|group| group.len() > 1).count();
+    if repeated < 2 || !groups.iter().any(returns) || groups.iter().any(is_usual) {
+        return Vec::new();
+    }
+    let mean = |group: &Vec<usize>| {
+        let zero = DVector::zeros(first[group[0]].len());
+        group.iter().fold(zero, |sum, run| sum + &first[*run]) / group.len() as f64
+    };
+    groups.iter().map(mean).collect()
+}
+
+/// The group nearest to a change; `groups` is not empty.
+fn nearest<'g>(groups: &'g [DVector<f64>], change: &DVector<f64>) -> &'g DVector<f64> {
+    let distance = |group: &&DVector<f64>| (change - *group).norm_squared();
+    groups.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(&groups[0])
+}
+
 pub(super) fn offsets(run: &RunSummary, joint: JointIndex) -> Vec<f64> {
     let own = run.cycle_friction.iter().filter(|of| of.friction.joint == joint);
     own.map(|of| of.friction.offset).collect()
@@ -304,11 +369,22 @@ fn usual_friction(history: &[&RunSummary], joint: JointIndex, count: usize) -> O
     median(&history.iter().filter_map(|run| friction(run, joint)).take(count).collect::<Vec<f64>>())
 }
 
-pub(super) fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+/// RMS torque of a joint, Nm (N).
+fn torque(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+    run.joints.iter().find(|of| of.joint == joint)?.torque_rms.filter(|torque| *torque > 0.0)
+}
+
+/// Median RMS torque of a joint in the first runs with an RMSD, Nm (N); `None` where one of them lacks it.
+fn usual_torque(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<f64> {
+    let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
+    median(&first.map(|run| torque(run, joint)).collect::<Option<Vec<f64>>>()?)
+}
+
+fn rmsd(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     run.joints.iter().find(|of| of.joint == joint)?.relative_rmsd.filter(|rmsd| *rmsd > 0.0)
 }
 
 /// Noise of a joint's torque channel, as a fraction of the torque.
-pub(super) fn noise(run: &RunSummary, joint: JointIndex) -> Option<f64> {
+fn noise(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     run.joints.iter().find(|of| of.joint == joint)?.relative_noise.filter(|noise| *noise > 0.0)
 }

@@ -23,6 +23,8 @@ pub(in crate::detect::runs) enum ArmCause {
     /// The motor of a joint feels what no rigid arm with its friction does, so many times the usual, and the channel's noise
     /// does not tell why: play, a loose part, a damaged gear.
     UnexplainedTorque { joint: JointIndex, ratio: f64 },
+    /// The torque signals of most joints have so many times the usual noise, on average.
+    NoiseOfAll(f64),
     /// Parameters changed in another way.
     Unknown,
 }
@@ -65,12 +67,25 @@ impl ArmCause {
     /// Whether people know both as one fault: of the same signal or joint, whatever its size.
     pub(in crate::detect::runs) fn is_same_fault(&self, other: &Self) -> bool {
         match (self, other) {
-            (Self::Load(_), Self::Load(_)) | (Self::Unknown, Self::Unknown) => true,
+            (Self::Load(_), Self::Load(_))
+            | (Self::NoiseOfAll(_), Self::NoiseOfAll(_))
+            | (Self::Unknown, Self::Unknown) => true,
             (Self::TorqueSignal { joint, .. }, Self::TorqueSignal { joint: other, .. })
             | (Self::PositionSignal { joint, .. }, Self::PositionSignal { joint: other, .. })
             | (Self::UnexplainedTorque { joint, .. }, Self::UnexplainedTorque { joint: other, .. }) => {
                 joint == other
             }
+            _ => false,
+        }
+    }
+
+    /// Whether this is an offset of the torque signal of the joint whose mechanics were at fault before.
+    pub(in crate::detect::runs) fn is_offset_of_rest(&self, before: &Self) -> bool {
+        match (self, before) {
+            (
+                Self::TorqueSignal { joint, fault: SignalFault::Offset(_) },
+                Self::UnexplainedTorque { joint: of, .. },
+            ) => joint == of,
             _ => false,
         }
     }
@@ -96,6 +111,7 @@ impl ArmCause {
             Self::UnexplainedTorque { joint, .. } => {
                 format!("play or another fault of the mechanics of joint {joint}")
             }
+            Self::NoiseOfAll(_) => "noise of all torque signals".into(),
             Self::Unknown => "a change of the arm that is not known".into(),
         }
     }

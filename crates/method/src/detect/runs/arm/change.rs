@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::baseline::{Direction, MOST_CHI_SQUARE};
+use super::baseline::{Direction, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS};
 use super::price::{ARM_MARGIN, CHANNEL_PRICE, PARAMETER_PRICE};
 
 /// Mean square of the deviations of all parameters from which on they have changed: a baseline of a few runs knows the
@@ -10,6 +10,8 @@ use super::price::{ARM_MARGIN, CHANNEL_PRICE, PARAMETER_PRICE};
 pub(super) const LEAST_MEAN_SQUARE: f64 = 25.0;
 /// Latest runs in whose mean a change is looked for that one run does not show.
 pub(super) const MOST_TOGETHER: usize = 8;
+/// Part of a mean change that the latest run has itself.
+const LEAST_OWN: f64 = 0.5;
 /// Ratio of a change along one direction below which no rate of false alarms asks for it: twice the margin, and the prices.
 const LEAST_RATIO: f64 = 2.0 * ARM_MARGIN + CHANNEL_PRICE + PARAMETER_PRICE;
 
@@ -42,7 +44,7 @@ impl Change {
         let mut together = Vec::new();
         for (runs, change) in (1..).zip(changes.iter().rev().flatten().take(MOST_TOGETHER)) {
             sum += *change;
-            if !usize::is_power_of_two(runs) {
+            if !usize::is_power_of_two(runs) || !shows(&latest, &(&sum / runs as f64)) {
                 continue;
             }
             // the baseline is the same for all runs
@@ -56,6 +58,13 @@ impl Change {
         }
         (Some(Self { deviations: latest, scale: 1.0, square: 0.0 }), together)
     }
+}
+
+/// Whether a run shows what the mean of it and the runs before it shows: a load that was put down is not carried by half.
+fn shows(latest: &DVector<f64>, mean: &DVector<f64>) -> bool {
+    let size = mean.norm();
+    let own = latest.dot(mean) / size.max(f64::MIN_POSITIVE);
+    own >= LEAST_OWN * size || size - own < SIGNAL_DEVIATIONS
 }
 
 /// For a change that is small but points where one fault of a channel moves the parameters: by how much more of it than by

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual, rmsd};
+use super::baseline::{Baseline, Direction, MOST_CHI_SQUARE, Usual};
 use super::cause::{ArmCause, SignalFault};
 use super::change::{Change, LEAST_MEAN_SQUARE};
 use super::price::{CHANNEL_PRICE, PARAMETER_PRICE, PATTERN_ERROR};
@@ -95,7 +95,7 @@ impl Shown<'_> {
             return None;
         }
         let usual = self.baseline.rmsd[joint.index()]?.value.exp();
-        let times = ((rmsd(self.run, joint)? / usual).powi(2) - 1.0).max(0.0).sqrt();
+        let times = ((self.baseline.rmsd_of(self.run, joint)? / usual).powi(2) - 1.0).max(0.0).sqrt();
         let is_weaker = |of: &&&Direction| STRENGTHS[of.strength] <= times;
         let (direction, least) =
             match (strengths.iter().rfind(is_weaker), strengths.iter().find(|of| !is_weaker(of))) {
@@ -166,7 +166,8 @@ impl Shown<'_> {
             if known.is_some_and(|joint| joint.index() == other) {
                 continue;
             }
-            cost += match (self.baseline.rmsd[other], rmsd(self.run, JointIndex::new(other))) {
+            cost += match (self.baseline.rmsd[other], self.baseline.rmsd_of(self.run, JointIndex::new(other)))
+            {
                 (Some(usual), Some(now)) => {
                     let expected = usual.value.exp().hypot(size * direction.unexplained[other]);
                     match other == direction.joint.index() {

@@ -2,7 +2,7 @@
 
 use super::baseline::{
     Baseline, LEAST_NOISE_RATIO, LEAST_OFFSET, LEAST_RMSD_RATIO, MOST_CHI_SQUARE, SIGNAL_DEVIATIONS, Usual,
-    friction, noise, offsets, rmsd,
+    friction, offsets,
 };
 use super::cause::{ArmCause, SignalFault};
 use super::price::MECHANICAL_PRICE;
@@ -10,7 +10,7 @@ use crate::statistics::descriptive::mean;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Least noise, as a fraction of the torque, that is looked at.
+/// Least noise, as a fraction of the usual torque, that is looked at.
 const LEAST_NOISE: f64 = 0.002;
 
 /// A joint's torque signal in one run.
@@ -29,6 +29,11 @@ pub(super) struct Signal {
 impl Signal {
     pub(super) fn noise_cost(&self) -> f64 {
         self.noise.map_or(0.0, |(_, cost)| cost)
+    }
+
+    /// Noise as a multiple of the usual; `None` where it is not known.
+    pub(super) fn noise_ratio(&self) -> Option<f64> {
+        self.noise.map(|(ratio, _)| ratio)
     }
 
     /// Whether the friction stage shows an offset, however small against friction.
@@ -62,11 +67,11 @@ pub(super) fn signal(run: &RunSummary, baseline: &Baseline, joint: JointIndex) -
         found.offset = (beyond, if counts { (deviations * deviations).min(MOST_CHI_SQUARE) } else { 0.0 });
     }
     let mut more_noise = 0.0;
-    if let (Some(usual), Some(noise)) = (baseline.noise[joint.index()], noise(run, joint)) {
+    if let (Some(usual), Some(noise)) = (baseline.noise[joint.index()], baseline.noise_of(run, joint)) {
         found.noise = Some(usual.excess_of_noise(noise));
         more_noise = (noise * noise - usual.value.exp().powi(2)).max(0.0).sqrt();
     }
-    if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], rmsd(run, joint)) {
+    if let (Some(usual), Some(rmsd)) = (baseline.rmsd[joint.index()], baseline.rmsd_of(run, joint)) {
         let expected = usual.value.exp().hypot(more_noise);
         found.unexplained = Usual { value: expected.ln(), ..usual }.excess_of_rmsd(rmsd);
     }

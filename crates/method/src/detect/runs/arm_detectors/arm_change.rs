@@ -40,6 +40,7 @@ pub(in crate::detect::runs) fn arm_changes(
                 let is_rest = matches!(
                     fault,
                     ArmCause::TorqueSignal { fault: SignalFault::Noise(_), .. }
+                        | ArmCause::NoiseOfAll(_)
                         | ArmCause::UnexplainedTorque { .. }
                 );
                 let plain = if is_rest { PLAIN_REST } else { PLAIN };
@@ -56,6 +57,11 @@ pub(in crate::detect::runs) fn arm_changes(
         _ => None,
     });
     let mut found = episodes(runs, None, AnomalyKind::Payload, Quantity::Load, load);
+    let noise = verdicts(0.0, &|cause| match cause {
+        ArmCause::NoiseOfAll(ratio) => Some(of_noise_of_all(ratio)),
+        _ => None,
+    });
+    found.extend(episodes(runs, None, AnomalyKind::Sensor, Quantity::TorqueNoiseRatio, noise));
     for joint in (0..joints).map(JointIndex::new) {
         let signal = verdicts(0.0, &|cause| match cause {
             ArmCause::TorqueSignal { joint: of, fault } if of == joint => Some(of_signal(fault)),
@@ -169,7 +175,7 @@ fn of_signal(fault: SignalFault) -> Figure {
             message: format!(
                 "the torque signal has an offset of {torque:+.2} Nm beyond the usual; friction in both directions, the arm's \
                  parameters and the torque that they leave unexplained show it; check the zero of the torque sensor or of \
-                 the motor current"
+                 the motor current, and look for a cable, a hose or a seal that pulls to one side"
             ),
         },
         SignalFault::Noise(ratio) => Figure {
@@ -195,6 +201,20 @@ fn of_signal(fault: SignalFault) -> Figure {
                 if part > 0.0 { "more" } else { "less" }
             ),
         },
+    }
+}
+
+fn of_noise_of_all(ratio: f64) -> Figure {
+    Figure {
+        quantity: None,
+        score: ratio,
+        threshold: LEAST_NOISE_RATIO,
+        value: ratio,
+        baseline: 1.0,
+        message: format!(
+            "the torque signals of most joints have {ratio:.1} times the usual noise on average; check what they share: the \
+             supply, the ground, cables beside power lines, the settings of the recording"
+        ),
     }
 }
 

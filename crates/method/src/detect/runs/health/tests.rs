@@ -1,5 +1,6 @@
 //! Health of joints, on histories made by hand.
 
+use crate::detect::runs::cause_tests::{State, fleet};
 use crate::detect::runs::detect;
 use crate::detect::runs::fixtures::{healthy, history, indexed, refusal, wobble};
 use armwatch_model::analysis::refusal::Channel;
@@ -96,4 +97,33 @@ fn a_change_of_friction_that_hardly_is_there_is_not_told_in_per_cent() {
     let reason = health.reason.as_deref().expect("a reason");
     assert!(reason.starts_with("friction is too small for a change in per cent: it scatters"), "{reason}");
     assert!(found.health[0].friction_index.is_some() && found.health[2].friction_index.is_some());
+}
+
+/// Friction as measured has risen by a third, and the index says that it has not: temperature, unless one joint alone has it.
+#[test]
+fn friction_that_one_joint_alone_has_from_temperature_is_not_settled() {
+    let history = |warmer: &dyn Fn(usize) -> f64| {
+        let mut history = fleet(9, 5, |_| State::default());
+        for (run, of) in history.iter_mut().enumerate() {
+            for (j, joint) in of.joints.iter_mut().enumerate() {
+                let torque = 12.0 * wobble(run) * if run == 8 { warmer(j) } else { 1.0 };
+                joint.warm_friction =
+                    Some(WarmFriction { torque, std_error: 0.1, minute: 20.0, speed_fraction: 0.6 });
+            }
+        }
+        history
+    };
+    let knowledge = |history: &[RunSummary]| {
+        found(history).health.iter().map(|of| of.knowledge).collect::<Vec<Knowledge>>()
+    };
+    let all = history(&|j| 1.35 + 0.03 * j as f64);
+    assert_eq!(knowledge(&all), vec![Knowledge::Compared; 6], "a cold hall");
+    for warmer in [1.33, 0.7] {
+        let one = history(&|j| if j == 3 { warmer } else { 1.0 });
+        let mut expected = vec![Knowledge::Compared; 6];
+        expected[3] = Knowledge::Unsettled;
+        assert_eq!(knowledge(&one), expected, "{warmer}");
+        let reason = found(&one).health[3].reason.clone().expect("a reason");
+        assert!(reason.contains("no other joint"), "{reason}");
+    }
 }

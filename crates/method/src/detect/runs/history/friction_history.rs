@@ -36,6 +36,8 @@ pub(in crate::detect::runs) struct FrictionHistory {
     pub(in crate::detect::runs) learnt_runs: usize,
     /// Usual standard deviation from run to run, as a fraction of the baseline.
     pub(in crate::detect::runs) spread: f64,
+    /// Median of this over the arm's joints, where enough of them have an index: what a joint like them scatters by.
+    pub(in crate::detect::runs) pooled_spread: Option<f64>,
     /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
     pub(in crate::detect::runs) has_changed_at_first: bool,
     /// Variance of the baseline itself, as a fraction of it squared.
@@ -182,6 +184,7 @@ impl FrictionHistory {
             runs,
             learnt_runs: learnt.iter().map(|(_, runs)| runs.len()).max().unwrap_or(0),
             spread,
+            pooled_spread: None,
             has_changed_at_first: false,
             baseline_variance,
             baselines,
@@ -299,11 +302,14 @@ const MOST_SPREAD: f64 = 3.0;
 /// Fewest other joints whose median says so.
 const FEWEST_OTHERS: usize = 3;
 
-/// Bounds the scatter of each joint's index by that of the other joints of the arm.
+/// Bounds the scatter of each joint's index by that of the other joints of the arm, and gives it their median.
 pub(in crate::detect::runs) fn bound_spreads(joints: &mut [FrictionHistory]) {
     let own: Vec<Option<f64>> =
         joints.iter().map(|of| (of.source == Source::Index).then_some(of.spread)).collect();
+    let all: Vec<f64> = own.iter().copied().flatten().collect();
+    let pooled = median(&all).filter(|_| all.len() > FEWEST_OTHERS);
     for (j, joint) in joints.iter_mut().enumerate() {
+        joint.pooled_spread = pooled.filter(|_| own[j].is_some());
         let others: Vec<f64> =
             own.iter().enumerate().filter(|(other, _)| *other != j).filter_map(|(_, of)| *of).collect();
         if others.len() >= FEWEST_OTHERS

@@ -3,7 +3,8 @@
 //! A change must be worth an alarm, `drift_warning`, and more than chance: the smoothed change has the limit whose mean
 //! run length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations
 //! of the smoothed value and of the baseline together. These come from the joint's own tests, with their
-//! autocorrelation ([`QuietScatter`]), which are shrunk towards a stated prior while they are few; Student's
+//! autocorrelation ([`QuietScatter`]), which are shrunk towards a prior while they are few: the median of what the first
+//! tests of the arm's joints scatter by, where four have an index. Student's
 //! distribution widens the limit for as long. First tests of a joint that scatter by more than three times the median
 //! of the arm's other joints have a change in them, and the limit is that of three times this median until later tests
 //! are learnt. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules
@@ -42,6 +43,8 @@ pub(in crate::detect::runs) struct LevelLimit {
     /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
     /// standard error of a test, or what healthy joints have.
     stated: f64,
+    /// That of the arm's joints, where it is known.
+    pooled: Option<f64>,
     least: f64,
     baseline_variance: f64,
 }
@@ -54,6 +57,8 @@ impl LevelLimit {
             friction.runs.iter().filter(|of| friction.is_learnt_from(of)).map(|of| of.std_error).collect();
         let least = least_spread(friction.source).max(median(&errors).unwrap_or(0.0));
         let is_bounded = friction.has_changed_at_first;
+        let prior =
+            if is_bounded { friction.spread } else { least.max(friction.pooled_spread.unwrap_or(0.0)) };
         let budget = Budget::new(settings.false_alarms_per_robot_year, series.joints, &series.starts);
         let sigma = settings.drift_sigma.unwrap_or_else(|| average::limit(EWMA_WEIGHT, budget.run_length()));
         Self {
@@ -61,10 +66,11 @@ impl LevelLimit {
             overruled: settings.drift_sigma.is_some(),
             estimated: Cell::new(None),
             alpha: budget.alpha(),
-            scatter: QuietScatter::new(if is_bounded { friction.spread } else { least }, WORTH, OWN_FROM),
+            scatter: QuietScatter::new(prior, WORTH, OWN_FROM),
             is_bounded,
             baseline: friction.learnt_runs,
             stated: friction.spread,
+            pooled: friction.pooled_spread.filter(|_| !is_bounded),
             least,
             baseline_variance: friction.baseline_variance,
         }
@@ -148,9 +154,11 @@ impl LevelLimit {
         (!self.overruled).then_some(self.alpha)
     }
 
-    /// The baseline's own scatter is a floor until the joint has a history.
+    /// The scatter of the first tests is a floor until the joint has a history: that of the arm's joints, where it is known and
+    /// less than the joint's own. Five tests of one joint know it to a third.
     fn spread(&self, likeness: &Likeness) -> f64 {
-        let floor = if self.learnt() < OWN_FROM { self.stated } else { self.least };
+        let first = self.pooled.map_or(self.stated, |pooled| pooled.min(self.stated));
+        let floor = if self.learnt() < OWN_FROM { first } else { self.least };
         likeness.variance().sqrt().max(floor)
     }
 }
