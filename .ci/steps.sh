@@ -68,15 +68,22 @@ step() {
     [ ${#failed[@]} = 0 ] || { [ "${keep_going:-}" ] && [ ! -e "$work/timed_out" ]; } || finish
 }
 
-# Starts a background job, given as name and command.
-begin() {
-    local name=$1
+# Runs a job, given as name and command, for `await`.
+job() {
+    local name=$1 begun
     shift
-    {
-        "$@" >"$work/$name.output" 2>&1 </dev/null
-        echo $? >"$work/$name.status"
-    } &
+    begun=$(date +%s)
+    "$@" >"$work/$name.output" 2>&1 </dev/null
+    local status=$?
+    echo "$name took $(clock $(($(date +%s) - begun)))" >>"$work/$name.output"
+    echo $status >"$work/$name.status"
 }
+
+# Starts a background job, given as name and command.
+begin() { job "$@" & }
+
+# Starts functions as background jobs of their names, one after the other.
+begin_in_turn() { for name; do job "$name" "$name"; done & }
 
 # Waits for a background job, prints its last lines and returns its status.
 await() {

@@ -7,10 +7,12 @@
 //! order of the names.
 
 mod archive;
+pub mod disks;
 mod export_tasks;
 mod file_schedule;
 mod folders;
 mod judging;
+mod left_out;
 mod outcome_log;
 pub mod overdue;
 #[cfg(test)]
@@ -36,6 +38,7 @@ use export_tasks::{Closed, ExportTasks, Happened, closing};
 use file_schedule::{Begun, Closing, FileSchedule, Sighting};
 use folders::{Folders, Look, Turned};
 use judging::OpenTests;
+use left_out::LeftOut;
 use outcome_log::{end_of, log_outcome};
 use service::ServiceManager;
 use tokio::sync::{mpsc, oneshot};
@@ -105,6 +108,7 @@ struct Work {
     stop: CancellationToken,
     schedule: FileSchedule,
     missing: Missing,
+    left_out: LeftOut,
     exports: ExportTasks,
     /// The configuration was read again, and what watches the folders does not know it yet.
     is_reloaded: bool,
@@ -222,6 +226,7 @@ impl Work {
             stop,
             schedule: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
+            left_out: LeftOut::default(),
             exports,
             is_reloaded: false,
             asked: HashSet::new(),
@@ -335,6 +340,7 @@ impl Work {
         let is_there = |path: &Path| !vanished::is_missing(path, look);
         self.pipeline.store().unblock_vanished(is_there).await?;
         self.give_up_vanished(look).await?;
+        self.left_out.note(&self.pipeline, look).await?;
         let stale = self.pipeline.store().stale_robots().await?;
         self.stale.look(&stale, self.concluded_robot.as_deref(), Instant::now());
         if look.is_whole {

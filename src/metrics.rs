@@ -6,6 +6,7 @@
 //! Prometheus (prometheus.io/docs/practices/naming). Labels have few values that are known beforehand; the label
 //! `robot` has those of growing files alone and goes with them.
 
+mod kinds;
 mod process;
 
 use std::collections::{BTreeMap, HashMap};
@@ -25,6 +26,8 @@ use prometheus_client::registry::{Metric, Registry};
 
 use armwatch_model::text;
 
+pub use kinds::{Disk, ExportEnd, Queue, Stage};
+
 /// Upper bounds of the durations of a piece of work, s: from a small transaction to a cycle on a slow machine.
 const WORK_SECONDS: [f64; 14] =
     [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 15.0, 60.0];
@@ -34,87 +37,6 @@ const LAG_SECONDS: [f64; 12] = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 2.0, 5
 
 /// Upper bounds of the durations of answers, s.
 const ANSWER_SECONDS: [f64; 11] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 5.0];
-
-/// What is done with an export.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// Its rows are read and cut into a cycle.
-    Read,
-    /// A cycle is analysed.
-    Analyse,
-    /// A cycle is stored.
-    Record,
-    /// What the whole run says is worked out and stored.
-    Finish,
-    /// What the robot's history says is worked out and stored.
-    Conclude,
-}
-
-impl Stage {
-    const ALL: [Self; 5] = [Self::Read, Self::Analyse, Self::Record, Self::Finish, Self::Conclude];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Read => "read",
-            Self::Analyse => "analyse",
-            Self::Record => "record",
-            Self::Finish => "finish",
-            Self::Conclude => "conclude",
-        }
-    }
-}
-
-/// Where files wait and are read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Queue {
-    /// Files that are read as they grow.
-    Growing,
-    /// Settled files that are read within seconds.
-    Small,
-    /// Larger settled files.
-    Large,
-}
-
-impl Queue {
-    const ALL: [Self; 3] = [Self::Growing, Self::Small, Self::Large];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Growing => "growing",
-            Self::Small => "small",
-            Self::Large => "large",
-        }
-    }
-}
-
-/// What became of an export that was taken up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ExportEnd {
-    /// Every cycle is stored.
-    Stored,
-    /// Its content was known before, as stored or as not understood.
-    Known,
-    /// It was not understood.
-    Quarantined,
-    /// It is looked at again later: it changed, could not be read, or the program stops.
-    Later,
-    /// The program failed over it.
-    Failed,
-}
-
-impl ExportEnd {
-    const ALL: [Self; 5] = [Self::Stored, Self::Known, Self::Quarantined, Self::Later, Self::Failed];
-
-    const fn name(self) -> &'static str {
-        match self {
-            Self::Stored => "stored",
-            Self::Known => "known",
-            Self::Quarantined => "quarantined",
-            Self::Later => "later",
-            Self::Failed => "failed",
-        }
-    }
-}
 
 /// Figures of the process. Clones share them. The default keeps none, for commands that nobody asks for them.
 #[derive(Debug, Clone, Default)]
@@ -145,6 +67,9 @@ struct Families {
     folder_looked_at: Family<Labels<1>, Moment>,
     folder_answers: Family<Labels<1>, Gauge>,
     folders: Mutex<BTreeMap<PathBuf, FolderLook>>,
+    disk_answers: Family<Labels<1>, Gauge>,
+    /// Whether each disk answers.
+    disks: Mutex<BTreeMap<Disk, bool>>,
     live: LiveFigures,
     snapshot_time: Moment,
     snapshot_bytes: Gauge,
@@ -324,6 +249,21 @@ impl Metrics {
         known.iter().map(state).collect()
     }
 
+    /// A disk that the daemon writes to has stopped or begun to answer.
+    pub fn disk_answers(&self, disk: Disk, answers: bool) {
+        self.with(|of| {
+            of.disks.lock().unwrap_or_else(PoisonError::into_inner).insert(disk, answers);
+            of.disk_answers.get_or_create(&labels([("disk", disk.name())])).set(i64::from(answers));
+        });
+    }
+
+    /// Whether a disk answers, as far as that is known.
+    #[must_use]
+    pub fn answers(&self, disk: Disk) -> bool {
+        let Some(of) = &self.0 else { return true };
+        of.disks.lock().unwrap_or_else(PoisonError::into_inner).get(&disk).copied().unwrap_or(true)
+    }
+
     /// Begins figures of a growing file of a robot, which end when the last handle is dropped.
     #[must_use]
     pub fn live(&self, robot: &str) -> LiveFile {
@@ -470,6 +410,13 @@ impl Families {
                 Family::default(),
             ),
             folders: Mutex::default(),
+            disk_answers: kept(
+                &mut registry,
+                "armwatch_disk_answers",
+                "Whether the disk of the database, snapshot or spool answers: 1, or 0 while a write to it hangs",
+                Family::default(),
+            ),
+            disks: Mutex::default(),
             live,
             snapshot_time: kept(
                 &mut registry,

@@ -4,17 +4,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
+use tokio_util::sync::CancellationToken;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store_until, runtime, shared};
 use super::one_run::{RunDateArgs, SetAsideArgs, run_date, set_aside};
 use crate::alert::dispatcher::Dispatcher;
+use crate::daemon::disks::Disks;
 use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::{NO_ANSWER, preflight};
 use crate::daemon::retention::Pruning;
 use crate::daemon::snapshots::Snapshots;
 use crate::daemon::{Control, Event};
-use crate::metrics::Metrics;
+use crate::metrics::{Disk, Metrics};
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
 use crate::{daemon, serve};
@@ -82,6 +84,25 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     let internal = |error: std::io::Error| CliError::Internal(error.to_string());
     let stop = daemon::stop_on_signal().map_err(internal)?;
     let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
+    let metrics = Metrics::counting();
+    let disks = Disks::watch(&config, metrics.clone(), stop.clone());
+    let work = Work { metrics, stop: stop.clone(), reload, disks: &disks };
+    tokio::select! {
+        ended = at_work(global, args, config, work) => ended,
+        why = disks.abandoned(&stop) => Err(CliError::Io(why)),
+    }
+}
+
+/// What the daemon has before it opens its database.
+struct Work<'d> {
+    metrics: Metrics,
+    stop: CancellationToken,
+    reload: mpsc::Receiver<()>,
+    disks: &'d Disks,
+}
+
+async fn at_work(global: &Global, args: &RunArgs, config: Config, work: Work<'_>) -> Result<u8, CliError> {
+    let Work { metrics, stop, reload, disks } = work;
     let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
     // before anything listens: a second daemon is told of the first, not of its port
     let claim = store.claim().await?;
@@ -90,7 +111,6 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     tracing::info!(database = shown_database(&config.database), folders = folders.join(", "), "watching");
     let config = shared(config);
     let (in_force, configs) = watch::channel(Arc::clone(&config));
-    let metrics = Metrics::counting();
     let pipeline = Pipeline::new(Arc::clone(&config), store.clone()).counting(metrics.clone());
     // the server ends with the daemon, whatever ends that
     let serving = stop.child_token();
@@ -112,8 +132,10 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
         }
     };
     let overdue = OverdueWatch::start(pipeline.store().clone(), serving.clone());
+    // the last copy has the conclusions that are drawn after the stop
+    let concluded = CancellationToken::new();
     let snapshots = config.snapshot.clone().map(|settings| {
-        Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), serving.clone())
+        Snapshots::start(pipeline.store().clone(), settings, metrics.clone(), concluded.clone())
     });
     let control = Control { claim, stop, reload, reread: Arc::new(reread) };
     let watched = daemon::watch(&pipeline, control, |event| {
@@ -125,14 +147,15 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     });
     let watched = watched.await;
     serving.cancel();
+    concluded.cancel();
     overdue.ended().await;
     pruning.ended().await;
     if let Some(snapshots) = snapshots {
-        snapshots.ended().await;
+        disks.unless_silent(Disk::Snapshot, snapshots.ended()).await;
     }
     dispatcher.ended().await;
     if let Some(server) = server {
-        server.ended().await;
+        disks.unless_silent(Disk::Spool, server.ended()).await;
     }
     session.leave().await;
     watched?;

@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use super::file_schedule::{Seen, Sighting};
 use crate::metrics::Metrics;
 use armwatch_config::WatchSettings;
-use armwatch_ingest::find::watch::{self, Complaints, Scan};
+use armwatch_ingest::find::watch::{self, Complaints, Scan, Skipped};
 
 /// A look at a folder whose file system has not answered a single call for so long hangs. A look takes longer where many
 /// files lie, and each of them answers.
@@ -40,6 +40,8 @@ pub struct Look<'f> {
     pub folders: Vec<&'f Path>,
     /// Places with unknown content.
     pub hidden: Vec<&'f Path>,
+    /// Places that scans skip.
+    pub skipped: Vec<&'f Skipped>,
     /// Every folder that answers was scanned since the last whole look.
     pub is_whole: bool,
 }
@@ -303,6 +305,7 @@ impl Folders {
                 continue;
             };
             look.hidden.extend(scan.unreadable.iter().map(|place| &*place.path));
+            look.skipped.extend(&scan.skipped);
             if folder.is_silent {
                 look.hidden.push(&folder.path);
             }

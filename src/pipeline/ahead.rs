@@ -29,7 +29,7 @@ use armwatch_method::analyse::Method;
 use armwatch_method::buffers::Buffers;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RunKind, RunStatus};
-use armwatch_store::{Identity, SourceState, StoreError};
+use armwatch_store::{EarlierRun, Identity, SourceState, StoreError};
 
 /// When an export that is read ahead is hashed.
 #[derive(Debug, Clone, Copy)]
@@ -179,7 +179,9 @@ impl Pipeline {
             false => None,
         };
         let earlier = self.store.earlier_runs(&name, state.file, None).await?;
-        if earlier.iter().any(|of| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0) {
+        // one that goes on, or was cut and has lost its header
+        let goes_on = |of: &EarlierRun| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0;
+        if earlier.iter().any(|of| goes_on(of) || of.same_file) {
             return Ok(None);
         }
         let Ok(recognised) = intake::recognise(self.config(), path, intake::file_time(path)) else {
@@ -215,6 +217,7 @@ impl Pipeline {
             made_with,
             limits: *limits,
             memory: self.memory.clone(),
+            header_before: None,
             turn: turn.clone(),
         };
         let (stop, has_read) = (stop.child_token(), CancellationToken::new());

@@ -3,7 +3,7 @@
 //! A cycle is in memory until its last row is read and its analysis has ended, and a daemon reads many exports at once. Beyond the
 //! bound an export reads no further, unless it has read most of its cycle of all that go on: that one comes to its end,
 //! or is refused for a cycle that has none, and makes room for the next. Of cycles that are cut, one is analysed at a
-//! time then. So nothing waits for ever, and at most one cycle grows beyond the bound.
+//! time then. So nothing waits for ever. A cycle whose analysis alone takes more than the bound is refused, see [`most_rows`].
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -31,6 +31,18 @@ const CYCLE_BYTES: usize = 4 << 10;
 
 /// A cycle under analysis takes so many halves of its rows: filtered channels stand beside the recorded ones.
 const HALVES_IN_ANALYSIS: usize = 5;
+
+/// Rows of the longest cycle whose analysis stays within `most` bytes, if a row takes `row_bytes`.
+#[must_use]
+pub fn most_rows(most: usize, row_bytes: usize) -> usize {
+    most / (row_bytes.max(1) * HALVES_IN_ANALYSIS) * 2
+}
+
+/// Bytes that the analysis of a cycle of so many rows takes.
+#[must_use]
+pub fn bytes_of_rows(rows: usize, row_bytes: usize) -> usize {
+    rows * row_bytes / 2 * HALVES_IN_ANALYSIS
+}
 
 /// Memory of the cycles of all exports that are being read and analysed.
 #[derive(Debug, Clone)]

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -18,7 +19,7 @@ use prometheus_client::registry::Registry;
 use super::answer::Refusal;
 use super::shared::Shared;
 use super::status::readiness;
-use crate::metrics::Metrics;
+use crate::metrics::{Disk, Metrics};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::text;
 use armwatch_store::{
@@ -28,19 +29,24 @@ use armwatch_store::{
 /// States of an anomaly that is not settled.
 const STATES: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
 
+/// A database that cannot be read in this time is told as not readable.
+const READ_WITHIN: Duration = Duration::from_secs(8);
+
 /// All figures, as they are now. Those of the process are told also while the database cannot be read.
 pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Result<Response, Refusal> {
     shared.access.check(&headers)?;
-    let stored = match shared.looking().await {
-        Ok(store) => match Stored::read(store).await {
-            Ok(stored) => Some(stored),
-            Err(error) => {
-                tracing::warn!(%error, "metrics without those of the database");
-                None
-            }
-        },
+    let reading = async {
         // said where it was met
-        Err(_) => None,
+        let store = shared.looking().await.ok()?;
+        Stored::read(store)
+            .await
+            .inspect_err(|error| tracing::warn!(%error, "metrics without those of the database"))
+            .ok()
+    };
+    // figures of the process are told also while the disk of the database hangs
+    let stored = match shared.metrics.answers(Disk::Database) {
+        true => tokio::time::timeout(READ_WITHIN, reading).await.unwrap_or_default(),
+        false => None,
     };
     let uploads = match shared.uploads {
         Some(_) => Some(readiness(&shared).await.obstacle.is_none()),

@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 use super::access::Scope;
 use super::answer::{Json, Problem, Refusal, Refused};
 use super::shared::Shared;
-use crate::metrics::FolderState;
+use crate::metrics::{Disk, FolderState};
 use crate::serve::shared::{Readiness, Uploads};
 use armwatch_model::run::ContentHash;
 use armwatch_store::{StoreError, ViewRows, time_in_views};
@@ -49,11 +49,17 @@ pub struct Ready {
     database: bool,
     /// Whether uploads can be taken, where they are on
     spool: bool,
-    /// Why uploads are refused, although they are on; everything else goes on meanwhile
+    /// Whether the disk of the copy for readers answers, if one is written
+    snapshot: bool,
+    /// Why uploads are refused, although they are on; everything else goes on meanwhile. Null without a token that may read
     uploads_refused: Option<String>,
     /// Whether every watched folder is looked at: a disk or file server that does not answer is not
     folders_answer: bool,
-    /// The watched folders
+    /// Number of watched folders
+    folders_watched: usize,
+    /// Number of watched folders that do not answer
+    folders_silent: usize,
+    /// The watched folders. Empty without a token that may read, since the names of folders are no concern of others
     folders: Vec<WatchedFolder>,
     /// Whether it is about to stop
     stopping: bool,
@@ -199,60 +205,104 @@ pub async fn health() -> Json<Health> {
     Json(Health { status: "ok" })
 }
 
+/// A look at database or spool that takes longer says that its disk does not answer.
+const LOOKS_WITHIN: Duration = Duration::from_secs(3);
+
 /// How long an answer to [`ready`] holds: who asks in a loop, without a token, costs next to nothing.
 const READY_HOLDS: Duration = Duration::from_secs(1);
 
 /// Whether the daemon can work
 ///
-/// The database answers, uploads can be taken, and each watched folder is looked at. The answer holds for a second.
+/// The database answers, uploads can be taken, the disk of the copy for readers answers, and each watched folder is looked
+/// at. The answer holds for a second. It names folders only for a token that may read.
 #[utoipa::path(
     get, path = "/ready", tag = "Daemon", operation_id = "ready",
     responses(
         (status = 200, description = "It can", body = Ready),
         (status = 503, description = "It cannot", body = Ready),
     ),
+    security(("token" = ["read"]), ()),
 )]
-pub async fn ready(State(shared): State<Arc<Shared>>) -> Response {
+pub async fn ready(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response {
     let stopping = shared.stop.is_cancelled();
-    let Readiness { database, obstacle: uploads_refused, .. } = readiness(&shared).await;
+    let Readiness { database, obstacle, .. } = readiness(&shared).await;
     let looked_at = |of: FolderState| WatchedFolder {
         folder: of.folder,
         last_scan_at: of.looked_at.map(time_in_views),
         answers: of.answers,
     };
-    let folders: Vec<WatchedFolder> = shared.metrics.folders().into_iter().map(looked_at).collect();
-    let folders_answer = folders.iter().all(|of| of.answers);
-    let spool = uploads_refused.is_none();
+    let mut folders: Vec<WatchedFolder> = shared.metrics.folders().into_iter().map(looked_at).collect();
+    let (folders_watched, folders_silent) = (folders.len(), folders.iter().filter(|of| !of.answers).count());
+    let folders_answer = folders_silent == 0;
+    let (spool, snapshot) = (obstacle.is_none(), shared.metrics.answers(Disk::Snapshot));
+    let may_read = shared.access.check(&headers).is_ok();
+    folders.retain(|_| may_read);
+    let uploads_refused = obstacle.filter(|_| may_read);
     let reasons = [
         database.err(),
         (!spool).then_some("uploads are refused"),
+        (!snapshot).then_some("the disk of the snapshot does not answer"),
         (!folders_answer).then_some("a watched folder does not answer"),
         stopping.then_some("it stops"),
     ];
     let reason = reasons.into_iter().flatten().next();
     let status = if reason.is_none() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     let (ready, database) = (reason.is_none(), database.is_ok());
-    let ready = Ready { ready, database, spool, uploads_refused, folders_answer, folders, stopping, reason };
+    let ready = Ready {
+        ready,
+        database,
+        spool,
+        snapshot,
+        uploads_refused,
+        folders_answer,
+        folders_watched,
+        folders_silent,
+        folders,
+        stopping,
+        reason,
+    };
     (status, Json(ready)).into_response()
 }
 
 /// What a look at database and spool says, at most a second old.
-pub(super) async fn readiness(shared: &Shared) -> Readiness {
+pub(super) async fn readiness(shared: &Arc<Shared>) -> Readiness {
     // those that ask meanwhile wait for this look
     let mut last = shared.readiness.lock().await;
     if let Some(known) = last.as_ref().filter(|known| known.at.elapsed() < READY_HOLDS) {
         return known.clone();
     }
-    let database = shared.store.probe().await.map_err(|error| match error {
-        // anybody may ask, and the whole sentence names paths
-        StoreError::Displaced { .. } => "the open database is no longer the file at its path",
-        _ => "the database does not answer",
-    });
-    let obstacle = match &shared.uploads {
-        Some(uploads) => uploads.obstacle().await,
-        None => None,
+    let database = match shared.metrics.answers(Disk::Database) {
+        true => look(shared, |shared| async move { shared.store.probe().await }).await,
+        false => None,
     };
+    let database = match database {
+        Some(Ok(())) => Ok(()),
+        // anybody may ask, and the whole sentence names paths
+        Some(Err(StoreError::Displaced { .. })) => Err("the open database is no longer the file at its path"),
+        Some(Err(_)) => Err("the database does not answer"),
+        None => Err("the disk of the database does not answer"),
+    };
+    let of_uploads = |shared: Arc<Shared>| async move {
+        match &shared.uploads {
+            Some(uploads) => uploads.obstacle().await,
+            None => None,
+        }
+    };
+    let obstacle = match shared.metrics.answers(Disk::Spool) {
+        true => look(shared, of_uploads).await,
+        false => None,
+    };
+    let obstacle = obstacle.unwrap_or_else(|| Some("the disk of the spool does not answer".to_owned()));
     last.insert(Readiness { at: Instant::now(), database, obstacle }).clone()
+}
+
+/// What `ask` says; `None` if it does not answer in time. It may then hang in a call to a disk.
+async fn look<T: Send + 'static, A: Future<Output = T> + Send + 'static>(
+    shared: &Arc<Shared>,
+    ask: impl FnOnce(Arc<Shared>) -> A,
+) -> Option<T> {
+    let asked = tokio::spawn(ask(Arc::clone(shared)));
+    tokio::time::timeout(LOOKS_WITHIN, asked).await.ok()?.ok()
 }
 
 /// Any other address.

@@ -253,7 +253,8 @@ class Scene:
                     self.upload()
                 count = said.count("waiting=0 open=0 to_conclude=0")
                 looks = count if looks is None and self.is_complete() else looks
-                if looks is not None and count > looks and self.is_delivered():
+                # the first look may have begun before all was stored
+                if looks is not None and count > looks + 1 and self.is_delivered():
                     is_done = True
                     break
             if daemon.poll() is None:

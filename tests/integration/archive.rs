@@ -114,7 +114,7 @@ fn exports_that_wait_for_room_come_to_the_same_results() {
     let bounded = Workshop::new();
     let path = bounded.path("armwatch.toml");
     let config = fs::read_to_string(&path).expect("the configuration");
-    let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\ncycles_max_bytes = 1000000\n\n";
+    let limits = "[limits]\nbacklog_files = 4\nlarge_file_bytes = 1\ncycles_max_bytes = 7500000\n\n";
     fs::write(&path, format!("{limits}{config}")).expect("it");
     let results = [&free, &bounded].map(|workshop| {
         for robot in ["A", "B", "C", "D"] {
@@ -130,7 +130,7 @@ fn exports_that_wait_for_room_come_to_the_same_results() {
     });
     assert_eq!(results[0].len(), 4 * 3 * 64);
     assert_eq!(results[0], results[1]);
-    let said = |workshop: &Workshop| workshop.log().contains("limits.cycles_max_bytes = 1000000");
+    let said = |workshop: &Workshop| workshop.log().contains("limits.cycles_max_bytes = 7500000");
     assert!(!said(&free) && said(&bounded), "{}", bounded.log());
 }
 

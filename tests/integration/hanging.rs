@@ -64,9 +64,13 @@ fn get(port: u16, path: &str) -> Answer {
 }
 
 fn ends_in_time(daemon: Daemon) {
+    ends_in_time_with(daemon, 0);
+}
+
+fn ends_in_time_with(daemon: Daemon, status: i32) {
     let asked = Instant::now();
     daemon.signal("TERM");
-    assert_eq!(daemon.end(), Some(0));
+    assert_eq!(daemon.end(), Some(status));
     assert!(asked.elapsed() < Duration::from_secs(40), "the unit kills it after 60 s: {:?}", asked.elapsed());
 }
 
@@ -149,6 +153,90 @@ fn an_archive_that_hangs_does_not_keep_the_daemon_from_its_end() {
     ends_in_time(running);
 }
 
+/// A daemon that watches `inbox`, serves HTTP, and has `settings` at the end of its configuration.
+fn served(settings: &str) -> (Workshop, u16) {
+    let (workshop, port) = workshop();
+    workshop.set("folders", "[\"inbox\"]");
+    fs::remove_file(workshop.path("hang")).expect("removed");
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("a configuration");
+    fs::write(path, config + settings).expect("written");
+    (workshop, port)
+}
+
+/// Lets the disk of the daemon hang and waits until it says so; what `/ready` and the metrics say then.
+fn hangs(workshop: &Workshop, port: u16, what: &str) -> (Answer, String) {
+    fs::write(workshop.path("hang"), "").expect("written");
+    let said = || workshop.log().contains(&format!("the disk of {what} has not answered for 10 s"));
+    wait_until(said, || workshop.log());
+    // an answer holds for a second
+    wait_until(|| get(port, "/ready").status == 503, || get(port, "/ready").body);
+    (get(port, "/ready"), get(port, "/metrics").body)
+}
+
+#[test]
+fn a_database_whose_disk_hangs_is_told_and_keeps_the_daemon_from_no_end() {
+    let (workshop, port) = served("");
+    let running = daemon(&workshop, "write", &workshop.path("").display().to_string());
+    put(&workshop, "inbox", "A", 1);
+    workshop.wait_for(&stored("A"), 1);
+    wait_until(|| get(port, "/ready").status == 200, || get(port, "/ready").body);
+    fs::write(workshop.path("hang"), "").expect("written");
+    put(&workshop, "inbox", "B", 2);
+    let (ready, metrics) = hangs(&workshop, port, "the database");
+    let (database, reason) = (&ready.json()["database"], &ready.json()["reason"]);
+    assert_eq!(
+        (database.as_bool(), reason.as_str()),
+        (Some(false), Some("the disk of the database does not answer"))
+    );
+    assert!(metrics.contains("armwatch_disk_answers{disk=\"database\"} 0\n"), "{metrics}");
+    assert!(metrics.contains("armwatch_database_up 0\n"), "{metrics}");
+    ends_in_time_with(running, 74);
+    assert!(workshop.log().contains("continues after the last stored cycle"), "{}", workshop.log());
+
+    fs::remove_file(workshop.path("hang")).expect("removed");
+    let running = daemon(&workshop, "write", "none");
+    ["A", "B"].iter().for_each(|robot| workshop.wait_for(&stored(robot), 1));
+    ends_in_time(running);
+}
+
+#[test]
+fn a_snapshot_or_a_spool_whose_disk_hangs_stops_neither_the_exports_nor_the_end() {
+    let folders = [
+        ("copies", "the snapshot", "\n[snapshot]\nfile = \"copies/fleet.db\"\ninterval_min = 0.1\n"),
+        ("spool", "the spool of uploads", "\n[serve.upload]\nspool = \"spool\"\n"),
+    ];
+    for (folder, what, settings) in folders {
+        let (workshop, port) = served(settings);
+        fs::create_dir_all(workshop.path(folder)).expect("a folder");
+        let running = daemon(&workshop, "write", &format!("/{folder}/"));
+        wait_until(
+            || try_send(port, "GET /ready", "", b"").is_some_and(|of| of.status == 200),
+            || workshop.log(),
+        );
+        put(&workshop, "inbox", "A", 1);
+        let (ready, metrics) = hangs(&workshop, port, what);
+        assert_eq!(ready.json()["database"].as_bool(), Some(true), "{}", ready.body);
+        assert!(metrics.contains("armwatch_database_up 1\n"), "{metrics}");
+        put(&workshop, "inbox", "B", 2);
+        ["A", "B"].iter().for_each(|robot| workshop.wait_for(&stored(robot), 1));
+        assert_eq!(get(port, "/health").status, 200);
+        // it comes back under a daemon at work
+        fs::remove_file(workshop.path("hang")).expect("removed");
+        wait_until(|| workshop.log().contains("answers again"), || workshop.log());
+        wait_until(|| get(port, "/ready").status == 200, || get(port, "/ready").body);
+        hangs_again(&workshop, what);
+        ends_in_time(running);
+    }
+}
+
+/// Lets a disk hang that has answered again.
+fn hangs_again(workshop: &Workshop, what: &str) {
+    fs::write(workshop.path("hang"), "").expect("written");
+    let said = format!("the disk of {what} has not answered for 10 s");
+    wait_until(|| workshop.log().matches(&said).count() == 2, || workshop.log());
+}
+
 #[test]
 fn a_configuration_that_does_not_come_leaves_the_earlier_one_in_force() {
     let workshop = small::workshop();
@@ -202,6 +290,18 @@ fn a_link_publishes_no_secret() {
         "{}",
         text(&doctor.stdout)
     );
+
+    // the daemon lists them, without their targets
+    let running = workshop.daemon();
+    let listed = "SELECT count(*) FROM quarantine WHERE problem = 'a link that leads out of the watched folder' \
+                  AND remedy LIKE '%follow_links = true%'";
+    workshop.wait_for(listed, 2);
+    assert!(!workshop.stdout(&["quarantine", "list", "--json"], 0).contains("secret0"));
+    fs::remove_file(workshop.inbox(links[1])).expect("removed");
+    workshop.wait_for(listed, 1);
+    symlink(workshop.path("secret1"), workshop.inbox(links[1])).expect("a link");
+    workshop.wait_for(listed, 2);
+    ends_in_time(running);
 
     // followed, because the site says so: they are no exports, and are described
     workshop.set("follow_links", "true");

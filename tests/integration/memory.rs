@@ -195,6 +195,38 @@ fn a_layout_is_inferred_from_a_file_of_line_ends_in_little_memory() {
     assert!(peak_kb <= 150_000, "{peak_kb} kB");
 }
 
+/// A cycle whose analysis would take more memory than all cycles may have is refused; the row does not depend on how the file
+/// is read.
+#[test]
+fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
+    let workshop = Workshop::new();
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    let set = |bytes: u32| {
+        fs::write(&path, format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}"))
+            .expect("a configuration");
+    };
+    // 30,000 rows of 160 bytes or so in one cycle
+    let export = still(1..30_001, 0.01, |_| (1, Some("1".to_owned())), 0);
+    fs::write(workshop.inbox("R01_20260105_0847.csv"), export).expect("written");
+    set(2_000_000);
+    let Confined { said, peak_kb, .. } = confined(&workshop, &["ingest", "inbox"]);
+    for word in
+        ["no cycle boundary in", "limits.cycles_max_bytes = 2000000", "bytes per row", "raise this limit"]
+    {
+        assert!(said.contains(word), "{word}: {said}");
+    }
+    assert!(peak_kb <= MOST_KB, "{peak_kb} kB");
+    let rows = |said: &str| {
+        let of = said.split("no cycle boundary in ").nth(1).and_then(|rest| rest.split(' ').next());
+        of.and_then(|rows| rows.parse::<u32>().ok()).expect("rows")
+    };
+    assert!((4_000..6_000).contains(&rows(&said)), "{said}");
+    set(20_000_000);
+    let Confined { said, .. } = confined(&workshop, &["ingest", "inbox"]);
+    assert!(!said.contains("no cycle boundary"), "{said}");
+}
+
 /// Windows of ordinary work may be short: all of them are stored, one after the other.
 #[test]
 fn windows_of_one_row_take_no_more_memory_than_their_rows() {

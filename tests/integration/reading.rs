@@ -200,6 +200,30 @@ fn the_daemon_keeps_a_snapshot_up_to_date() {
     assert!(canon::dump(&copy) == workshop.dump());
 }
 
+/// Conclusions wait for the last export of a robot, so that a stop in between leaves them to the end.
+#[test]
+fn the_last_snapshot_has_what_is_concluded_after_the_stop() {
+    let workshop = small::workshop();
+    let path = workshop.path("armwatch.toml");
+    let config = fs::read_to_string(&path).expect("the configuration");
+    fs::write(&path, format!("[snapshot]\nfile = \"copy.db\"\ninterval_min = 0.1\n\n{config}"))
+        .expect("written");
+    for day in 1..=28 {
+        let export = export("A", 1 + day % 2, day);
+        fs::write(workshop.inbox(&export.name), &export.bytes).expect("written");
+    }
+    let daemon = workshop.daemon();
+    workshop.wait_for("SELECT count(*) > 1 FROM runs WHERE status = 'complete'", 1);
+    daemon.signal("TERM");
+    assert_eq!(daemon.end(), Some(0));
+    assert!(
+        workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'") < 28,
+        "it was stopped in between"
+    );
+    assert_eq!(workshop.number("SELECT count(*) FROM robot WHERE history <> concluded"), 0);
+    assert!(canon::dump(&workshop.path("copy.db")) == workshop.dump());
+}
+
 #[test]
 fn results_that_cannot_be_written_are_an_error() {
     if !Path::new("/dev/full").exists() {

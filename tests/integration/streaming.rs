@@ -342,6 +342,51 @@ fn a_file_truncated_while_it_grows_is_begun_anew_and_its_cycles_are_kept() {
     stop(daemon);
 }
 
+/// A tool copies the file and cuts it (`copytruncate`), and its writer goes on in the middle of a row.
+#[test]
+fn rows_without_a_header_behind_a_cut_are_read_by_the_header_before() {
+    let export = Export::new("A", 3, 9);
+    let workshop = Workshop::new();
+    workshop.set("settle_s", "60");
+    let daemon = started(&workshop);
+    let path = workshop.inbox(&export.name);
+    let [first, second] = [1, 2].map(|cycle| export.end_of_cycle(cycle));
+    append(&path, &export.text[..first]);
+    workshop.wait_for_a_look();
+    append(&path, &export.text[first..second]);
+    workshop.wait_for("SELECT COUNT(*) FROM cycles WHERE run_id = 1", 1);
+    daemon.wait_until_read(&path);
+    File::create(&path).expect("truncated");
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id = 1 AND status = 'complete'", 1);
+    let middle = second + (export.text.len() - second) / 2;
+    append(&path, &export.text[second - 8..middle]);
+    workshop.wait_for("SELECT COUNT(*) FROM runs", 2);
+    // a daemon that starts now knows the header as well
+    daemon.signal("KILL");
+    assert_eq!(daemon.end(), None);
+    let daemon = started(&workshop);
+    append(&path, &export.text[middle..]);
+    fs::write(workshop.inbox(&format!("{}.done", export.name)), "").expect("a mark");
+    workshop.wait_for("SELECT COUNT(*) FROM runs WHERE run_id = 2 AND status = 'complete'", 1);
+    // what goes on does not replace what was there before
+    assert_eq!(
+        workshop.query("SELECT run_id, status, cycles FROM runs ORDER BY run_id"),
+        ["1|complete|2", "2|complete|1"]
+    );
+    assert!(workshop.log().contains("the file was truncated and its rows go on without a header"));
+    let parameters = |workshop: &Workshop| {
+        workshop.query(
+            "SELECT joint, parameter, ROUND(value, 6) FROM cycle_parameters WHERE cycle = 3 ORDER BY 1, 2",
+        )
+    };
+    let whole = Workshop::new();
+    fs::write(whole.inbox(&export.name), &export.text).expect("written");
+    whole.stdout(&["ingest", "inbox"], 0);
+    assert!(!parameters(&whole).is_empty());
+    assert_eq!(parameters(&workshop), parameters(&whole));
+    stop(daemon);
+}
+
 #[test]
 fn a_file_renamed_while_it_grows_stays_one_run() {
     let export = Export::new("A", 3, 11);

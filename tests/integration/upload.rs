@@ -216,6 +216,12 @@ fn ready_says_what_is_missing_and_that_it_is_back() {
     };
     let (status, told) = ask();
     assert_eq!((status, &told["ready"], &told["spool"]), (200, &true.into(), &true.into()), "{told}");
+    // without a token that may read, folders are counted and not named
+    wait_until(|| ask().1["folders_watched"] == 2, || format!("{}", ask().1));
+    let (_, told) = ask();
+    assert_eq!((&told["folders_silent"], told.to_string().contains('/')), (&0.into(), false), "{told}");
+    let named = receiver.send("GET /ready", "", b"").json();
+    assert!(named["folders"][0]["folder"].as_str().is_some_and(|folder| folder.starts_with('/')), "{named}");
     // a file where the folder of uploads was: nothing can be written there
     let (spool, aside) = (receiver.workshop.path("spool"), receiver.workshop.path("aside"));
     fs::rename(&spool, &aside).expect("moved");
@@ -438,7 +444,7 @@ fn a_full_spool_stops_uploads_and_nothing_else() {
         return;
     }
     assert!(listens(), "{ended:?} {}", receiver.workshop.log());
-    let ready = || receiver.try_send("GET /ready", "", b"").expect("an answer");
+    let ready = || receiver.send("GET /ready", "", b"");
     let said = ready().json();
     assert_eq!(
         (ready().status, &said["spool"], &said["database"]),
@@ -446,6 +452,8 @@ fn a_full_spool_stops_uploads_and_nothing_else() {
         "{said}"
     );
     assert!(said["uploads_refused"].as_str().is_some_and(|why| why.contains("disk of the spool")), "{said}");
+    let told = receiver.try_send("GET /ready", "", b"").expect("an answer without a token").json();
+    assert_eq!(told["uploads_refused"], serde_json::Value::Null, "{told}");
     let refused = receiver.put(REFERENCE_NAME, "", &export());
     assert_eq!(refused.status, 507, "{}", refused.body);
     assert!(refused.body.contains("free space"), "{}", refused.body);

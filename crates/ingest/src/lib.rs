@@ -19,6 +19,7 @@ pub mod table;
 pub mod excerpt;
 pub mod infer;
 pub mod rejection;
+pub mod repeated;
 
 #[cfg(test)]
 mod fixture;

@@ -238,7 +238,8 @@ fn report(
     mut queries: Vec<Asked>,
 ) {
     let ms = |time: Duration| (time.as_secs_f64() * 1e5).round() / 100.0;
-    let Conclusion { asked: conclusion, detectors, slowest, logs: judged_logs, recomputed, judged } = conclusion;
+    let Conclusion { asked: conclusion, detectors, slowest, logs: judged_logs, recomputed, judged } =
+        conclusion;
     let together = |of: fn(&Asked) -> Duration| ms(conclusion.iter().map(of).sum());
     let (first, then) = (together(|asked| asked.first), together(|asked| asked.then));
     queries.sort_by_key(|asked| asked.then);

@@ -17,6 +17,7 @@ use crate::pipeline::take::{decide, intake, new_robot, record};
 use armwatch_config::{Config, FleetEntry, Layout};
 use armwatch_ingest::bytes::source;
 use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::repeated;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::ColumnMap;
 use armwatch_ingest::table::mended::Mended;
@@ -362,6 +363,7 @@ fn read(
         cycles: Vec::new(),
     };
     let fault = read_into(&mut reading, path, layout, robot, work).err();
+    let fault = fault.map(|fault| repeated::explained(fault, source::MAX_DECOMPRESSED_BYTES));
     (reading, fault)
 }
 

@@ -34,6 +34,8 @@ pub struct AdmittedExport {
     pub limits: WorkLimits,
     /// Memory of the cycles of all exports that are being read and analysed.
     pub memory: CycleMemory,
+    /// The header that the file had before it was cut, if it has none of its own.
+    pub header_before: Option<String>,
     /// Whether its analyses are recorded as they end.
     pub turn: Turn,
 }

@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cycles::RowCutter;
 use super::resume::{self, ReadPositions};
+use super::resume_point::ResumePoint;
 use crate::pipeline::cycle_memory::{HeldCycle, OpenCycle};
 use armwatch_ingest::bytes::fingerprint::RunningHash;
 use armwatch_ingest::rejection::Rejection;
@@ -16,6 +17,9 @@ use armwatch_ingest::table::reader::Chunk;
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, Cycle};
 use armwatch_store::{ReadSoFar, StoredPoint};
+
+/// A longer header is not kept, since it is stored again with each cycle, bytes.
+const LONGEST_HEADER: usize = 64 << 10;
 
 /// A cycle, and what it and those before it were read from.
 #[derive(Debug, PartialEq)]
@@ -75,6 +79,7 @@ pub struct Cutting<'i> {
     open_cycle: OpenCycle,
     cycle_count: u32,
     positions: ReadPositions,
+    header: Option<String>,
     took: Duration,
     written: Option<SystemTime>,
 }
@@ -92,7 +97,8 @@ impl<'i> Cutting<'i> {
         hash: RunningHash,
     ) -> Result<Self, Rejection> {
         let mut cutter = RowCutter::new(&intake.path, &intake.layout, &intake.robot)?
-            .with_most_rows(intake.limits.cycle_rows);
+            .with_most_rows(intake.limits.cycle_rows)
+            .with_most_bytes(intake.limits.cycles_bytes);
         let mut cycle_count = 0;
         if let Some(point) = &intake.resume {
             cutter = cutter.at(point);
@@ -108,6 +114,7 @@ impl<'i> Cutting<'i> {
             open_cycle: intake.memory.enter(intake.turn.clone()),
             cycle_count,
             positions,
+            header: None,
             took: Duration::ZERO,
             written: None,
         })
@@ -117,6 +124,13 @@ impl<'i> Cutting<'i> {
     #[must_use]
     pub fn with_buffers(mut self, buffers: Buffers) -> Self {
         self.cutter = self.cutter.with_buffers(buffers);
+        self
+    }
+
+    /// The same with the header of the rows, which is kept where reading goes on.
+    #[must_use]
+    pub fn with_header(mut self, header: Option<&str>) -> Self {
+        self.header = header.filter(|header| header.len() <= LONGEST_HEADER).map(str::to_owned);
         self
     }
 
@@ -161,6 +175,7 @@ impl<'i> Cutting<'i> {
             // the last cut has the point: those before it in one block would read the same rows again
             let is_last = !matches!(cut, Ok(Some(_))) && self.cutter.all_taken();
             let point = if is_last { self.positions.at_cut(&self.cutter) } else { None };
+            let point = point.map(|point| ResumePoint { header: self.header.clone(), ..point });
             let point = point.and_then(|point| resume::encoded(&point, &self.intake.made_with));
             if self.stop.is_cancelled() || !self.send(cycle, point, false) {
                 return Ok(false);

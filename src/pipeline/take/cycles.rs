@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use super::resume_point::ResumePoint;
+use crate::pipeline::cycle_memory;
 use armwatch_config::Layout;
 use armwatch_ingest::bytes::{fingerprint, source};
 use armwatch_ingest::rejection::Rejection;
@@ -66,6 +67,8 @@ pub struct RowCutter {
     /// Whether cycles come from a schedule, from windows, or from the rows.
     division: Division,
     most_rows: usize,
+    /// Most memory of the analysis of a cycle, bytes.
+    most_bytes: usize,
     /// Bytes of memory of a row.
     row_bytes: usize,
     /// Short cycles in a row that no longer one has followed.
@@ -127,6 +130,7 @@ impl RowCutter {
             counter_column: layout.cycle.as_ref().map(ToString::to_string),
             division,
             most_rows: MAX_CYCLE_ROWS,
+            most_bytes: usize::MAX,
             row_bytes: 0,
             short: Vec::new(),
             short_from: 0,
@@ -141,6 +145,13 @@ impl RowCutter {
     pub fn with_most_rows(mut self, rows: usize) -> Self {
         self.cutter = self.cutter.with_most_rows(rows);
         self.most_rows = rows;
+        self
+    }
+
+    /// The same with a bound on the memory of the analysis of a cycle, bytes.
+    #[must_use]
+    pub fn with_most_bytes(mut self, bytes: usize) -> Self {
+        self.most_bytes = bytes;
         self
     }
 
@@ -208,12 +219,39 @@ impl RowCutter {
         self.first_rows.note(&samples);
         self.rows_pushed += samples.rows() as u64;
         self.last_time = samples.time.last().copied().unwrap_or(self.last_time);
-        self.row_bytes = samples.row_bytes();
+        self.note_row_bytes(samples.row_bytes());
         self.joint_side.apply(&mut samples);
         let (staged, fault) = self.stages.push(samples);
         self.cut(staged);
         let fault = fault.map(|fault| Rejection::of_file(&self.path, fault.to_string(), ""));
         self.fault = fault.or_else(|| self.undecided());
+    }
+
+    /// Notes the memory of a row, which bounds the rows of a cycle.
+    fn note_row_bytes(&mut self, bytes: usize) {
+        self.row_bytes = bytes;
+        let rows = self.cycle_rows();
+        if rows < self.most_rows {
+            self.cutter = std::mem::take(&mut self.cutter).with_most_rows(rows);
+        }
+    }
+
+    /// Most rows of a cycle, by both bounds.
+    fn cycle_rows(&self) -> usize {
+        self.most_rows.min(cycle_memory::most_rows(self.most_bytes, self.row_bytes).max(LEAST_ROWS))
+    }
+
+    /// The remedy of a cycle with more rows than it may have.
+    fn remedy_of_length(&self) -> String {
+        match self.cycle_rows() == self.most_rows {
+            true => "if cycles are that long, raise limits.cycle_max_rows".to_owned(),
+            false => format!(
+                "its analysis takes more than limits.cycles_max_bytes = {}, at {} bytes per row; if cycles are that long, \
+                 raise this limit, and with it the memory that the program may take",
+                self.most_bytes,
+                cycle_memory::bytes_of_rows(1, self.row_bytes)
+            ),
+        }
     }
 
     /// Ends the export: now [`next_cycle`](Self::next_cycle) gives its last cycles.
@@ -326,12 +364,13 @@ impl RowCutter {
     /// The rejection of more rows without a stage than a cycle may have.
     fn undecided(&self) -> Option<Rejection> {
         let held = self.stages.held_rows();
-        (held > self.most_rows).then(|| {
+        (held > self.cycle_rows()).then(|| {
             let reason = format!(
                 "{held} rows whose stage is not decided yet: the times of these rows hardly advance, or the recording \
                  has more rows than the bound of a cycle in the time that decides a stage"
             );
-            Rejection::of_file(&self.path, reason, "check the unit of [time] in the layout, or raise limits.cycle_max_rows")
+            let remedy = format!("check the unit of [time] in the layout; {}", self.remedy_of_length());
+            Rejection::of_file(&self.path, reason, remedy)
         })
     }
 
@@ -378,7 +417,7 @@ impl RowCutter {
     /// The rejection of rows that make no cycle: where a cell is to blame, with its place.
     fn not_cut(&self, error: &SegmentError) -> Rejection {
         let remedy = match error {
-            SegmentError::Endless { .. } => "if cycles are that long, raise limits.cycle_max_rows",
+            SegmentError::Endless { .. } => &self.remedy_of_length(),
             SegmentError::CounterFalls { .. } => "export each test to a file of its own",
             SegmentError::CounterReturns { .. } => {
                 "export each test to a file of its own, or leave the counter as it is inside a cycle"

@@ -46,6 +46,15 @@ pub struct Facts {
     pub retry: Retry,
 }
 
+impl Facts {
+    /// The same of a file that was cut, if it was: its rows go on behind those of the run before and do not replace them.
+    #[must_use]
+    pub fn of_cut_file(self, is_cut: bool) -> Self {
+        let on_rewrite = if is_cut { RewritePolicy::KeepBoth } else { self.on_rewrite };
+        Self { on_rewrite, ..self }
+    }
+}
+
 /// What becomes of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Decision {

@@ -5,7 +5,7 @@
 //! robot) is left until the file has settled, and then judged on the whole of it: what is half written may
 //! look wrong and become right. Cycles stored until then stay, and the run goes on.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::Decision;
 use super::intake::Recognised;
-use super::{attempt, decide, intake, new_robot, record, resume};
+use super::{attempt, cut_file, decide, intake, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
 use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
@@ -114,7 +114,7 @@ impl Pipeline {
         (path, name): (&Path, &str),
         rejection: Rejection,
     ) -> Result<Followed, PipelineError> {
-        let rejection = intake::naming_cut(self, path, None, rejection).await?;
+        let rejection = cut_file::with_cause(self, path, None, rejection).await?;
         let source_name = intake::file_name(path);
         let robot = self.config().recognition.recognise(&source_name).ok().map(|recognised| recognised.robot);
         let block = Block {
@@ -145,14 +145,18 @@ impl Pipeline {
             Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
-        let opened = self.with_files(move || open(owned, &arm)).await?;
+        let opened = self.with_files(move || open(&owned, &arm, None)).await?;
+        let opened = match opened {
+            Err(rejection) => self.open_going_on(path, recognised.entry).await?.map_or(Err(rejection), Ok),
+            opened => opened,
+        };
         let opened = match opened {
             Ok(Opening::Open(opened)) => *opened,
             Ok(Opening::NotYet) => return Ok(Followed::NotYet),
             Ok(Opening::Compressed) => return Ok(Followed::UntilSettled),
             Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
-        let intake = match self.begin_growing(path, &recognised, opened.state).await? {
+        let intake = match self.begin_growing(path, &recognised, &opened).await? {
             Ok(intake) => intake,
             Err(followed) => return Ok(followed),
         };
@@ -160,6 +164,14 @@ impl Pipeline {
         let followed = self.follow_begun((opened, intake), name, settle, ends, progress).await;
         open.close(&self.store).await;
         followed
+    }
+
+    /// Opens a file whose first line is no header, if its rows go on under the header that it had before.
+    async fn open_going_on(&self, path: &Path, entry: &FleetEntry) -> Result<Option<Opening>, PipelineError> {
+        let Some(state) = intake::source_state(path) else { return Ok(None) };
+        let Some(header) = cut_file::header_before(self, path, state, entry).await? else { return Ok(None) };
+        let (owned, arm) = (path.to_path_buf(), entry.clone());
+        Ok(self.with_files(move || open(&owned, &arm, Some(&header))).await?.ok())
     }
 
     /// Reads a growing export whose run is begun.
@@ -238,7 +250,7 @@ impl Pipeline {
         &self,
         path: &Path,
         recognised: &Recognised<'_>,
-        state: SourceState,
+        &Opened { state, goes_on, .. }: &Opened,
     ) -> Result<Result<AdmittedExport, Followed>, PipelineError> {
         let facts = intake::facts(self, path, None, state, Some(recognised), Retry::Never).await?;
         let facts = match facts {
@@ -246,7 +258,7 @@ impl Pipeline {
             Err(rejection) => return Ok(Err(Followed::Blocked(rejection))),
         };
         intake::forget_unreadable(self, path).await?;
-        let start = match decide::decide(&facts) {
+        let start = match decide::decide(&facts.of_cut_file(goes_on)) {
             Decision::Read(start) => start,
             Decision::InWork { run_id } => {
                 return Ok(Err(Followed::Outcome(Outcome::InWork { run_id: Some(run_id) })));
@@ -276,6 +288,9 @@ impl Pipeline {
         let intake = intake::begin(self, path, recognised, header, identity, start, state).await?;
         let (run_id, cycles) = (intake.run_id, intake.cycles_stored);
         tracing::info!(file = %text::of_path(path), run_id, robot, cycles, "growing");
+        if goes_on {
+            tracing::warn!(file = %text::of_path(path), run_id, "{}", cut_file::GOES_ON);
+        }
         Ok(Ok(intake))
     }
 }
@@ -285,6 +300,8 @@ struct Opened {
     export: ExportReader<HashingReader<Tail>>,
     growth: Growth,
     state: SourceState,
+    /// Its rows are read under a header that the file had before.
+    goes_on: bool,
 }
 
 enum Opening {
@@ -293,15 +310,19 @@ enum Opening {
     Compressed,
 }
 
-fn open(path: PathBuf, entry: &FleetEntry) -> Result<Opening, Rejection> {
-    let Some(Growing { reader, growth }) = tail::open(&path)? else { return Ok(Opening::Compressed) };
-    let options = ReadOptions::default();
-    let export = ExportReader::of_growing(reader, &path, &entry.layout, &entry.description, options)?;
+/// Opens a growing file. `before` is the header that it had before, if its own is missing.
+fn open(path: &Path, entry: &FleetEntry, before: Option<&str>) -> Result<Opening, Rejection> {
+    let Some(Growing { reader, growth }) = tail::open(path)? else { return Ok(Opening::Compressed) };
+    let (layout, robot, options) = (&entry.layout, &entry.description, ReadOptions::default());
+    let export = match before {
+        None => ExportReader::of_growing(reader, path, layout, robot, options)?,
+        Some(header) => ExportReader::going_on(reader, header, path, layout, robot, options)?,
+    };
     let state = state_of(&growth).ok_or_else(|| {
-        Rejection::of_file(&path, "the file system does not tell its state", "copy it to another one")
+        Rejection::of_file(path, "the file system does not tell its state", "copy it to another one")
     })?;
     Ok(match export {
-        Some(export) => Opening::Open(Box::new(Opened { export, growth, state })),
+        Some(export) => Opening::Open(Box::new(Opened { export, growth, state, goes_on: before.is_some() })),
         None => Opening::NotYet,
     })
 }
@@ -346,7 +367,7 @@ fn read(
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
-    let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?;
+    let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?.with_header(export.header());
     // whether all that was written was read at the last look: then what is read next was written just now
     let mut is_up = false;
     loop {

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
-use super::{decide, new_robot, record, resume};
+use super::{cut_file, decide, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::cycle_memory::Turn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
@@ -22,7 +22,7 @@ use armwatch_ingest::bytes::fingerprint::fingerprint;
 use armwatch_ingest::bytes::{fingerprint, source};
 use armwatch_ingest::find::archive::original_name;
 use armwatch_ingest::rejection::Rejection;
-use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
+use armwatch_ingest::table::reader::ReadOptions;
 use armwatch_ingest::table::start;
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
@@ -96,6 +96,14 @@ async fn admit_content(
         Err(rejection) => return Ok(Admission::Decided(Outcome::Unreadable { rejection })),
     };
     forget_unreadable(pipeline, path).await?;
+    let header_before = match &recognised {
+        // few files are rewritten
+        Ok(recognised) if facts.earlier.iter().any(|of| of.same_file && !of.begins_alike) => {
+            cut_file::header_of(pipeline, path, state, recognised.entry).await?
+        }
+        _ => None,
+    };
+    let facts = facts.of_cut_file(header_before.is_some());
     let ledger_path = ledger_path(pipeline.store(), path);
     let start = match decide::decide(&facts) {
         Decision::Known { run, unfinished } => {
@@ -134,7 +142,10 @@ async fn admit_content(
     );
     let identity = Identity::Content(content_hash);
     let intake = begin(pipeline, path, &recognised, header, identity, start, state).await?;
-    Ok(Admission::Read(Box::new(intake)))
+    if header_before.is_some() {
+        tracing::warn!(file = %text::of_path(path), run_id = intake.run_id, "{}", cut_file::GOES_ON);
+    }
+    Ok(Admission::Read(Box::new(AdmittedExport { header_before, ..intake })))
 }
 
 /// Begins or goes on with the run of a file.
@@ -179,6 +190,7 @@ pub(in crate::pipeline) async fn begin(
         made_with,
         limits: *limits,
         memory: pipeline.memory.clone(),
+        header_before: None,
         turn: Turn::come(),
     })
 }
@@ -269,38 +281,29 @@ fn is_recording_of(config: &Config, file: &Recognised<'_>, earlier: &EarlierRun)
     same_moment && same_kind && entry.is_none_or(|entry| std::ptr::eq(entry, file.entry))
 }
 
-/// A rejection at the beginning of a file, which also says that the file was shortened, if it held more of a run before
-/// than it has bytes now: a tool that copies a file and cuts it leaves its writer to go on without a header. `run_id` is the
-/// file's own run, if it has one.
-pub(in crate::pipeline) async fn naming_cut(
-    pipeline: &Pipeline,
-    path: &Path,
-    run_id: Option<i64>,
-    rejection: Rejection,
-) -> Result<Rejection, PipelineError> {
-    let Some(state) = source_state(path).filter(|_| rejection.line.is_none_or(|line| line <= 2)) else {
-        return Ok(rejection);
-    };
-    let ledger_path = ledger_path(pipeline.store(), path);
-    let earlier = pipeline.store().earlier_runs(&ledger_path, state.file, None).await?;
-    let name = file_name(path);
-    // numbers of files are given again, mostly to files of another name
-    let is_cut = |of: &&EarlierRun| {
-        Some(of.run.run_id) != run_id && of.same_file && of.source_name == name && of.read.bytes > state.bytes
-    };
-    let Some(cut) = earlier.iter().filter(is_cut).max_by_key(|of| of.run.run_id) else {
-        return Ok(rejection);
-    };
-    let (before, earlier) = (cut.read.bytes, cut.run.run_id);
-    Ok(Rejection {
-        reason: format!(
-            "{}; the file was shortened from {before} bytes or more, which run {earlier} has",
-            rejection.reason
-        )
-        .into(),
-        remedy: "let the tool that cuts it move it away instead, so that its writer begins a new file with a header".into(),
-        ..rejection
-    })
+impl Pipeline {
+    /// Writes down why a file or link is not read, unless that is written down already.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn list_skipped(&self, path: &Path, rejection: Rejection) -> Result<(), PipelineError> {
+        let identity = path_identity(self.store(), path);
+        let known = self.store().lookup(&identity).await?;
+        if known.is_none_or(|run| run.status != RunStatus::Quarantined) {
+            let ledger_path = ledger_path(self.store(), path);
+            let header = header(path, ledger_path, UNKNOWN_ROBOT, "", Timestamp::now(), identity, 0);
+            record::write_down(self, &header, &rejection).await?;
+        }
+        Ok(())
+    }
+
+    /// Deletes what [`Pipeline::list_skipped`] has written down.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub async fn unlist_skipped(&self, path: &Path) -> Result<(), PipelineError> {
+        forget_unreadable(self, path).await
+    }
 }
 
 /// Takes away what was written down of a file while it could not be read.
@@ -413,14 +416,17 @@ fn read_if(
     progress: impl Fn(u64),
     is_asked_for: impl FnOnce(ContentHash) -> bool,
 ) -> Result<ReadEnd, Rejection> {
-    let (bytes, hash) = source::open_hashing_up_to(&intake.path, intake.limits.export_bytes)?;
-    let mut export = ExportReader::new(bytes, &intake.path, &intake.layout, &intake.robot, options)?;
+    let most = intake.limits.export_bytes;
+    let before = intake.header_before.as_deref();
+    let (mut export, hash) =
+        cut_file::opened(&intake.path, &intake.layout, &intake.robot, (most, options), before)?;
     match resume::pass_to_point(&mut export, intake, stop, || progress(hash.bytes()))? {
         Passed::There => {}
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
-    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?.with_buffers(buffers);
+    let mut cutting =
+        Cutting::new(intake, cycles, stop, hash.clone())?.with_buffers(buffers).with_header(export.header());
     let mut began = Instant::now();
     for chunk in export.by_ref() {
         progress(hash.bytes());

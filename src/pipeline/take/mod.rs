@@ -7,6 +7,7 @@ pub mod admitted;
 mod claimed;
 pub(super) mod attempt;
 pub mod resume;
+pub(in crate::pipeline) mod cut_file;
 pub mod cutting;
 pub mod record;
 pub mod intake;

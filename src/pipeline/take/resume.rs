@@ -27,7 +27,7 @@ use armwatch_model::text;
 use armwatch_store::StoredPoint;
 
 /// Changes with the meaning of what is written down, and of the rows that it makes: reader, stages and cycles.
-const VERSION: u64 = 3;
+const VERSION: u64 = 4;
 
 /// Bytes of the hash behind the others.
 const CHECK_BYTES: usize = 32;
@@ -53,6 +53,7 @@ impl ReadPositions {
             cutter: state,
             sample_rate: cutter.sample_rate(),
             first_rows: cutter.first_rows(),
+            header: None,
         })
     }
 
@@ -201,6 +202,7 @@ mod tests {
             cutter: CutterState { rows_cut: 5, cycles_cut: 4, number_cut: 9, counter_reached: u32::MAX },
             sample_rate: 1000.0 / 3.0,
             first_rows: ContentHash([3; 32]),
+            header: Some("time,pos_1".into()),
         };
         let stored = encoded(&point, &settings).expect("written down");
         assert_eq!(decoded(&stored.state, &settings).as_ref(), Some(&point));

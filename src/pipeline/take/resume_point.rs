@@ -20,4 +20,7 @@ pub struct ResumePoint {
     pub sample_rate: f64,
     /// Hash of the first rows.
     pub first_rows: ContentHash,
+    /// Header of the rows: if the file is cut and its rows go on without one, they are read by it. `None` if columns go by
+    /// number.
+    pub header: Option<String>,
 }

@@ -23,6 +23,7 @@ pub struct Row {
 const WHOLE: &[&str] = &["complete|2|"];
 const TWO: &[&str] = &["complete|2|", "complete|2|"];
 const REPLACED: &[&str] = &["superseded|2|exported again", "complete|2|"];
+const LEADS_OUT: &[&str] = &["quarantined|0|a link that leads out"];
 const NOTHING: &[&str] = &[];
 
 /// Much shorter than the time to settle.
@@ -62,9 +63,9 @@ pub const ROWS: &[Row] = &[
     Row { name: "number of a file given again", act: number_again, runs: TWO },
     Row { name: "hard link", act: hard_link, runs: WHOLE },
     Row { name: "symbolic link to a file of the folder", act: link_to_file, runs: WHOLE },
-    Row { name: "symbolic link to a file elsewhere", act: link_out, runs: NOTHING },
+    Row { name: "symbolic link to a file elsewhere", act: link_out, runs: LEADS_OUT },
     Row { name: "symbolic link to nothing, then to a file", act: link_to_nothing, runs: WHOLE },
-    Row { name: "symbolic link to a folder", act: link_to_folder, runs: NOTHING },
+    Row { name: "symbolic link to a folder", act: link_to_folder, runs: LEADS_OUT },
     Row { name: "loops of links", act: loops, runs: WHOLE },
     Row { name: "deleted while it is read", act: deleted_while_read, runs: WHOLE },
     Row { name: "deleted after it was read", act: deleted_after, runs: WHOLE },
@@ -92,7 +93,7 @@ pub const ROWS: &[Row] = &[
     Row {
         name: "device",
         act: |s| symlink("/dev/zero", s.path("R_20260105_0847.csv")).expect("linked"),
-        runs: NOTHING,
+        runs: LEADS_OUT,
     },
     Row { name: "socket", act: socket, runs: NOTHING },
     Row { name: "name that is not UTF-8", act: |s| named(s, b"_20260105_0847_M\xe4rz.csv"), runs: WHOLE },

@@ -25,6 +25,9 @@ use armwatch_model::text;
 /// go on for ever.
 const MAX_DEPTH: usize = 32;
 
+/// Why a folder with more folders around it is not looked into.
+const TOO_DEEP: &str = "a folder that lies more than 32 folders below the watched one";
+
 /// An export that a scan found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundFile {
@@ -81,7 +84,9 @@ pub enum Skipped {
 }
 
 impl Skipped {
-    fn path(&self) -> &Path {
+    /// The place.
+    #[must_use]
+    pub fn path(&self) -> &Path {
         match self {
             Self::LeadsOut { path, .. } | Self::TooDeep { path } => path,
         }
@@ -94,9 +99,16 @@ impl Skipped {
             Self::LeadsOut { path, target } => {
                 format!("{} is {LEADS_OUT}, to {}", path.display(), target.display())
             }
-            Self::TooDeep { path } => {
-                format!("{} lies more than {MAX_DEPTH} folders below the watched one", path.display())
-            }
+            Self::TooDeep { path } => format!("{} is {TOO_DEEP}", path.display()),
+        }
+    }
+
+    /// The reason alone. It does not name the target of a link, which is no concern of all readers.
+    #[must_use]
+    pub fn problem(&self) -> &'static str {
+        match self {
+            Self::LeadsOut { .. } => LEADS_OUT,
+            Self::TooDeep { .. } => TOO_DEEP,
         }
     }
 

@@ -105,6 +105,8 @@ pub struct ExportReader<R> {
     is_known: bool,
     /// Line of the header; `None` without one.
     header_line: Option<u64>,
+    /// The header, of this file or of the rows before its first one; `None` if columns go by number.
+    header: Option<String>,
     previous: Option<PreviousTime>,
     /// Whether it is known what times count from.
     has_moment: bool,
@@ -186,6 +188,7 @@ impl<R: Read> ExportReader<R> {
             blocks,
             is_known,
             header_line: layout.header.then_some(header.line),
+            header: layout.header.then(|| header.text.clone()),
             parser: Parser::new(map),
             path: path.to_owned(),
             previous: None,
@@ -205,6 +208,12 @@ impl<R: Read> ExportReader<R> {
     #[must_use]
     pub fn columns(&self) -> &ColumnMap {
         self.parser.map()
+    }
+
+    /// The header of the rows; `None` if columns go by number.
+    #[must_use]
+    pub fn header(&self) -> Option<&str> {
+        self.header.as_deref()
     }
 
     /// How the file writes its text, as far as it was read.
@@ -539,6 +548,8 @@ impl<R: Read> Iterator for ExportReader<R> {
         item
     }
 }
+
+mod going_on;
 
 #[cfg(test)]
 mod tests;

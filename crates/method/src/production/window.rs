@@ -41,7 +41,12 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     let filtered = match filter_signals(samples, analysis.cutoff) {
         Ok(filtered) => filtered,
         Err(error) => {
-            analysis.identification = Err(error.to_string());
+            analysis.identification = Err(match error {
+                NumericsError::TooShort { rows, needed, .. } => format!(
+                    "a short window: it has {rows} of the {needed} rows that a comparison needs, as where a log pauses"
+                ),
+                error => error.to_string(),
+            });
             return analysis;
         }
     };
@@ -216,6 +221,7 @@ mod tests {
         assert!(analysis.production.is_none() && analysis.refusal().is_none());
         assert!(!analysis.factors.factors.is_empty());
         let short = analyse_window(&method, &cycle(1, 5), None);
-        assert!(short.refusal().is_some_and(|reason| !reason.contains(NO_IDENTIFICATION)), "{short:?}");
+        let named = |reason: &str| reason.starts_with("a short window: it has 5 of the 32 rows");
+        assert!(short.refusal().is_some_and(named), "{short:?}");
     }
 }

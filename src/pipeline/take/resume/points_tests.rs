@@ -333,6 +333,7 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
             made_with: made_with(&layout(writing), &robot, &WorkLimits::default()),
             limits: WorkLimits::default(),
             memory: CycleMemory::new(usize::MAX),
+            header_before: None,
             turn: Turn::come(),
         };
         (writing.name, intake)

@@ -1,0 +1,41 @@
+//! Places of the watched folders that scans skip, such as links that lead out: listed in quarantine, so that people see
+//! them who do not read the log.
+
+use std::collections::{BTreeMap, HashSet};
+use std::path::{Path, PathBuf};
+
+use super::folders::Look;
+use crate::pipeline::context::{Pipeline, PipelineError};
+use armwatch_ingest::find::watch::Skipped;
+use armwatch_ingest::rejection::Rejection;
+
+/// Places that one look writes down. Others wait for the next one, so that a folder full of links does not stop the daemon.
+const WRITTEN_AT_ONCE: usize = 50;
+
+/// The places that are written down.
+#[derive(Debug, Default)]
+pub(super) struct LeftOut(HashSet<PathBuf>);
+
+impl LeftOut {
+    /// Writes down the places that are skipped now, and deletes the others.
+    ///
+    /// # Errors
+    /// Those of the store.
+    pub(super) async fn note(&mut self, pipeline: &Pipeline, look: &Look<'_>) -> Result<(), PipelineError> {
+        let now: BTreeMap<&Path, &Skipped> = look.skipped.iter().map(|of| (of.path(), *of)).collect();
+        let gone: Vec<PathBuf> =
+            self.0.iter().filter(|path| !now.contains_key(path.as_path())).cloned().collect();
+        for path in gone {
+            pipeline.unlist_skipped(&path).await?;
+            self.0.remove(&path);
+        }
+        let new: Vec<&Skipped> =
+            now.into_values().filter(|of| !self.0.contains(of.path())).take(WRITTEN_AT_ONCE).collect();
+        for skipped in new {
+            let rejection = Rejection::of_file(skipped.path(), skipped.problem(), skipped.remedy());
+            pipeline.list_skipped(skipped.path(), rejection).await?;
+            self.0.insert(skipped.path().to_owned());
+        }
+        Ok(())
+    }
+}

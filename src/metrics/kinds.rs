@@ -1,0 +1,126 @@
+//! Values of labels: stages, disks, queues and ends of exports.
+
+/// What is done with an export.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Its rows are read and cut into a cycle.
+    Read,
+    /// A cycle is analysed.
+    Analyse,
+    /// A cycle is stored.
+    Record,
+    /// What the whole run says is worked out and stored.
+    Finish,
+    /// What the robot's history says is worked out and stored.
+    Conclude,
+}
+
+impl Stage {
+    pub(super) const ALL: [Self; 5] = [Self::Read, Self::Analyse, Self::Record, Self::Finish, Self::Conclude];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Read => "read",
+            Self::Analyse => "analyse",
+            Self::Record => "record",
+            Self::Finish => "finish",
+            Self::Conclude => "conclude",
+        }
+    }
+}
+
+/// A disk that the daemon writes to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Disk {
+    /// That of the database.
+    Database,
+    /// That of the copy for readers.
+    Snapshot,
+    /// That of uploads.
+    Spool,
+}
+
+impl Disk {
+    /// Its name in the metrics.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Database => "database",
+            Self::Snapshot => "snapshot",
+            Self::Spool => "spool",
+        }
+    }
+
+    /// What lies on it.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Database => "the database",
+            Self::Snapshot => "the snapshot",
+            Self::Spool => "the spool of uploads",
+        }
+    }
+
+    /// What is not done while it does not answer.
+    #[must_use]
+    pub const fn consequence(self) -> &'static str {
+        match self {
+            Self::Database => "nothing is stored until it does",
+            Self::Snapshot => "readers have the earlier copy until it does",
+            Self::Spool => "no upload is taken until it does",
+        }
+    }
+}
+
+/// Where files wait and are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Queue {
+    /// Files that are read as they grow.
+    Growing,
+    /// Settled files that are read within seconds.
+    Small,
+    /// Larger settled files.
+    Large,
+}
+
+impl Queue {
+    pub(super) const ALL: [Self; 3] = [Self::Growing, Self::Small, Self::Large];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Growing => "growing",
+            Self::Small => "small",
+            Self::Large => "large",
+        }
+    }
+}
+
+/// What became of an export that was taken up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExportEnd {
+    /// Every cycle is stored.
+    Stored,
+    /// Its content was known before, as stored or as not understood.
+    Known,
+    /// It was not understood.
+    Quarantined,
+    /// It is looked at again later: it changed, could not be read, or the program stops.
+    Later,
+    /// The program failed over it.
+    Failed,
+}
+
+impl ExportEnd {
+    pub(super) const ALL: [Self; 5] =
+        [Self::Stored, Self::Known, Self::Quarantined, Self::Later, Self::Failed];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Stored => "stored",
+            Self::Known => "known",
+            Self::Quarantined => "quarantined",
+            Self::Later => "later",
+            Self::Failed => "failed",
+        }
+    }
+}
