@@ -61,7 +61,7 @@ impl Method {
 
     /// The method for an arm of another structure, with the same settings.
     pub(crate) fn of_other(&self, robot: Robot, base: BaseParameters, columns: FactorColumns) -> Self {
-        Self { robot, base, columns, settings: self.settings.clone() }
+        Self { robot, base, columns, settings: self.settings }
     }
 
     /// How cycles are analysed.

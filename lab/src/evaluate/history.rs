@@ -359,7 +359,6 @@ fn summary(
         parameters: parameters(arm, event, has, test, identified, draws),
         response: Some(Arc::clone(&identified.response)),
         epochs: test.epochs.clone(),
-        ..RunSummary::default()
     }
 }
 

@@ -50,7 +50,7 @@ pub(super) async fn list(
         require_robot(store, robot).await?;
     }
     if global.json {
-        rows.iter().for_each(|row| output::json(row));
+        rows.iter().for_each(output::json);
         return Ok(EXIT_DONE);
     }
     if rows.is_empty() {

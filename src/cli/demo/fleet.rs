@@ -248,7 +248,7 @@ mod tests {
             assert_eq!(day.to_string(), first_day);
             let arms = fleet(day).unwrap();
             let last = arms.iter().filter_map(|arm| arm.start(arm.tests())).max().unwrap();
-            assert!(last < now && now - last < SignedDuration::from_hours(26), "{last}");
+            assert!(last < now && now.duration_since(last) < SignedDuration::from_hours(26), "{last}");
         }
     }
 

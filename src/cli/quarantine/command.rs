@@ -151,7 +151,7 @@ async fn list(global: &Global, store: &Store, robot: Option<&str>, all: bool) ->
         robot.is_none_or(|name| fault.robot == name) && (all || fault.state == FaultState::Open)
     });
     if global.json {
-        faults.iter().for_each(|fault| output::json(fault));
+        faults.iter().for_each(output::json);
     } else if faults.is_empty() {
         let of = robot.map(|name| format!(" of {name}")).unwrap_or_default();
         output::line(&format!("nothing{of} is quarantined"));

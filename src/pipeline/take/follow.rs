@@ -147,7 +147,7 @@ impl Pipeline {
         let (owned, arm) = (path.to_path_buf(), recognised.entry.clone());
         let opened = self.with_files(move || open(&owned, &arm, None)).await?;
         let opened = match opened {
-            Err(rejection) => self.open_going_on(path, recognised.entry).await?.map_or(Err(rejection), Ok),
+            Err(rejection) => self.open_going_on(path, recognised.entry).await?.ok_or(rejection),
             opened => opened,
         };
         let opened = match opened {

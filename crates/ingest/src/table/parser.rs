@@ -204,11 +204,14 @@ mod tests {
         assert_eq!(channels::samples(columns, &parser.map, None), Some(samples));
     }
 
+    /// How the cell in a column is written.
+    type Write<'a> = &'a dyn Fn(usize, &str) -> String;
+
     #[test]
     fn exponents_quotes_and_blanks_need_no_other_reader() {
         let (samples, text) = made_recording(200);
         let as_exponent = |cell: &str| format!("{:e}", cell.parse::<f64>().unwrap());
-        let ways: [(&str, &dyn Fn(usize, &str) -> String); 7] = [
+        let ways: [(&str, Write<'_>); 7] = [
             ("exponents", &|_, cell| as_exponent(cell)),
             ("Fortran", &|_, cell| as_exponent(cell).replace('e', "D")),
             ("C", &|_, cell| format!("{:.16e}", cell.parse::<f64>().unwrap())),
@@ -236,7 +239,7 @@ mod tests {
     fn lines_in_blanks_are_read_as_numpy_matlab_and_c_write_them() {
         let (samples, text) = made_recording(200);
         let layout = Layout { delimiter: armwatch_config::BLANKS, ..native() };
-        let ways: [(&str, &dyn Fn(usize, &str) -> String); 4] = [
+        let ways: [(&str, Write<'_>); 4] = [
             ("one blank", &|_, cell| cell.to_owned()),
             ("columns of one width", &|_, cell| format!("{cell:>24}")),
             ("numpy", &|_, cell| format!("{:.18e}", cell.parse::<f64>().unwrap())),

@@ -40,7 +40,7 @@ impl<R: Read> ExportReader<R> {
         }
         blocks.put_back(second);
         let header = Header { text: header.to_owned(), line: 0 };
-        let mut read = Self::with_header(blocks, &header, path, layout, robot, options)?;
+        let mut read = Self::with_header(blocks, &header, path, layout, robot)?;
         read.header_line = None;
         Ok(Some(read))
     }
