@@ -60,7 +60,8 @@ impl Disks {
     /// Watches the disks of a configuration. `stop` asks for an attempt at once.
     #[must_use]
     pub fn watch(config: &Config, metrics: Metrics, stop: CancellationToken) -> Self {
-        let spool = config.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &*upload.spool);
+        let spool =
+            config.serve.as_ref().and_then(|serve| serve.upload.as_ref()).map(|upload| &*upload.spool);
         let places = [
             (Disk::Database, config.database_file().map(around)),
             (Disk::Snapshot, config.snapshot.as_ref().map(|snapshot| around(&snapshot.file))),

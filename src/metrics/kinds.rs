@@ -111,7 +111,8 @@ pub enum ExportEnd {
 }
 
 impl ExportEnd {
-    pub(super) const ALL: [Self; 5] = [Self::Stored, Self::Known, Self::Quarantined, Self::Later, Self::Failed];
+    pub(super) const ALL: [Self; 5] =
+        [Self::Stored, Self::Known, Self::Quarantined, Self::Later, Self::Failed];
 
     pub(super) const fn name(self) -> &'static str {
         match self {

@@ -232,8 +232,7 @@ pub async fn ready(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Res
         answers: of.answers,
     };
     let mut folders: Vec<WatchedFolder> = shared.metrics.folders().into_iter().map(looked_at).collect();
-    let (folders_watched, folders_silent) =
-        (folders.len(), folders.iter().filter(|of| !of.answers).count());
+    let (folders_watched, folders_silent) = (folders.len(), folders.iter().filter(|of| !of.answers).count());
     let folders_answer = folders_silent == 0;
     let (spool, snapshot) = (obstacle.is_none(), shared.metrics.answers(Disk::Snapshot));
     let may_read = shared.access.check(&headers).is_ok();

@@ -185,7 +185,10 @@ fn a_database_whose_disk_hangs_is_told_and_keeps_the_daemon_from_no_end() {
     put(&workshop, "inbox", "B", 2);
     let (ready, metrics) = hangs(&workshop, port, "the database");
     let (database, reason) = (&ready.json()["database"], &ready.json()["reason"]);
-    assert_eq!((database.as_bool(), reason.as_str()), (Some(false), Some("the disk of the database does not answer")));
+    assert_eq!(
+        (database.as_bool(), reason.as_str()),
+        (Some(false), Some("the disk of the database does not answer"))
+    );
     assert!(metrics.contains("armwatch_disk_answers{disk=\"database\"} 0\n"), "{metrics}");
     assert!(metrics.contains("armwatch_database_up 0\n"), "{metrics}");
     ends_in_time_with(running, 74);
@@ -207,7 +210,10 @@ fn a_snapshot_or_a_spool_whose_disk_hangs_stops_neither_the_exports_nor_the_end(
         let (workshop, port) = served(settings);
         fs::create_dir_all(workshop.path(folder)).expect("a folder");
         let running = daemon(&workshop, "write", &format!("/{folder}/"));
-        wait_until(|| try_send(port, "GET /ready", "", b"").is_some_and(|of| of.status == 200), || workshop.log());
+        wait_until(
+            || try_send(port, "GET /ready", "", b"").is_some_and(|of| of.status == 200),
+            || workshop.log(),
+        );
         put(&workshop, "inbox", "A", 1);
         let (ready, metrics) = hangs(&workshop, port, what);
         assert_eq!(ready.json()["database"].as_bool(), Some(true), "{}", ready.body);

@@ -203,14 +203,17 @@ fn a_cycle_beyond_the_limit_in_bytes_is_refused_with_the_limit() {
     let path = workshop.path("armwatch.toml");
     let config = fs::read_to_string(&path).expect("the configuration");
     let set = |bytes: u32| {
-        fs::write(&path, format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}")).expect("a configuration");
+        fs::write(&path, format!("[limits]\ncycles_max_bytes = {bytes}\n\n{config}"))
+            .expect("a configuration");
     };
     // 30,000 rows of 160 bytes or so in one cycle
     let export = still(1..30_001, 0.01, |_| (1, Some("1".to_owned())), 0);
     fs::write(workshop.inbox("R01_20260105_0847.csv"), export).expect("written");
     set(2_000_000);
     let Confined { said, peak_kb, .. } = confined(&workshop, &["ingest", "inbox"]);
-    for word in ["no cycle boundary in", "limits.cycles_max_bytes = 2000000", "bytes per row", "raise this limit"] {
+    for word in
+        ["no cycle boundary in", "limits.cycles_max_bytes = 2000000", "bytes per row", "raise this limit"]
+    {
         assert!(said.contains(word), "{word}: {said}");
     }
     assert!(peak_kb <= MOST_KB, "{peak_kb} kB");

@@ -217,7 +217,10 @@ fn the_last_snapshot_has_what_is_concluded_after_the_stop() {
     workshop.wait_for("SELECT count(*) > 1 FROM runs WHERE status = 'complete'", 1);
     daemon.signal("TERM");
     assert_eq!(daemon.end(), Some(0));
-    assert!(workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'") < 28, "it was stopped in between");
+    assert!(
+        workshop.number("SELECT count(*) FROM runs WHERE status = 'complete'") < 28,
+        "it was stopped in between"
+    );
     assert_eq!(workshop.number("SELECT count(*) FROM robot WHERE history <> concluded"), 0);
     assert!(canon::dump(&workshop.path("copy.db")) == workshop.dump());
 }

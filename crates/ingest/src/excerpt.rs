@@ -98,7 +98,10 @@ fn bytes_before(line: Option<&Vec<u8>>, end: usize, found: Found) -> u64 {
 
 /// Takes a line into `line`, without its end, and returns the bytes that it takes in the file with it: 0 at the
 /// end of the file.
-pub(crate) fn next_line<R: Read>(reader: &mut BufReader<TextReader<R>>, line: &mut Vec<u8>) -> io::Result<u64> {
+pub(crate) fn next_line<R: Read>(
+    reader: &mut BufReader<TextReader<R>>,
+    line: &mut Vec<u8>,
+) -> io::Result<u64> {
     line.clear();
     let mut length = 0_u64;
     loop {

@@ -23,9 +23,15 @@ pub fn explained(rejection: Rejection, most: u64) -> Rejection {
     };
     let (repeat, were) = if rows == 1 { ("repeats", "was") } else { ("repeat", "were") };
     Rejection {
-        reason: format!("{}: {} {repeat} {}, which {were} sent twice", rejection.reason, lines(line), lines(first))
+        reason: format!(
+            "{}: {} {repeat} {}, which {were} sent twice",
+            rejection.reason,
+            lines(line),
+            lines(first)
+        )
+        .into(),
+        remedy: format!("delete {}, and let the sender send each part of the recording once", lines(line))
             .into(),
-        remedy: format!("delete {}, and let the sender send each part of the recording once", lines(line)).into(),
         ..rejection
     }
 }

@@ -96,7 +96,8 @@ pub(in crate::pipeline) async fn with_cause(
 ) -> Result<Rejection, PipelineError> {
     let most = pipeline.config().limits.export_bytes;
     let rejection = pipeline.with_files(move || repeated::explained(rejection, most)).await?;
-    let Some(state) = intake::source_state(path).filter(|_| rejection.line.is_none_or(|line| line <= 2)) else {
+    let Some(state) = intake::source_state(path).filter(|_| rejection.line.is_none_or(|line| line <= 2))
+    else {
         return Ok(rejection);
     };
     let ledger_path = intake::ledger_path(pipeline.store(), path);

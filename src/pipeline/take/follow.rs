@@ -322,9 +322,7 @@ fn open(path: &Path, entry: &FleetEntry, before: Option<&str>) -> Result<Opening
         Rejection::of_file(path, "the file system does not tell its state", "copy it to another one")
     })?;
     Ok(match export {
-        Some(export) => {
-            Opening::Open(Box::new(Opened { export, growth, state, goes_on: before.is_some() }))
-        }
+        Some(export) => Opening::Open(Box::new(Opened { export, growth, state, goes_on: before.is_some() })),
         None => Opening::NotYet,
     })
 }
@@ -369,8 +367,7 @@ fn read(
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
-    let mut cutting =
-        Cutting::new(intake, cycles, stop, growth.hash().clone())?.with_header(export.header());
+    let mut cutting = Cutting::new(intake, cycles, stop, growth.hash().clone())?.with_header(export.header());
     // whether all that was written was read at the last look: then what is read next was written just now
     let mut is_up = false;
     loop {

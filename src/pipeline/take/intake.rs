@@ -425,9 +425,8 @@ fn read_if(
         Passed::Elsewhere => return Ok(ReadEnd::Changed),
         Passed::Going => return Ok(ReadEnd::Interrupted),
     }
-    let mut cutting = Cutting::new(intake, cycles, stop, hash.clone())?
-        .with_buffers(buffers)
-        .with_header(export.header());
+    let mut cutting =
+        Cutting::new(intake, cycles, stop, hash.clone())?.with_buffers(buffers).with_header(export.header());
     let mut began = Instant::now();
     for chunk in export.by_ref() {
         progress(hash.bytes());

@@ -235,7 +235,8 @@ pub async fn quarantine(
     rejection: Rejection,
 ) -> Result<Outcome, PipelineError> {
     // any file that ends with .csv has a name: without a start in it and a row that is understood, it is no robot's
-    let rejection = super::cut_file::with_cause(pipeline, &intake.path, Some(intake.run_id), rejection).await?;
+    let rejection =
+        super::cut_file::with_cause(pipeline, &intake.path, Some(intake.run_id), rejection).await?;
     let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
     let header = RunHeader { robot: robot.to_owned(), ..intake.header.clone() };
     let run_id = write_down(pipeline, &header, &rejection).await?;

@@ -32,7 +32,8 @@ impl<R: Read> ExportReader<R> {
             return Ok(None);
         };
         let columns = fields_of(header, layout);
-        if !fields_of(&first.text, layout).may_be_cut(&columns) || !fields_of(&second.text, layout).is_row(&columns)
+        if !fields_of(&first.text, layout).may_be_cut(&columns)
+            || !fields_of(&second.text, layout).is_row(&columns)
         {
             let reason = "neither a header nor rows of the header that the file had before";
             return Err(Rejection::of_file(path, reason, "export again, with a header").at_line(first.number));
@@ -78,7 +79,14 @@ mod tests {
 
     fn read(text: &str, header: &str) -> Result<Option<u64>, Rejection> {
         let path = Path::new("a.csv");
-        let reader = ExportReader::going_on(text.as_bytes(), header, path, &native(), &er3a(), ReadOptions::default())?;
+        let reader = ExportReader::going_on(
+            text.as_bytes(),
+            header,
+            path,
+            &native(),
+            &er3a(),
+            ReadOptions::default(),
+        )?;
         let Some(mut reader) = reader else { return Ok(None) };
         assert_eq!(reader.header(), Some(header));
         reader.by_ref().try_for_each(|chunk| chunk.map(|_| ()))?;
