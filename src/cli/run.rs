@@ -93,7 +93,7 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     }
 }
 
-/// What the daemon has before it opens its database.
+/// Parts of the daemon that exist before it opens its database.
 struct Work<'d> {
     metrics: Metrics,
     stop: CancellationToken,
