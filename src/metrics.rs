@@ -68,7 +68,7 @@ struct Families {
     folder_answers: Family<Labels<1>, Gauge>,
     folders: Mutex<BTreeMap<PathBuf, FolderLook>>,
     disk_answers: Family<Labels<1>, Gauge>,
-    /// Whether each disk answers.
+    /// State of each disk: true if it answers.
     disks: Mutex<BTreeMap<Disk, bool>>,
     live: LiveFigures,
     snapshot_time: Moment,
@@ -257,7 +257,7 @@ impl Metrics {
         });
     }
 
-    /// Whether a disk answers, as far as that is known.
+    /// False if a disk does not answer.
     #[must_use]
     pub fn answers(&self, disk: Disk) -> bool {
         let Some(of) = &self.0 else { return true };

@@ -1,6 +1,6 @@
 //! Values of labels: stages, disks, queues and ends of exports.
 
-/// What is done with an export.
+/// Work on an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Its rows are read and cut into a cycle.
@@ -9,9 +9,9 @@ pub enum Stage {
     Analyse,
     /// A cycle is stored.
     Record,
-    /// What the whole run says is worked out and stored.
+    /// The results of the whole run are computed and stored.
     Finish,
-    /// What the robot's history says is worked out and stored.
+    /// The conclusions from the robot's history are drawn and stored.
     Conclude,
 }
 
@@ -32,11 +32,11 @@ impl Stage {
 /// A disk that the daemon writes to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Disk {
-    /// That of the database.
+    /// The disk of the database.
     Database,
-    /// That of the copy for readers.
+    /// The disk of the copy for readers.
     Snapshot,
-    /// That of uploads.
+    /// The disk of uploads.
     Spool,
 }
 
@@ -51,7 +51,7 @@ impl Disk {
         }
     }
 
-    /// What lies on it.
+    /// Its content, in messages.
     #[must_use]
     pub const fn words(self) -> &'static str {
         match self {
@@ -61,7 +61,7 @@ impl Disk {
         }
     }
 
-    /// What is not done while it does not answer.
+    /// The consequence while it does not answer, in messages.
     #[must_use]
     pub const fn consequence(self) -> &'static str {
         match self {
@@ -95,7 +95,7 @@ impl Queue {
     }
 }
 
-/// What became of an export that was taken up.
+/// The end of an export that was taken up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExportEnd {
     /// Every cycle is stored.
