@@ -121,8 +121,8 @@ async fn what_is_settled_stays_until_a_person_opens_it() {
     assert_eq!(stored(&store).await, after);
     // boundaries that follow from earlier tests alone stay
     store.reopen_history(None, start(&store, 125).await).await.expect("opened");
-    assert_eq!(boundaries(&store).await, 2);
-    assert_eq!(short(&store).await.settled.len(), 2);
+    assert_eq!(boundaries(&store).await, 3);
+    assert_eq!(short(&store).await.settled.len(), 1);
     assert_eq!(stored(&store).await, after);
     assert!(
         store.reopen_history(Some("nobody"), start(&store, 1).await).await.expect("an answer").is_empty()
