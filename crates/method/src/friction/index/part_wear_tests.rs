@@ -16,7 +16,7 @@ const DAY: f64 = 0.015;
 /// Speed at which the rise of friction counts.
 const SPEED: f64 = 0.6;
 /// Rise of friction before which an alarm is due, and beyond which no joint is called healthy.
-const DUE: f64 = 0.20;
+const DUE: f64 = 0.20 + 1e-9;
 const NEVER_OK: f64 = 0.25;
 
 /// Which of Coulomb, viscous and curved friction of a [`super::simulated_arm::Gear`] wear.
