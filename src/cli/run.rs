@@ -1,6 +1,7 @@
 //! `armwatch run`: the daemon.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use tokio::sync::{mpsc, watch};
@@ -60,6 +61,9 @@ enum OfRun {
     SetAside(SetAsideArgs),
 }
 
+/// At its end, the daemon waits this long for threads with blocking work, which is no longer needed.
+const THREADS_END_WITHIN: Duration = Duration::from_secs(1);
+
 pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
     match &args.of_run {
         Some(OfRun::Date(args)) => return run_date(global, args),
@@ -69,10 +73,11 @@ pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
     // SIGHUP reads the same file again: while it is missing, the shipped settings must not take its place
     let global = &global.pinned();
     let config = checked(as_host(global.read_config()?, args))?;
-    // It is never shut down. A thread that still waited for a timer would panic then, and a call to a file system that does not
-    // answer would keep the process. The end of the process ends both.
-    let runtime = Box::leak(Box::new(runtime()?));
-    runtime.block_on(until_stopped(global, args, config))
+    let runtime = runtime()?;
+    let ended = runtime.block_on(until_stopped(global, args, config));
+    // a call to a file system that does not answer must not keep the process
+    runtime.shutdown_timeout(THREADS_END_WITHIN);
+    ended
 }
 
 async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Result<u8, CliError> {
