@@ -18,7 +18,7 @@ use armwatch_store::{AlarmEvent, EventKind};
 pub struct Origin {
     /// What tells this database from others.
     pub identity: String,
-    /// Address that messages refer people to.
+    /// Address of the dashboard, for people.
     pub link: Option<String>,
 }
 
@@ -27,6 +27,13 @@ impl Origin {
     #[must_use]
     pub fn key(&self, event_id: i64) -> String {
         format!("armwatch-{}-{event_id}", self.identity)
+    }
+
+    /// Address of an anomaly in the dashboard.
+    #[must_use]
+    pub fn page_of(&self, anomaly_id: i64) -> Option<String> {
+        let link = self.link.as_deref()?.trim_end_matches('/');
+        Some(format!("{link}/#/alarm/{anomaly_id}"))
     }
 
     /// What identifies an anomaly at a receiver, whatever happens to it.
@@ -173,6 +180,7 @@ impl Alarm {
             "urgency": self.urgency(),
             "severity": event.severity.name(),
             "anomaly_id": event.anomaly_id,
+            "link": origin.page_of(event.anomaly_id),
             "robot": event.robot,
             "joint": event.joint,
             "site": self.site,
@@ -241,9 +249,9 @@ impl Message {
         for alarm in &self.alarms {
             lines.push(alarm.title());
             lines.extend(alarm.details().into_iter().map(|line| format!("  {line}")));
+            lines.extend(self.origin.page_of(alarm.event.anomaly_id).map(|page| format!("  {page}")));
             lines.push(String::new());
         }
-        lines.extend(self.origin.link.clone());
         lines.push(format!("key: {}", self.key));
         lines.join("\n") + "\n"
     }
@@ -408,7 +416,7 @@ mod tests {
             "  onset: 2026-02-25 06:00:00 UTC",
             "  seen: 2026-02-26 06:00:00 UTC to 2026-03-01 06:00:00 UTC",
             "  anomaly: 4",
-            "http://armwatch.example.org",
+            "  http://armwatch.example.org/#/alarm/4",
             "key: armwatch-0a1b2c-7",
         ] {
             assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");

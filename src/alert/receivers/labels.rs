@@ -63,8 +63,8 @@ pub(super) fn alert(
     if let Some(ends_at) = ends_at {
         alert["endsAt"] = Value::String(ends_at.to_string());
     }
-    if let Some(link) = &message.origin.link {
-        alert["generatorURL"] = Value::String(link.clone());
+    if let Some(page) = message.origin.page_of(alarm.event.anomaly_id) {
+        alert["generatorURL"] = Value::String(page);
     }
     alert
 }

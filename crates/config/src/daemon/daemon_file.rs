@@ -70,6 +70,8 @@ fn read_root(root: &Table<'_>, references: &mut References<'_>) -> Option<Config
     let analysis =
         root.table("analysis").map_or_else(|| Some(AnalysisSettings::default()), |t| read_analysis(&t));
     let detect = root.table("detect").map_or_else(|| Some(DetectSettings::default()), |t| read_detect(&t));
+    let public_url = serve.as_ref()?.0.as_ref().and_then(|serve| serve.public_url.clone());
+    let alerts = alerts.map(|alerts| AlertSettings { link: alerts.link.clone().or(public_url), ..alerts });
     Some(Config {
         database: PathBuf::from(database?),
         cluster: cluster?,
