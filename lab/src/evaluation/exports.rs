@@ -198,6 +198,7 @@ fn differing(described: &Robot, units: &[JointUnit]) -> Robot {
 /// Settings of its simulation, with the fault of its scenario.
 fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<SimulationSettings, CliError> {
     let season = drawn.scenario == Scenario::Season;
+    let days = if season { 7 } else { 1 };
     let mut settings = SimulationSettings {
         robot_name: "R01".into(),
         seed: drawn.seed,
@@ -207,7 +208,7 @@ fn simulation(arm: &Robot, drawn: &RecordedRobot, tests: u32) -> Result<Simulati
         warming_s: drawn.warming_s,
         runs: tests,
         // a season needs months
-        interval: Duration::from_secs(if season { 7 } else { 1 } * 24 * 3600),
+        interval: Duration::from_secs(days * 24 * 3600),
         hall: HallSettings { season_k: if season { drawn.size } else { 0.0 }, day_k: 0.0 },
         friction_day: drawn.friction_day,
         ambient_std_k: drawn.hall_k,

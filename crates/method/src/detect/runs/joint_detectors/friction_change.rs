@@ -14,9 +14,6 @@ const RUNS_BEFORE: usize = 6;
 const RUNS_OF_RAMP: usize = 60;
 /// Runs after the beginning that tell a ramp from a jump. Later ones say what happened later.
 const RUNS_AFTER: usize = 8;
-/// What a jump must leave less than a ramp, in variances of a test: wear is common, and scatter makes a jump of a few tests
-/// of it.
-const LEAD_OF_JUMP: f64 = 3.0;
 /// Usual largest rate of wear, as a fraction of friction a run.
 const USUAL_RATE: f64 = 0.06;
 
@@ -82,7 +79,7 @@ pub(super) fn shape(
         let ramp_rest = ramp_rest + (rate / USUAL_RATE).powi(2);
         // a jump shows in the average within a few runs
         let rest = if begin + RUNS_BEFORE >= out { rest } else { f64::INFINITY };
-        let step = (size, rest + LEAD_OF_JUMP, Shape::Step { run: place, cycle: None, size });
+        let step = (size, rest, Shape::Step { run: place, cycle: None, size });
         for (size, rest, shape) in [step, (rate, ramp_rest, Shape::Drift { run: place })] {
             if size * change > 0.0 && best.is_none_or(|(least, _)| rest < least) {
                 best = Some((rest, shape));

@@ -43,8 +43,6 @@ pub(in crate::detect::runs) struct LevelLimit {
     /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
     /// standard error of a test, or what healthy joints have.
     stated: f64,
-    /// That of the arm's joints, where it is known.
-    pooled: Option<f64>,
     least: f64,
     baseline_variance: f64,
 }
@@ -70,7 +68,6 @@ impl LevelLimit {
             is_bounded,
             baseline: friction.learnt_runs,
             stated: friction.spread,
-            pooled: friction.pooled_spread.filter(|_| !is_bounded),
             least,
             baseline_variance: friction.baseline_variance,
         }
@@ -154,11 +151,9 @@ impl LevelLimit {
         (!self.overruled).then_some(self.alpha)
     }
 
-    /// The scatter of the first tests is a floor until the joint has a history: that of the arm's joints, where it is known and
-    /// less than the joint's own. Five tests of one joint know it to a third.
+    /// The baseline's own scatter is a floor until the joint has a history.
     fn spread(&self, likeness: &Likeness) -> f64 {
-        let first = self.pooled.map_or(self.stated, |pooled| pooled.min(self.stated));
-        let floor = if self.learnt() < OWN_FROM { first } else { self.least };
+        let floor = if self.learnt() < OWN_FROM { self.stated } else { self.least };
         likeness.variance().sqrt().max(floor)
     }
 }
