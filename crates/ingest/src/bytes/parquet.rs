@@ -32,7 +32,6 @@ use super::fingerprint::{HashingReader, RunningHash, changed_at};
 use super::source::unreadable;
 use super::thrift;
 use crate::rejection::Rejection;
-use crate::table::column_map::MAX_COLUMNS;
 
 /// First and last bytes of a Parquet file.
 pub(super) const MAGIC: [u8; 4] = *b"PAR1";
@@ -108,9 +107,6 @@ impl ParquetText {
         while hashed.read(&mut buffer).map_err(failed)? > 0 {}
         let metadata = metadata(&file, state.0).map_err(failed)?;
         let columns = metadata.schema_descr.columns();
-        if columns.len() > MAX_COLUMNS {
-            return Err(failed(damaged(&format!("has {} columns", columns.len()))));
-        }
         let names = columns.iter().map(|column| {
             column.path_in_schema.iter().map(|part| part.as_str()).collect::<Vec<&str>>().join(".")
         });

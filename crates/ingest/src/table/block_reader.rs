@@ -99,15 +99,17 @@ impl BlockReader {
             }
             for (column, (kind, values)) in kinds.iter_mut().zip(&mut columns).enumerate() {
                 let is_last = column == last;
-                let number = match kind {
-                    Kind::Number => number_at(text, at, self.point),
-                    Kind::Exponent => {
-                        exponent_number_at(text, at, self.point).or_else(|| number_at(text, at, self.point))
-                    }
-                    Kind::Quoted => quoted_number_at(text, at, self.point),
-                    _ => None,
-                };
-                if let Some((number, end)) = number
+                // by itself, so that numbers stay in registers
+                if *kind == Kind::Number
+                    && let Some((number, end)) = number_at(text, at, self.point)
+                    && let Some(next) = plain_next::<IN_BLANKS>(text, end.get(), map.delimiter, is_last)
+                {
+                    values.push(number);
+                    at = next;
+                    continue;
+                }
+                if matches!(kind, Kind::Exponent | Kind::Quoted)
+                    && let Some((number, end)) = self.number_alike(*kind, text, at)
                     && let Some(next) = plain_next::<IN_BLANKS>(text, end.get(), map.delimiter, is_last)
                 {
                     values.push(number);
@@ -135,6 +137,15 @@ impl BlockReader {
             }
         }
         Some(columns)
+    }
+
+    /// A number in the form of the one before in its column.
+    #[inline(never)]
+    fn number_alike(&self, kind: Kind, text: &[u8], at: usize) -> Option<(f64, NonZeroUsize)> {
+        match kind {
+            Kind::Quoted => quoted_number_at(text, at, self.point),
+            _ => exponent_number_at(text, at, self.point).or_else(|| number_at(text, at, self.point)),
+        }
     }
 
     /// The number of any cell and its successor; no number for a cell that is not needed.
