@@ -188,7 +188,7 @@ fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
             "/v1/robots/A/maintenance",
             json!({"who": "Lena", "what": "x", "at": "2999-01-01T00:00:00Z"}),
             400,
-            "lies ahead",
+            "in the future",
         ),
         ("/v1/robots/A/maintenance", json!({"who": "Lena", "waht": "x"}), 400, "waht"),
         ("/v1/robots/A/maintenance", json!({"what": "x"}), 400, "missing field `who`"),

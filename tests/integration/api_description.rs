@@ -66,6 +66,9 @@ fn answers_are_as_the_description_of_the_api_says() {
     let put = format!("PUT /v1/exports/{}", export.name);
     let hash = "0".repeat(64);
     let deed: &[u8] = br#"{"who": "Lena"}"#;
+    let answered: &[u8] = br#"{"who": "Lena", "why": "not an export"}"#;
+    let json_type = "Content-Type: application/json\r\n";
+    let login = format!(r#"{{"token": "{TOKEN}"}}"#);
     let work: &[u8] = br#"{"who": "Lena", "what": "gearbox changed", "joint": 2}"#;
     let (view, name) = ("/v1/views/{view}", "/v1/exports/{name}");
     let answer = "/v1/anomalies/{id}/{action}";
@@ -97,6 +100,15 @@ fn answers_are_as_the_description_of_the_api_says() {
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 409),
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 400),
         ("POST /v1/quarantine/1/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 409),
+        ("DELETE /v1/maintenance/1", "/v1/maintenance/{id}", &token, b"", 200),
+        ("DELETE /v1/maintenance/1", "/v1/maintenance/{id}", &token, b"", 404),
+        ("DELETE /v1/maintenance/one", "/v1/maintenance/{id}", &token, b"", 400),
+        ("POST /v1/quarantine/1/dismiss", "/v1/quarantine/{run_id}/dismiss", &json_body, answered, 409),
+        ("POST /v1/quarantine/1/dismiss", "/v1/quarantine/{run_id}/dismiss", &json_body, deed, 400),
+        ("POST /v1/session", "/v1/session", json_type, login.as_bytes(), 204),
+        ("POST /v1/session", "/v1/session", json_type, br#"{"token": "another-token-012345"}"#, 401),
+        ("POST /v1/session", "/v1/session", json_type, b"{}", 400),
+        ("DELETE /v1/session", "/v1/session", "", b"", 204),
         ("POST /v1/quarantine/one/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 400),
         (&put, name, &token, &export.bytes, 201),
         (&put, name, &token, &export.bytes, 200),

@@ -7,8 +7,18 @@ use std::path::{Path, PathBuf};
 use regex::Regex;
 
 /// Outside crates that nouns and method may depend on: numerics, formats, dates and forms of text.
-const PURE: [&str; 9] =
-    ["faer", "jiff", "nalgebra", "pulp", "serde", "statrs", "thiserror", "unicode-normalization", "varpro"];
+const PURE: [&str; 10] = [
+    "faer",
+    "jiff",
+    "nalgebra",
+    "postcard",
+    "pulp",
+    "serde",
+    "statrs",
+    "thiserror",
+    "unicode-normalization",
+    "varpro",
+];
 
 /// Drivers of databases.
 const DRIVERS: [&str; 3] = ["rusqlite", "sqlx", "sqlx-core"];

@@ -1,6 +1,10 @@
 //! The method on one screen: condition, identify, verify, friction, of one cycle.
 
+mod verdict;
+
 use std::borrow::Cow;
+
+use self::verdict::{Recorded, identify_excitation, identifying_factors, judge_channels, judge_model};
 
 use super::NumericsError;
 use super::buffers::Buffers;
@@ -8,9 +12,6 @@ use super::diagnose::model::causes::{reason, sentences, without_consequences};
 use super::diagnose::recording::diagnose_samples;
 use super::diagnose::recording::view::DiagnoseSettings;
 use super::diagnose::refusal;
-use super::diagnose::verdict::{
-    Recorded, identify_excitation, identifying_factors, judge_channels, judge_model,
-};
 use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::filtered_columns::filtered_coulomb_columns;
@@ -384,7 +385,7 @@ fn duration(samples: &Samples) -> f64 {
 }
 
 /// Why a cycle without excitation has no parameters, and what it has.
-pub(crate) fn without_excitation(points: &[FrictionPoint]) -> String {
+fn without_excitation(points: &[FrictionPoint]) -> String {
     let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
     joints.dedup();
     let kept = match joints.len() {

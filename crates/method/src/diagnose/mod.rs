@@ -3,4 +3,3 @@
 pub mod recording;
 pub mod model;
 pub(crate) mod refusal;
-pub(crate) mod verdict;

@@ -1,17 +1,17 @@
 //! The findings about a cycle: checks of its channels, of its model and of the description. A cause comes before its
 //! consequences.
 
-use super::model::assignment::{assign, is_weightless, turned_by_friction};
-use super::model::causes::motor_torques;
-use super::model::channels::Channels;
-use super::model::combination::PlausibleSettings;
-use super::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description, late_torques};
-use super::model::level::{Level, RESIDUAL_RATIO, TILT};
-use super::model::nominal::inertia_ratios;
-use super::model::unmeasured::{accelerations, unmeasured};
-use super::model::weigh::{WeighSettings, Weighed, weigh};
-use super::model::{diagnose_model, top_speeds};
-use crate::analyse::Method;
+use super::Method;
+use crate::diagnose::model::assignment::{assign, is_weightless, turned_by_friction};
+use crate::diagnose::model::causes::motor_torques;
+use crate::diagnose::model::channels::Channels;
+use crate::diagnose::model::combination::PlausibleSettings;
+use crate::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description, late_torques};
+use crate::diagnose::model::level::{Level, RESIDUAL_RATIO, TILT};
+use crate::diagnose::model::nominal::inertia_ratios;
+use crate::diagnose::model::unmeasured::{accelerations, unmeasured};
+use crate::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
+use crate::diagnose::model::{diagnose_model, top_speeds};
 use crate::identify::cycle::{identify_rows, noise_errors};
 use crate::identify::cycle_rows::CycleRows;
 use crate::identify::filtered_columns::FilteredColumn;
@@ -195,7 +195,7 @@ pub(crate) fn identify_excitation(
         return Err(match samples.stage.contains(&Stage::Excitation) {
             true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it"
                 .into(),
-            false => crate::analyse::without_excitation(&[]),
+            false => super::without_excitation(&[]),
         });
     }
     let columns = KeptColumns::new(&method.base.kept_columns);
