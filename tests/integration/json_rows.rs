@@ -93,13 +93,13 @@ fn rows_of_commands_are_rows_of_views() {
         (
             &["alerts", "list", "--all"][..],
             "SELECT * FROM anomalies ORDER BY anomaly_id",
-            [("", "")],
+            [("", ""); 2],
             vec!["alternatives", "ended", "provisional"],
         ),
         (
             &["quarantine", "list", "--all"],
             "SELECT * FROM quarantine ORDER BY run_id",
-            [("file", "source_path")],
+            [("file", "source_path"), ("column", "column_name")],
             vec![],
         ),
     ] {
