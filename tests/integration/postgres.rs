@@ -417,7 +417,10 @@ fn an_earlier_version_on_a_server_keeps_its_rows() {
         for database in &both.databases {
             both.workshop.stdout(&["ingest", "inbox", "--db", database], 0);
         }
-        let rows_of = both.dump(&format!("schema {schema}"));
+        let [in_file, on_server] =
+            both.databases.each_ref().map(|database| without_event_numbers(&dump(&both.workshop, database)));
+        assert_alike(&on_server, &in_file, &format!("schema {schema}"));
+        let rows_of = in_file;
         for view in
             ["runs", "cycles", "cycle_parameters", "maintenance_log", "deliveries", "baseline_changes"]
         {
@@ -432,6 +435,16 @@ fn an_earlier_version_on_a_server_keeps_its_rows() {
         }
         assert_eq!(made(&name), made("fleet"), "schema {schema} and a new database");
     }
+}
+
+/// Rows of views without the numbers of events: each engine goes on with those that it has given before.
+fn without_event_numbers(rows: &str) -> String {
+    let without =
+        |row: &str| match row.strip_prefix("{\"anomaly_event_id\":").and_then(|row| row.split_once(',')) {
+            Some((_, rest)) => format!("{{{rest}\n"),
+            None => format!("{row}\n"),
+        };
+    rows.lines().map(without).collect()
 }
 
 /// What the schema of a server consists of: columns, constraints, indexes, triggers, functions and views.
