@@ -314,7 +314,7 @@ mod tests {
             in_map: true,
             top_slope: 0.1,
             viscous: vec![0.0],
-            recorded_ambient: 0.0,
+            has_recorded_ambient: false,
         };
         let layout = EffectLayout::with_levels(std::iter::once(1));
         let wear = layout.joints[0].wear();

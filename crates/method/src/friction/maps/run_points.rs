@@ -24,8 +24,8 @@ pub(in crate::friction) struct RunPoints {
     pub top_slope: f64,
     /// Result of [`viscous_shares`] for the map of the joint.
     pub viscous: Vec<f64>,
-    /// Thermal deficit that the recorded ambient temperature of the run makes; 0 without one.
-    pub recorded_ambient: f64,
+    /// Whether the map takes the ambient temperature from a recording.
+    pub has_recorded_ambient: bool,
 }
 
 /// A point with the values of the map at it.
@@ -116,17 +116,15 @@ pub(in crate::friction) fn run_points(
     let top = record.levels.len() - 1;
     let top_slope = fit.cold[top].max(f64::MIN_POSITIVE) / fit.warm[top];
     let viscous = viscous_shares(&fit.warm);
-    let empty = |run: usize| RunPoints {
+    let has_recorded_ambient = matches!(record.sensor, ThermalSensor::Ambient(_));
+    let empty = || RunPoints {
         points: Vec::new(),
         in_map: false,
         top_slope,
         viscous: viscous.clone(),
-        recorded_ambient: match &record.sensor {
-            ThermalSensor::Ambient(ambient) => fit.law.sensor * ambient.below_usual[run],
-            ThermalSensor::None | ThermalSensor::Motor(_) => 0.0,
-        },
+        has_recorded_ambient,
     };
-    let mut runs: Vec<RunPoints> = (0..starts.len()).map(empty).collect();
+    let mut runs: Vec<RunPoints> = starts.iter().map(|_| empty()).collect();
     for (p, x) in record.points.iter().zip(point_deficits(record, &fit.law)) {
         let run = &mut runs[p.run];
         run.points.push(RunPoint {
@@ -171,7 +169,7 @@ mod tests {
             in_map: true,
             top_slope: 0.1,
             viscous: vec![0.0; 2],
-            recorded_ambient: 0.0,
+            has_recorded_ambient: false,
         };
         let of = |level: usize, cycle: usize, scatter: f64| RunPoint {
             level,
@@ -197,7 +195,7 @@ mod tests {
             in_map: true,
             top_slope: 0.1,
             viscous: vec![0.0; 2],
-            recorded_ambient: 0.0,
+            has_recorded_ambient: false,
         };
         let of = |cycle: usize| if cycle < 4 { 10.0 } else { 12.5 };
         let point = |cycle: usize| RunPoint {
