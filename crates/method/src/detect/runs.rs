@@ -130,6 +130,8 @@ fn explains(contact: &Anomaly, anomaly: &Anomaly) -> bool {
 }
 
 #[cfg(test)]
+mod arm_cause_tests;
+#[cfg(test)]
 mod cause_tests;
 #[cfg(test)]
 mod fixtures;
