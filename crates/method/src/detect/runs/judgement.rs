@@ -1,6 +1,6 @@
 //! Findings in the cycles of a test, in a form that can be kept: causes of its friction curves, and causes of a change of the arm.
 //!
-//! They follow from the test, from the usual curves and parameters of the tests that it is compared with ([`Frame`]), and from the
+//! They follow from the test, from the usual curves and parameters of the tests that it is compared with (`Frame`), and from the
 //! parameters of the few tests before it. A hash of all that decides whether kept findings still hold. The rate of false alarms
 //! has no part in it: it decides later how clear a cause must be.
 
