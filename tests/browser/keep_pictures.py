@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image
 
-PAGES = ["fleet", "robot", "alarm", "run", "cycle", "ingest"]
+PAGES = ["fleet", "wall", "alarms", "robot", "alarm", "run", "cycle", "ingest"]
 LOOKS = {"light": "", "dark": "-dark", "phone": "-phone"}
 
 taken, kept = Path(sys.argv[1]), Path(sys.argv[2])
