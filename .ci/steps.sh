@@ -136,8 +136,8 @@ has_cargo_command() { [ "$(cargo "$1" --version 2>/dev/null)" = "cargo-$1 $2" ];
 
 licences() { cargo deny check bans licenses sources; }
 
-# Builds the program that people get, at niceness `$1`. `-p` excludes features that only tests and lab ask of dependencies.
-# Without `-p`, dependencies have the features that `cargo run --release` gives them, and are not built again.
+# Builds the program that people get, at niceness `$1`. Without `-p`, dependencies have the features that the README's
+# `cargo run --release` gives them, and are not built again.
 release_build() { nice -n "$1" cargo build --release --bin armwatch; }
 
 # The first command of the README, on the program that is built already.
