@@ -72,7 +72,7 @@ impl Disk {
     }
 }
 
-/// Where files wait and are read.
+/// Queue that files wait in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Queue {
     /// Files that are read as they grow.
@@ -95,7 +95,7 @@ impl Queue {
     }
 }
 
-/// The end of an export that was taken up.
+/// Outcome of an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExportEnd {
     /// Every cycle is stored.
@@ -104,7 +104,7 @@ pub enum ExportEnd {
     Known,
     /// It was not understood.
     Quarantined,
-    /// It is looked at again later: it changed, could not be read, or the program stops.
+    /// It is examined again later: it changed, could not be read, or the program stops.
     Later,
     /// The program failed over it.
     Failed,

@@ -179,7 +179,7 @@ impl Pipeline {
             false => None,
         };
         let earlier = self.store.earlier_runs(&name, state.file, None).await?;
-        // one that goes on, or was cut and has lost its header
+        // a growing file, or one that was cut and has lost its header
         let goes_on = |of: &EarlierRun| of.run.status == RunStatus::Streaming && of.run.cycles_stored > 0;
         if earlier.iter().any(|of| goes_on(of) || of.same_file) {
             return Ok(None);

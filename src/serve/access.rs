@@ -61,7 +61,7 @@ pub struct Access {
     /// Name of the cookie with the token of a browser. It contains the port, because cookies of a host are shared by
     /// all its ports.
     cookie: String,
-    /// Where browsers open the dashboard, if a proxy gives it another address.
+    /// Address of the dashboard for browsers, if a proxy gives it another one.
     public_url: Option<String>,
 }
 

@@ -29,7 +29,7 @@ use armwatch_store::{
 /// States of an anomaly that is not settled.
 const STATES: [&str; 4] = ["open", "acknowledged", "shelved", "maintenance"];
 
-/// A database that cannot be read in this time is told as not readable.
+/// A database that cannot be read in this time counts as unreadable.
 const READ_WITHIN: Duration = Duration::from_secs(8);
 
 /// All figures, as they are now. Those of the process are told also while the database cannot be read.
@@ -43,7 +43,7 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
             .inspect_err(|error| tracing::warn!(%error, "metrics without those of the database"))
             .ok()
     };
-    // figures of the process are told also while the disk of the database hangs
+    // metrics of the process are available also while the disk of the database hangs
     let stored = match shared.metrics.answers(Disk::Database) {
         true => tokio::time::timeout(READ_WITHIN, reading).await.unwrap_or_default(),
         false => None,

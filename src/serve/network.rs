@@ -54,8 +54,8 @@ impl Proxies {
         self.0.iter().any(|address| Network::of(*address) == network)
     }
 
-    /// The client of a request that `peer` sent: the last address in `X-Forwarded-For` that is no proxy. What stands
-    /// before it, the client may have invented.
+    /// The client of a request that `peer` sent: the last address in `X-Forwarded-For` that is no proxy. The client
+    /// may have invented those before it.
     pub(super) fn client(&self, peer: Network, headers: &HeaderMap) -> Network {
         if !self.has(peer) {
             return peer;

@@ -296,7 +296,7 @@ pub(super) async fn readiness(shared: &Arc<Shared>) -> Readiness {
     last.insert(Readiness { at: Instant::now(), database, obstacle }).clone()
 }
 
-/// What `ask` says; `None` if it does not answer in time. It may then hang in a call to a disk.
+/// Result of `ask`; `None` if it does not answer in time. It may then hang in a call to a disk.
 async fn look<T: Send + 'static, A: Future<Output = T> + Send + 'static>(
     shared: &Arc<Shared>,
     ask: impl FnOnce(Arc<Shared>) -> A,

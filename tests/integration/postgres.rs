@@ -437,7 +437,7 @@ fn an_earlier_version_on_a_server_keeps_its_rows() {
     }
 }
 
-/// Rows of views without the numbers of events: each engine goes on with those that it has given before.
+/// Rows of views without the numbers of events: each engine continues its earlier numbers.
 fn without_event_numbers(rows: &str) -> String {
     let without =
         |row: &str| match row.strip_prefix("{\"anomaly_event_id\":").and_then(|row| row.split_once(',')) {
@@ -447,7 +447,7 @@ fn without_event_numbers(rows: &str) -> String {
     rows.lines().map(without).collect()
 }
 
-/// What the schema of a server consists of: columns, constraints, indexes, triggers, functions and views.
+/// Definitions in the schema of a server: columns, constraints, indexes, triggers, functions and views.
 const DEFINITIONS: &str = "
     SELECT format('%s.%s %s %s %s %s', t.relname, a.attname, format_type(a.atttypid, a.atttypmod), a.attnotnull,
                   a.attidentity, pg_get_expr(d.adbin, d.adrelid))

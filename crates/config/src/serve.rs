@@ -84,7 +84,7 @@ pub struct ServeSettings {
     pub listen: SocketAddr,
     /// File with the token that clients must know; without it, the environment may give one.
     pub token_file: Option<PathBuf>,
-    /// Address at which browsers reach the dashboard, such as `https://plant.example/armwatch/`, where it is another one
+    /// Address of the dashboard for browsers, such as `https://plant.example/armwatch/`, if a proxy gives it another one
     /// than `listen`; it ends with a slash.
     pub public_url: Option<String>,
     /// Addresses of reverse proxies whose `X-Forwarded-For` says which client sent a request.

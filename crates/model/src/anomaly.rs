@@ -29,7 +29,7 @@ pub mod settled;
 /// Declares the kinds, one per row: variant, name, label, explanation.
 macro_rules! kinds {
     ($($variant:ident $name:literal $label:literal $help:literal;)*) => {
-        /// What kind of change an anomaly is.
+        /// Kind of change that an anomaly is.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum AnomalyKind {
             $(#[doc = $help] $variant,)*

@@ -42,9 +42,9 @@ use armwatch_model::robot::{Joint, JointIndex, MAX_JOINTS, NominalJoint, Robot, 
 /// Rows between two reports of progress.
 const PROGRESS_ROWS: u64 = 10_000;
 
-/// Stream of what the days draw for friction: far from those of runs, cycles and units.
+/// Random stream of the daily scatter of friction, far from those of runs, cycles and units.
 const DAY_STREAM: u64 = 1 << 42;
-/// Speed at which the truth says how much friction has risen, as a fraction of the largest: that of thesis Table N.1.
+/// Speed of the rise of friction in the truth, as a fraction of the largest: that of thesis Table N.1.
 const WEAR_SPEED: f64 = 0.6;
 
 /// How far a run is.
@@ -319,7 +319,7 @@ fn ripple_truth(asked: &RippleOrder, friction: &JointFriction) -> RippleTruth {
     RippleTruth { order: asked.order, amplitude_nm: asked.part * friction.warm[0].abs() }
 }
 
-/// Fraction by which wear has raised warm friction at [`WEAR_SPEED`] of the largest speed, without that of loads.
+/// Rise of warm friction by wear, a fraction, at [`WEAR_SPEED`] of the largest speed, without that of loads.
 fn worn_by(joint: &Joint, nominal: &NominalJoint, worn: &Wear) -> f64 {
     let speed = WEAR_SPEED * joint.limits.velocity;
     let at = |worn: &Wear| joint_friction(joint, nominal, 0.0, worn).warm_torque(speed);

@@ -163,7 +163,7 @@ pub struct AnomalyRow {
     /// Start of the latest run.
     #[serde(serialize_with = "in_views")]
     pub last_seen_at: Timestamp,
-    /// Where people have put it.
+    /// State that a person has set.
     pub state: AlarmState,
     /// What a technician should read.
     pub message: String,

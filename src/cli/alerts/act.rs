@@ -1,4 +1,4 @@
-//! What people do with anomalies: `armwatch alerts ack`, `shelve`, `resolve`, `false-alarm`, `reopen`.
+//! Answers to anomalies: `armwatch alerts ack`, `shelve`, `resolve`, `false-alarm`, `reopen`.
 
 use jiff::{SignedDuration, Timestamp};
 use serde_json::json;

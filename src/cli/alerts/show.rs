@@ -65,7 +65,7 @@ struct Shown<'a> {
 struct Evidence<'a> {
     #[serde(flatten)]
     test: &'a SeriesRun,
-    /// Whether the anomaly was seen in this test.
+    /// True if the anomaly was seen in this test.
     shows_it: bool,
 }
 

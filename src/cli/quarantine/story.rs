@@ -116,7 +116,7 @@ impl<'a> FaultReport<'a> {
     }
 }
 
-/// A fault with what is known of its export, as JSON.
+/// A fault and its export, as JSON.
 #[derive(Serialize)]
 struct StoryJson<'a> {
     #[serde(flatten)]

@@ -28,7 +28,7 @@ struct Misdated {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct JudgedDates {
     misdated: Vec<Misdated>,
-    /// How many of the tests that arrived last are left out without one that counts among them.
+    /// Number of latest tests that are all set aside.
     tests_left_out: usize,
     /// Whether recordings left the history or came back, so that it has to be read again.
     pub(super) changes_history: bool,

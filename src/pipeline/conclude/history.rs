@@ -7,7 +7,7 @@
 //! Reading and computing are done without a lock, in two steps with a short transaction each: first the figures that detectors
 //! compare (indices, checks of production), then the findings. Each transaction verifies that the history is still the one that
 //! was read. If it is not, the history is read again, so that no older reading is stored over a newer one. If another program has
-//! stored the same conclusions, nothing is left to do. What happened to anomalies is therefore written once.
+//! stored the same conclusions, nothing is written. Events of anomalies are therefore stored once.
 
 use std::collections::HashSet;
 
@@ -150,7 +150,7 @@ impl Pipeline {
                 of.because
             );
         }
-        // a test that completed meanwhile has no index yet
+        // a test that was completed since then has no index yet
         let known: HashSet<i64> = friction.run_ids.iter().copied().collect();
         let (known, settings) = (in_any_case.then_some(&known), &self.config.detect);
         let tests =

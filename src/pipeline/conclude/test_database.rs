@@ -32,7 +32,7 @@ pub(super) async fn fresh() -> (TempDir, Database) {
     (folder, Database { store, rows })
 }
 
-/// Checks that kept summaries of all robots say what the tables say.
+/// Checks that stored summaries of all robots equal the tables.
 pub(in crate::pipeline) async fn assert_summaries_hold(store: &Store) {
     for (robot_id, robot) in store.tested_robots().await.expect("robots") {
         let kept = store.latest_window(robot_id, METHOD).await.expect("a window");

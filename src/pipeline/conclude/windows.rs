@@ -1,6 +1,6 @@
-//! Findings from a history of any length, of which a window is read: of tests, and of production logs.
+//! Findings in a window of a history of any length, of tests and of production logs.
 //!
-//! Reading and computing hold no lock of the database. The caller stores the findings if the history has not changed meanwhile.
+//! Reading and computing hold no lock of the database. The caller stores the findings if the history has not changed since.
 
 use std::collections::HashSet;
 use std::time::{Duration, Instant};
@@ -22,7 +22,7 @@ use armwatch_model::run::RunKind;
 use armwatch_model::text;
 use armwatch_store::{Store, TestWindow};
 
-/// What is said of a run of this robot that began before the first one that is not settled.
+/// Warning about a run of this robot that began before the first unsettled one.
 #[must_use]
 pub fn too_late(robot: &str, boundary: Timestamp) -> String {
     format!(
@@ -50,7 +50,7 @@ pub struct Judged {
 }
 
 /// Judges the tests of a robot: the window behind the latest boundary and, where so many tests have come since, those behind later
-/// boundaries. `known` are the tests that count; `None` where all do. Nothing is settled while a test is left out.
+/// boundaries. `known` are the tests that count; `None` if all do. Nothing is settled while a test is set aside.
 ///
 /// # Errors
 /// Those of the store, and panics of detectors.
@@ -140,7 +140,7 @@ pub async fn judge_logs(
 }
 
 impl Judged {
-    /// Adds the findings of a window. Gives the next boundary where that is in force.
+    /// Adds the findings of a window. Returns the next boundary if it is in force.
     fn add(
         &mut self,
         kind: RunKind,

@@ -34,7 +34,7 @@ pub struct AdmittedExport {
     pub limits: WorkLimits,
     /// Memory of the cycles of all exports that are being read and analysed.
     pub memory: CycleMemory,
-    /// The header that the file had before it was cut, if it has none of its own.
+    /// The header that the file had before it was cut, if it has none now.
     pub header_before: Option<String>,
     /// Whether its analyses are recorded as they end.
     pub turn: Turn,

@@ -127,7 +127,7 @@ impl<'i> Cutting<'i> {
         self
     }
 
-    /// The same with the header of the rows, which is kept where reading goes on.
+    /// The same with the header of the rows, which is stored with the position.
     #[must_use]
     pub fn with_header(mut self, header: Option<&str>) -> Self {
         self.header = header.filter(|header| header.len() <= LONGEST_HEADER).map(str::to_owned);

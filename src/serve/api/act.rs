@@ -27,7 +27,7 @@ const DEED_EXAMPLE: &str = r#"{"who": "Lena", "why": "spare part is ordered"}"#;
 const DISMISSAL_EXAMPLE: &str = r#"{"who": "Lena", "why": "a list of parts, not an export"}"#;
 const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint": 3}"#;
 
-/// Where the numbers of quarantined runs are.
+/// Source of the numbers of quarantined runs.
 const QUARANTINE_SOURCE: &str = "GET /v1/views/quarantine has the numbers in its column run_id";
 
 /// Who does something with an alarm, and why

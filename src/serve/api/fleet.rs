@@ -181,7 +181,7 @@ pub async fn fleet(
     Ok(Json(fleet))
 }
 
-/// The fleet as it is stored, without what the configuration and the clock say.
+/// The stored fleet, without values of the configuration and the clock.
 async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
     let counts = async { store.counts().await.map_err(|error| Refusal::internal(&error)) };
     let (counts, read, mut anomalies, live) =

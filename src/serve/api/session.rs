@@ -106,7 +106,7 @@ pub async fn log_out(
     Ok((StatusCode::NO_CONTENT, [(SET_COOKIE, shared.access.log_out(is_secure(&headers)))]))
 }
 
-/// Whether the page came over TLS, which the Origin says also behind a proxy.
+/// Returns true if the page came over TLS, according to its Origin, which a proxy passes on.
 fn is_secure(headers: &HeaderMap) -> bool {
     headers.get(ORIGIN).is_some_and(|origin| origin.as_bytes().starts_with(b"https://"))
 }

@@ -114,7 +114,7 @@ const ACTIONS = {
 /** Names of the actions that are possible in the state of an alarm. */
 export function possibleActions(one) {
   const names = Object.keys(ACTIONS).filter((name) => ACTIONS[name].from.includes(one.state));
-  // what later tests no longer show needs nobody's attention
+  // an alarm that later tests no longer show needs no answer
   return one.ended ? names.filter((name) => name === "false-alarm") : names;
 }
 

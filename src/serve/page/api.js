@@ -4,7 +4,7 @@ const KEY = "armwatch.token";
 let refused = false;
 let asking = null;
 
-// The token of a link, for this tab. Who logs in has a cookie, which scripts cannot read.
+// The token of a link, for this tab. A log-in gives a cookie, which scripts cannot read.
 function token() {
   try { return sessionStorage.getItem(KEY); } catch { return null; }
 }

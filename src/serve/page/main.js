@@ -126,7 +126,7 @@ addEventListener("rightschanged", async () => {
   await about();
   await show();
 });
-// The first page comes before all else that would share its connections. Then the files of the other pages, so that
+// The first page is loaded before all else that would share its connections. The files of the other pages follow, so that
 // links work while the daemon does not.
 show().finally(async () => {
   stream.start();

@@ -90,7 +90,7 @@ impl Route {
         }
     }
 
-    /// Whether it is for a robot at a site with an anomaly of this kind and severity.
+    /// Returns true if the route takes anomalies of this kind and severity from robots at this site.
     #[must_use]
     pub fn takes(&self, robot: &str, site: Option<&str>, kind: AnomalyKind, severity: Severity) -> bool {
         let of_robot =

@@ -62,7 +62,7 @@ struct Topic {
 struct Columns {
     channel: u16,
     names: Vec<String>,
-    /// Whether positions, velocities and efforts are recorded.
+    /// Presence of positions, velocities and efforts.
     has: [bool; 3],
 }
 

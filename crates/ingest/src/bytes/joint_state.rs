@@ -8,7 +8,7 @@ pub(super) enum Encoding {
 }
 
 impl Encoding {
-    /// As a bag names it.
+    /// Name of the type in a bag.
     pub(super) fn named(name: &str) -> Option<Self> {
         match name {
             "cdr" => Some(Self::Cdr),

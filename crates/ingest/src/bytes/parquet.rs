@@ -459,7 +459,7 @@ fn metadata(file: &File, file_bytes: u64) -> io::Result<FileMetadata> {
 }
 
 thread_local! {
-    /// Whether this thread runs code whose panic is expected.
+    /// True while this thread runs code whose panic is expected.
     static IS_GUARDED: Cell<bool> = const { Cell::new(false) };
 }
 

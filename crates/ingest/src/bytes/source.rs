@@ -1,4 +1,4 @@
-//! Opening exports: text, plain or packed, Parquet and MCAP bags, told apart by their first bytes.
+//! Opening exports: text, plain or packed, Parquet and MCAP bags, distinguished by their first bytes.
 
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
@@ -76,8 +76,8 @@ pub(crate) fn is_plain(head: &[u8]) -> bool {
 /// Endings of the names of exports.
 pub const ENDINGS: [&str; 5] = [".csv", ".csv.gz", ".csv.zst", ".parquet", ".mcap"];
 
-/// Whether a file of this name is an export, see [`ENDINGS`], in any case. Hidden
-/// files are not, nor is what a writer calls `.part` or `.tmp` until it is done.
+/// Returns true if a file of this name is an export, see [`ENDINGS`]. Upper and lower case are equal. Hidden files are no
+/// exports, and neither are files that a writer calls `.part` or `.tmp` until they are complete.
 #[must_use]
 pub fn is_export(path: &Path) -> bool {
     let Some(name) = path.file_name() else { return false };
@@ -112,7 +112,7 @@ fn decoded(
             Ok(Box::new(Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 }))
         }
         Format::Bag => Ok(Box::new(BagText::new(file, path))),
-        // opened by itself, since it is not read from its start to its end
+        // opened separately, since it is not read from its start to its end
         Format::Parquet => Err(Rejection::of_file(path, "a Parquet file that changed", "export again")),
         Format::Other(name) => {
             Err(Rejection::of_file(path, name, "unpack it, or compress the export with gzip or zstd"))

@@ -7,7 +7,7 @@ const MOST_ELEMENTS: u64 = 1 << 18;
 /// Deepest nesting; metadata of Parquet has some six levels.
 const MOST_LEVELS: usize = 32;
 
-/// Whether bytes begin with a struct whose lists and texts are all within them.
+/// Returns true if bytes begin with a struct whose lists and texts all end within them.
 pub(super) fn is_sound(bytes: &[u8]) -> bool {
     Walk { bytes, at: 0 }.structure(MOST_LEVELS).is_some()
 }

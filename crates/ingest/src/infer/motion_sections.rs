@@ -189,7 +189,7 @@ fn sample_rate(units: &Units, slope: Option<Slope>, hints: Hints<'_>) -> TomlKey
     }
 }
 
-/// Whether a time that falls begins again with each of several recordings. Whole numbers are more often a counter's.
+/// Returns true if a falling time is the beginning of another recording. Whole numbers are more often a counter.
 fn restart(values: &[f64]) -> Option<TomlKey> {
     let first = *values.first()?;
     let falls: Vec<&[f64]> = values.windows(2).filter(|pair| pair[0] > pair[1]).collect();

@@ -59,8 +59,8 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     found
 }
 
-/// A set such as `effort[0]` to `effort[5]`, which ROS writes: the joints stand in the order of the message's names, often
-/// that of the alphabet. The columns `name[0]` to `name[5]` tell it where they are there.
+/// A set such as `effort[0]` to `effort[5]`, which ROS writes: the order of the joints is that of the names in the message,
+/// often the alphabetical one. The columns `name[0]` to `name[5]` contain the names, if they were exported.
 fn ordered_array(set: Set, head: &Head, robot: Option<&Robot>) -> Set {
     let prefix =
         set.template.strip_suffix("[{joint}]").map(|array| array.trim_end_matches(char::is_alphabetic));

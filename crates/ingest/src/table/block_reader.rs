@@ -99,7 +99,7 @@ impl BlockReader {
             }
             for (column, (kind, values)) in kinds.iter_mut().zip(&mut columns).enumerate() {
                 let is_last = column == last;
-                // by itself, so that numbers stay in registers
+                // a branch for the common kind, so that numbers stay in registers
                 if *kind == Kind::Number
                     && let Some((number, end)) = number_at(text, at, self.point)
                     && let Some(next) = plain_next::<IN_BLANKS>(text, end.get(), map.delimiter, is_last)
@@ -277,7 +277,7 @@ mod tests {
         (BlockReader::new(&map), map)
     }
 
-    /// The same lines by another road: split and parsed by the standard library.
+    /// The same lines by another method: split and parsed by the standard library.
     fn split(text: &str) -> RawColumns {
         let mut columns = RawColumns::new();
         for line in text.lines() {

@@ -1,6 +1,6 @@
 //! Reading a block cell by cell: slower than in one pass, and sure of every line and column.
 //!
-//! It names the first bad cell of a block that could not be read in one pass, passes over bad rows where the layout permits,
+//! It names the first bad cell of a block that could not be read in one pass, skips bad rows if the layout permits it,
 //! and judges a file's last line.
 
 use std::path::Path;

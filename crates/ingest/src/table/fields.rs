@@ -20,8 +20,7 @@ pub(crate) fn fields(line: &str, delimiter: u8) -> impl Iterator<Item = &str> {
     })
 }
 
-/// The field that begins at `start`, as [`fields`] gives it, and where it ends: at a delimiter, a line feed, or the end of
-/// the text.
+/// The field that begins at `start`, as [`fields`] gives it, and its end: a delimiter, a line feed, or the end of the text.
 pub(super) fn field_at(text: &[u8], start: usize, delimiter: u8) -> (Range<usize>, usize) {
     let blank = |byte: &u8| is_blank(*byte) && (delimiter == BLANKS || *byte != delimiter);
     let ends = |byte: &u8| *byte == b'\n' || separates(*byte, delimiter);
@@ -35,7 +34,7 @@ pub(super) fn field_at(text: &[u8], start: usize, delimiter: u8) -> (Range<usize
     }
 }
 
-/// What follows a field.
+/// The character after a field.
 pub(super) enum Behind {
     /// Another field of the line, which begins here.
     Field(usize),
@@ -43,7 +42,7 @@ pub(super) enum Behind {
     Line(usize),
 }
 
-/// What follows a field that ends at `end`.
+/// The successor of a field that ends at `end`.
 #[inline]
 pub(super) fn behind(text: &[u8], end: usize, delimiter: u8) -> Behind {
     let next = match delimiter {

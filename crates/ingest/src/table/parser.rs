@@ -370,7 +370,7 @@ mod tests {
             prop_assert_eq!(columns.as_ref().map(bits), Some(bits(&by_polars(&bytes, 23, b','))));
         }
 
-        /// What one pass takes, the cell-by-cell reader takes with the same numbers.
+        /// The cell-by-cell reader gives the same numbers for each block that one pass reads.
         #[test]
         fn one_pass_takes_nothing_that_the_exact_reader_refuses(
             row in 0_usize..9,

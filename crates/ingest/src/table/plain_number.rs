@@ -29,7 +29,7 @@ struct Digits {
     whole: u64,
     /// Digits behind the decimal mark.
     decimals: usize,
-    /// Where they end.
+    /// Their end.
     end: usize,
 }
 
@@ -50,7 +50,7 @@ impl Digits {
         let (end, joined) = if bytes[first] == point {
             let behind = others[0] & (others[0] - 1);
             let end = if behind == 0 { WORD + place(others[1]) } else { place(behind) };
-            // what stands behind the mark moves into its place
+            // digits behind the mark move into its place
             let before = (1_u64 << (8 * first)) - 1;
             (end, (low & before) | (((low >> 8) | (high << 56)) & !before))
         } else {
@@ -122,7 +122,7 @@ fn is_exponent_sign(byte: u8) -> bool {
     matches!(byte, b'e' | b'E' | b'd' | b'D')
 }
 
-/// An exponent of at most three digits, with a sign or without, and where it ends.
+/// An exponent of at most three digits, with or without a sign, and its end.
 fn exponent_at(text: &[u8], start: usize) -> Option<(i32, usize)> {
     let sign = *text.get(start)?;
     let first = start + usize::from(matches!(sign, b'-' | b'+'));
@@ -180,7 +180,7 @@ fn long_exponent_number_at(text: &[u8], start: usize, point: u8) -> Option<(f64,
     parsed(text, start, exponent_at(text, end + 1)?.1, point)
 }
 
-/// Where digits with one decimal mark or without end.
+/// The end of digits with at most one decimal mark.
 fn mantissa_end(text: &[u8], start: usize, point: u8) -> Option<usize> {
     let is_part = |byte: &&u8| byte.is_ascii_digit() || **byte == point;
     let part = text.get(start..)?.iter().take(LONGEST).take_while(is_part);

@@ -1,4 +1,4 @@
-//! The findings about a cycle: checks of its channels, of its model and of the description. A cause comes before its
+//! The findings about a cycle: checks of its channels, of its model and of the description. A cause precedes its
 //! consequences.
 
 use super::Method;
@@ -24,7 +24,7 @@ use armwatch_model::analysis::Identification;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::run::{Samples, Stage};
 
-/// A cycle with what was made of its rows.
+/// A cycle with its filtered channels and factors.
 #[derive(Clone, Copy)]
 pub(crate) struct Recorded<'a> {
     pub(crate) samples: &'a Samples,
@@ -34,7 +34,7 @@ pub(crate) struct Recorded<'a> {
 }
 
 impl<'a> Recorded<'a> {
-    /// As torques are assigned by.
+    /// The channels in the form that the assignment of torques needs.
     fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
         Channels {
             robot: &method.robot,
@@ -54,8 +54,8 @@ impl<'a> Recorded<'a> {
     }
 }
 
-/// Findings about channels, with signs and order of the torques and the mounting. Where a position, a velocity or the time
-/// is wrong, torques are not judged by it. `level` receives the tilt of the base if it was estimated.
+/// Findings about channels, with signs and order of the torques and the mounting. A wrong position, velocity or time
+/// prevents the judgement of torques. `level` receives the tilt of the base if it was estimated.
 pub(crate) fn judge_channels(
     method: &Method,
     recorded: &Recorded<'_>,

@@ -121,8 +121,8 @@ impl TriangularFactor {
         }
     }
 
-    /// Columns of `w` of which more than the part `dependent` is new beside those before them. Columns that are zero except
-    /// for rounding have no direction, and their parameters would be endless.
+    /// Independent columns of `w`: more than the part `dependent` of each is new. Columns that are zero except for rounding
+    /// have no direction, and their parameters would be endless.
     #[must_use]
     pub fn independent_columns(&self, columns: usize, dependent: f64) -> Vec<usize> {
         let length = |k: usize| (0..=k).map(|i| self.r[(i, k)].powi(2)).sum::<f64>().sqrt();

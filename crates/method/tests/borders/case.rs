@@ -56,7 +56,7 @@ impl Case {
         Self { ripple: 0.05, seconds: 10.0, rate_hz: 100.0, swing: [0.26, 0.63], ..case }
     }
 
-    /// What the description says: no bodies.
+    /// The description, which has no bodies.
     pub(crate) fn described(&self) -> Robot {
         let mut robot = self.robot.clone();
         robot.joints.iter_mut().for_each(|joint| joint.nominal = None);

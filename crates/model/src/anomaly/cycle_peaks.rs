@@ -13,7 +13,7 @@ const PAUSE: f64 = 1.5;
 pub struct Peaks {
     /// Signed distance of each cycle from the mean of both neighbours, in logarithms.
     pub distances: Vec<f64>,
-    /// The most by which a cycle stands out of both neighbours, in logarithms; 0 at least. A cycle after a pause does not count.
+    /// Largest excess of a cycle over both neighbours, in logarithms; at least 0. A cycle after a pause does not count.
     pub furthest: f64,
 }
 

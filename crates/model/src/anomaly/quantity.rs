@@ -153,7 +153,7 @@ impl Quantity {
         Self::ALL.into_iter().find(|known| known.name() == name)
     }
 
-    /// Whether an episode of this quantity may continue with the other one.
+    /// Returns true if an episode of this quantity may continue with the other one.
     #[must_use]
     pub fn is_of_one_cause(self, other: Self) -> bool {
         self == other || OF_ONE_CAUSE.iter().any(|group| group.contains(&self) && group.contains(&other))

@@ -14,7 +14,7 @@ pub type Moment = (Timestamp, i64);
 pub struct Settled {
     /// Runs before the boundary when it was settled.
     pub runs: usize,
-    /// Keys of the runs of the window that come before those that lead in, oldest first.
+    /// Keys of the runs of the window before those that lead in, oldest first.
     pub read: Vec<i64>,
     /// The first of those that lead in to the boundary.
     pub leads_from: Option<Moment>,

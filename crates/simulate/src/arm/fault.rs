@@ -31,7 +31,7 @@ pub struct Fault {
 pub enum FaultKind {
     /// A part of friction grows by the fraction `rate_per_run` of its healthy size a run, up to `cap`.
     Wear {
-        /// What grows.
+        /// The part of friction that grows.
         part: WornPart,
         /// Growth a run, as a fraction of the healthy part.
         rate_per_run: f64,
@@ -154,9 +154,9 @@ impl WornPart {
 /// Growth of a joint's friction by part, as fractions of healthy friction.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wear {
-    /// Of f1 to f4.
+    /// Wear of f1 to f4.
     pub coefficients: [f64; FRICTION_COUNT],
-    /// Of the friction for each Nm (N) that the gear carries.
+    /// Wear of the friction for each Nm (N) that the gear carries.
     pub load: f64,
 }
 

@@ -74,9 +74,9 @@ pub struct JointTruth {
     pub inertial: [f64; 10],
     /// Motor inertia seen at the joint, kg m².
     pub motor_inertia_kg_m2: f64,
-    /// Warm coefficients of [3.10] with wear and what the day adds: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³.
+    /// Warm coefficients of [3.10] with wear and daily scatter: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³.
     pub warm_friction_f1_f4: [f64; 4],
-    /// Fraction by which wear has raised warm friction at 60 % of the largest speed, loads left out.
+    /// Rise of warm friction by wear at 60 % of the largest speed, a fraction, without loads.
     pub wear: f64,
     /// Height of the bump at low speed once warm, Nm.
     pub stribeck_nm: f64,

@@ -73,8 +73,8 @@ pub struct AlarmEvent {
     pub told_before: Vec<(String, String)>,
 }
 
-/// Columns of an [`AlarmEvent`] without its series. Score and value are of the quantity then; what the anomaly has of another
-/// quantity now does not compare with them.
+/// Columns of an [`AlarmEvent`] without its series. Score and value are of the event's quantity; they do not compare
+/// with values of another quantity that the anomaly has now.
 pub(super) const COLUMNS: &str = "
     anomaly_event.anomaly_event_id, anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.at,
     robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly_event.severity,

@@ -147,7 +147,7 @@ impl ConclusionTransaction {
     }
 }
 
-/// Opens what follows from runs that began at this time or later. Call when a person changes something of that time.
+/// Reopens the settled history from this time on. Call it when a person changes something of that time.
 pub(super) async fn reopen(
     executor: impl EngineExecutor<'_>,
     robot: &str,
@@ -206,7 +206,7 @@ pub(super) async fn settle_withdrawn(
     Ok(())
 }
 
-/// Keys of the tests by which epochs of a robot's latest tests are told apart.
+/// Keys of the tests that distinguish the epochs of a robot's latest tests.
 pub(super) async fn latest_keys(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -247,7 +247,7 @@ async fn between(
         at.map_or((without, without), |(at, run_id)| (at.as_microsecond(), run_id))
     };
     let (from, until) = (of(from, i64::MIN), of(until, i64::MAX));
-    // each kind has an index of its own
+    // each kind has a separate index
     let statement = match kind {
         RunKind::Test => {
             "SELECT run_id FROM run

@@ -17,7 +17,7 @@ use crate::values::{joint, json_list, named, size, time};
 use armwatch_model::analysis::refusal::{Channel, RefusalCause};
 use armwatch_model::anomaly::{RunRefusal, RunSummary};
 
-/// Tests that are summarised in one transaction: it takes some tens of milliseconds, for which other writers wait.
+/// Tests that are summarised in one transaction. Other writers wait some tens of milliseconds for it.
 const TESTS_AT_ONCE: usize = 32;
 
 /// Tests that are judged together.
@@ -25,7 +25,7 @@ const TESTS_AT_ONCE: usize = 32;
 pub struct TestWindow {
     /// The tests, oldest first.
     pub tests: Vec<RunSummary>,
-    /// Judgements that were kept of a test, as bytes, by its key.
+    /// Stored judgements, as bytes, by the key of the test.
     pub judgements: HashMap<i64, Vec<u8>>,
 }
 
@@ -202,7 +202,7 @@ async fn stored(
     .await
 }
 
-/// Tests with what follows from all of them together; `first_of_epochs` are others with which epochs began.
+/// Tests with the values that depend on all of them; `first_of_epochs` are others with which epochs began.
 async fn together(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -234,7 +234,7 @@ async fn together(
 }
 
 /// Reads the response of the first run with one, of the runs that are compared with each other. Those of the others
-/// are the same but for the motion's own scatter; that of the first stays while tests come.
+/// are the same except for the scatter of the motion; that of the first stays while tests arrive.
 async fn read_responses(
     connection: &mut EngineConnection,
     with_response: &HashSet<i64>,

@@ -45,7 +45,7 @@ AS $$ SELECT strpos(content, part) $$;
 CREATE OR REPLACE FUNCTION hex(bytes bytea) RETURNS text LANGUAGE sql IMMUTABLE STRICT PARALLEL SAFE
 AS $$ SELECT upper(encode(bytes, 'hex')) $$;
 
--- The present time as the views show times, which is the only form and moment that is asked for.
+-- The present time in the form of the views. No statement uses another form or time.
 CREATE OR REPLACE FUNCTION strftime(form text, moment text) RETURNS text LANGUAGE sql VOLATILE PARALLEL SAFE
 AS $$ SELECT time_text(clock_us()) $$;
 

@@ -1,4 +1,4 @@
-//! Kept figures of a test say what the tables say that they follow from.
+//! Stored values of a test equal those of the tables.
 
 use std::path::Path;
 

@@ -5,7 +5,8 @@
 //! A log is out from 0.5 on ([`OFF`]) or, of the unexplained part, from 0.25 on ([`OFF_UNEXPLAINED`]). Both
 //! limits rise with the test's own relative RMSD, to 8 times ([`OFF_RATIO`]) and 4 times it
 //! ([`OFF_UNEXPLAINED_RATIO`]). A log is only worth knowing (`info`) below 1.0, and a warning from there on
-//! ([`OFF_WARNING`]). Where it is known what causes explain of a log, both are what is left beside the likeliest of them. Section "Alarms between tests" of docs/exports.md gives the reasons.
+//! ([`OFF_WARNING`]). If causes of the deviation of a log were compared, both are the rest that the likeliest cause
+//! leaves. Section "Alarms between tests" of docs/exports.md gives the reasons.
 
 use super::causes::cause::WorkCause;
 use super::causes::odds::Asked;

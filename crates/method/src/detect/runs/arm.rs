@@ -74,9 +74,9 @@ impl ArmEvidence {
         self.at_least(0.5 * self.least_advantage, MASS_ERRORS_STILL)
     }
 
-    /// The fault of a run after one with the fault `before`: one that is clear, or the same still. Where something that is not
-    /// known has come on top, a known fault goes on as long as it explains most. A fault of the mechanics does not become an
-    /// offset of the torque signal that the friction stage does not show.
+    /// The fault of a run after one with the fault `before`: a clear one, or still the same. If an unknown change is added, a
+    /// known fault continues as long as it explains most. A mechanical fault does not become an offset of the torque signal
+    /// that the friction stage does not show.
     fn after(&self, before: ArmCause) -> ArmCause {
         let still = self.still();
         if still.is_same_fault(&before) {

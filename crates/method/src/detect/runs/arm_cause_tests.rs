@@ -1,4 +1,4 @@
-//! Causes of a change of the arm told apart where tests differ in what they carry, in season or in noise.
+//! Causes of a change of the arm while loads, seasons or noise differ between tests.
 
 use super::cause_tests::{State, alarms, fleet, only};
 use armwatch_model::anomaly::{AnomalyKind, RunSummary};

@@ -13,11 +13,11 @@ use armwatch_model::anomaly::{Anomaly, AnomalyKind, JointHealth, Knowledge, RunS
 /// such a fraction. Healthy joints have 0.01 to 0.05. Above this limit friction is small against measurement noise.
 const MOST_SCATTER: f64 = 0.1;
 
-/// Change of a joint's friction by temperature, in logarithms, that differs from that of the arm's other joints in health: by
-/// so much, and by this share of what they have in common. In a hall of 5 to 35 °C healthy joints reach half of it.
+/// Largest difference between a healthy joint and the median of the arm in the change of friction by temperature,
+/// logarithms: a constant, and a share of the median. At 5 to 35 °C ambient, healthy joints reach half of it.
 const MOST_OWN: f64 = 0.12;
 const MOST_OWN_SHARE: f64 = 0.6;
-/// Fewest joints of which one can be odd.
+/// Fewest joints for the comparison of one with the others.
 const FEWEST_JOINTS: usize = 4;
 /// Speeds compare within this fraction of the largest.
 const SAME_SPEED: f64 = 1e-3;
@@ -105,7 +105,7 @@ fn knowledge(
 
 /// The reason for doubting an index that differs from measured friction in this joint alone.
 ///
-/// What the index leaves of the change of warm friction is temperature, `t_j = ln(measured_j / usual_j) - ln(index_j)`.
+/// The index attributes the rest of the change of warm friction to temperature, `t_j = ln(measured_j / usual_j) - ln(index_j)`.
 /// Joints of one arm share it, as far as healthy joints do: `|t_j - m| <= MOST_OWN + MOST_OWN_SHARE |m|` with the median `m`
 /// of all joints.
 fn taken_for_temperature(history: &[RunSummary], series: &JointSeries<'_>) -> Option<String> {

@@ -44,7 +44,7 @@ pub struct UsualTests {
 }
 
 impl UsualTests {
-    /// Of the complete tests of a robot of `joints` joints, oldest first, that compare with a test of these `epochs`.
+    /// Selects the complete tests of a robot of `joints` joints, oldest first, that compare with a test of these `epochs`.
     #[must_use]
     pub fn new(history: &[RunSummary], joints: usize, epochs: &[u32], settings: &DetectSettings) -> Self {
         let mut curves: Vec<(Vec<usize>, UsualCurves)> = Vec::new();

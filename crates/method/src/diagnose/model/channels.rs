@@ -74,7 +74,7 @@ struct Part<'a> {
     scale: f64,
 }
 
-/// Fits of each joint to each torque over the rows in which the joint moves, `[joints][torques]`.
+/// Fits of each joint to each torque over rows with a moving joint, `[joints][torques]`.
 pub(super) struct Errors(Vec<Vec<Option<OwnFit>>>);
 
 impl Errors {
@@ -86,7 +86,7 @@ impl Errors {
         (0..n).map(least).collect()
     }
 
-    /// The fit of each joint to its own torque; `None` where one shows nothing.
+    /// The fit of each joint to its own torque; `None` if one shows nothing.
     pub(super) fn own(&self) -> Option<Vec<OwnFit>> {
         self.0.iter().enumerate().map(|(joint, of)| of[joint]).collect()
     }
@@ -183,7 +183,7 @@ impl Channels<'_> {
         [self.friction_bounds(columns), self.inertia_bounds(robot, columns)].concat()
     }
 
-    /// Mean power of friction of each joint, which no other description of the arm changes.
+    /// Mean power of friction of each joint, which does not depend on the description of the arm.
     pub(super) fn friction_bounds(&self, columns: &[usize]) -> Vec<Vec<f64>> {
         let robot = self.robot;
         let order = ParameterId::natural_order(robot);

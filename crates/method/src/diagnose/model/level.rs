@@ -17,7 +17,7 @@ pub(crate) const TILT: &str = "tilt_rad";
 pub(crate) const RESIDUAL_RATIO: &str = "residual_ratio";
 /// Instants for the comparison of readings.
 pub(super) const INSTANTS: usize = 300;
-/// Tilt of the base, rad, up to which it is a floor off level, and a remark: gravity is off by a tenth across.
+/// Largest tilt of a floor off level, rad, which is a remark: gravity is off by a tenth across.
 pub(super) const FLOOR: f64 = 0.1;
 /// Squares that a tilt must explain, relative to those that the fit of one joint leaves. With [`INDEPENDENT`] values this is
 /// a chi-square of 12 with two degrees of freedom.

@@ -13,13 +13,13 @@ use armwatch_model::robot::{MAX_JOINTS, ParameterId, Robot};
 
 /// Step of the numeric derivative, m, rad, m/s².
 const STEP: f64 = 1e-6;
-/// A column of the regressor of which no more than this part is new is dependent on those before it, as in
+/// Largest new part of a column of the regressor that is dependent on those before it, as in
 /// [`base_parameters`](crate::model::base_parameters::base_parameters): a parameter that hardly shows under one gravity may
 /// be endless under another.
 const DEPENDENT: f64 = 1e-4;
 /// A number shows nothing if the parameters absorb its effect except for this part.
 const ABSORBED: f64 = 1e-3;
-/// Steps in which the direction of gravity is settled, each from the tangent at the one before.
+/// Steps of the estimate of gravity's direction, each from the tangent at the one before.
 const LEVELLING_STEPS: usize = 5;
 /// Turn of gravity, rad, that changes no verdict.
 const LEVEL: f64 = 5e-4;
@@ -28,7 +28,7 @@ const LEVEL: f64 = 5e-4;
 const USUAL_TILT: f64 = 0.035;
 /// Independent values that ripple with the posture leaves of a joint's torque in some ten seconds.
 pub(super) const INDEPENDENT: f64 = 25.0;
-/// Angle, rad, from which on another direction of gravity is another mounting and no floor that is off level.
+/// Least angle between gravity and its description, rad, that is another mounting and no floor off level.
 pub(super) const MOUNTING: f64 = 0.17;
 
 /// A description, and the order, signs and scales of the recorded torques.
@@ -213,11 +213,11 @@ impl<'a> Compared<'a> {
 
 /// The parts that parameters leave.
 struct Lacking {
-    /// Of the derivative by each change.
+    /// Rest of the derivative by each change.
     slopes: Vec<Vec<f64>>,
     /// Squares of each derivative as a whole.
     whole: Vec<f64>,
-    /// Of the torque.
+    /// Rest of the torque.
     residual: Vec<f64>,
 }
 

@@ -13,7 +13,7 @@ const HEALTHY: usize = 9;
 const WORN: usize = 12;
 /// Scatter of each joint's friction from day to day.
 const DAY: f64 = 0.015;
-/// Speed at which the rise of friction counts.
+/// Speed of the reported rise of friction.
 const SPEED: f64 = 0.6;
 /// Rise of friction beyond which an alarm is late, and beyond which no joint may be without one or called healthy.
 const DUE: f64 = 0.20 + 1e-9;
@@ -53,7 +53,7 @@ fn worn_arm(seed: u64, joint: usize, worn: [bool; 3], is_brisk: bool, hall_k: f6
     (arm, truth)
 }
 
-/// A test a day later in a hall that varies by `hall_k`, K, from a start that is not always equally cold.
+/// A test one day later. The ambient temperature varies by `hall_k`, K, and so does the temperature at the start.
 fn daily_test(arm: &mut Arm, hall_k: f64) {
     let hall = hall_k * arm.normal();
     let rest = HOUR * (22.0 + arm.normal());
@@ -66,16 +66,16 @@ fn daily_test(arm: &mut Arm, hall_k: f64) {
     arm.run_of(if arm.is_brisk { 8 } else { CYCLES }, hall, day);
 }
 
-/// What was said of one arm.
+/// Result for one arm.
 #[derive(Debug, Default)]
 struct Said {
     /// Friction at the first alarm of the worn joint, as a multiple of the healthy one.
     at: Option<f64>,
     /// Its kind.
     kind: Option<AnomalyKind>,
-    /// Tests with more friction than [`NEVER_OK`] in which the joint was called healthy.
+    /// Tests with more friction than [`NEVER_OK`] and a joint that was called healthy.
     healthy: usize,
-    /// Whether an alarm of the joint closed.
+    /// True if an alarm of the joint closed.
     has_closed: bool,
     /// Alarms of other joints or before wear.
     false_alarms: usize,
@@ -108,8 +108,8 @@ fn said(arm: &Arm, truth: &[f64], joint: usize) -> Said {
     said
 }
 
-/// Says what was made of wear of each shape, for `seeds`, a worn joint after the other; the number of arms with friction beyond
-/// [`NEVER_OK`] without an alarm, or with an alarm that closed.
+/// Prints the results of each shape of wear, for `seeds` and each worn joint in turn. Returns the number of arms with friction
+/// beyond [`NEVER_OK`] and no alarm, or with an alarm that closed.
 fn table(seeds: std::ops::Range<u64>, is_brisk: bool, hall_k: f64) -> usize {
     let mut wrong = 0;
     for (name, worn) in SHAPES {
@@ -160,7 +160,7 @@ fn wear_of_a_part_is_found_in_many_arms() {
     assert!(wrong <= 2, "{wrong} of 80");
 }
 
-/// Healthy arms in a hall of 5 to 35 °C over a year of weekly tests.
+/// Healthy arms at an ambient temperature of 5 to 35 °C over a year of weekly tests.
 #[test]
 #[ignore = "years of histories"]
 fn healthy_arms_in_a_hall_of_thirty_kelvin_are_quiet() {

@@ -151,7 +151,7 @@ pub(super) struct Arm {
     pub(super) motor: [f64; JOINTS],
     pub(super) sensors: Sensors,
     pub(super) now: f64,
-    /// Whether cycles are short: a third of [`CYCLE_S`].
+    /// True for short cycles: a third of [`CYCLE_S`].
     pub(super) is_brisk: bool,
     pub(super) runs: Vec<MapRun>,
 }

@@ -14,8 +14,8 @@
 //!
 //! Viscous wear of one joint and its own ambient effect look much alike, and many points overrule any prior. Each run is
 //! therefore solved for twice. The first time, friction wears in proportion only (`shape` is zero). A joint whose thermal
-//! effects are then further from the median of all joints than healthy joints are has what the others do not share: wear
-//! of another shape. It is solved for again with the ambient effect that the others show, and with wear, shape and levels
+//! effects then differ from the median of all joints by more than those of healthy joints has wear of another shape. It is
+//! solved for again with the ambient effect that the others show, and with wear, shape and levels
 //! whose priors have heavy tails.
 
 use super::effect_layout::{EffectLayout, JointLayout};

@@ -24,7 +24,7 @@ pub(in crate::friction) struct RunPoints {
     pub top_slope: f64,
     /// Result of [`viscous_shares`] for the map of the joint.
     pub viscous: Vec<f64>,
-    /// Whether the map takes the ambient temperature from a recording.
+    /// True if the map takes the ambient temperature from a recording.
     pub has_recorded_ambient: bool,
 }
 
@@ -62,7 +62,7 @@ impl RunPoints {
         mean(&self.viscous).unwrap_or(0.0)
     }
 
-    /// Mean over the points of what a thermal deficit of one adds to friction, as a fraction of it.
+    /// Mean increase of friction by a thermal deficit of one, as a fraction of friction.
     pub fn mean_slope(&self) -> f64 {
         mean(&self.points.iter().map(|p| p.slope / p.predicted).collect::<Vec<f64>>()).unwrap_or(0.0)
     }

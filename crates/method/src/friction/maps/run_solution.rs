@@ -8,35 +8,35 @@ use super::run_points::RunPoints;
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::Estimate;
 
-/// Rounds in which a run is linearised again and its scales of wear and ambient are adapted.
+/// Rounds of linearising a run and adapting its scales of wear and ambient.
 const INNER_ROUNDS: usize = 4;
-/// The same of a run with a joint that wears in a shape of its own: effects grow by a factor with each round.
+/// Rounds of a run with disproportionate wear of a joint: effects grow by a factor with each round.
 const SHAPE_ROUNDS: usize = 6;
 /// Prior scale of wear against the baseline, as a fraction of friction. Most runs have less wear and a few have far
 /// more; the run's own effect therefore enters the scale by a half, which gives the prior tails like those of
 /// Student's distribution.
 pub(super) const WEAR_SCALE: f64 = 0.02;
-/// Prior scale of the difference between viscous and Coulomb wear of a joint that wears in a shape of its own, as a fraction
-/// of friction, with the same tails.
+/// Prior scale of the difference between viscous and Coulomb wear of a joint with disproportionate wear, as a fraction of
+/// friction, with the same tails.
 pub(super) const SHAPE_SCALE: f64 = 0.01;
 /// The same of other joints: none.
 const NO_SHAPE: f64 = 1e-5;
 /// Thermal effects of a joint beyond the median of all, as a fraction of friction at the largest speed, that healthy joints
-/// do not exceed: so much in a hall as usual, and this share of the median. Healthy joints of 420 robots differed by 0.015
-/// at most, and by 0.3 of the median in halls of 5 to 35 °C.
+/// do not exceed: a constant, and a share of the median. Healthy joints of 420 robots differed by 0.015 at most, and by
+/// 0.3 of the median at 5 to 35 °C ambient.
 const MOST_OWN: f64 = 0.015;
 const MOST_OWN_SHARE: f64 = 0.45;
 /// The same of the thermal deficit at the start, in its prior scales.
 const MOST_OWN_SCALES: f64 = 3.5;
 /// Standard deviation of an effect that is held: none.
 const HELD: f64 = 1e-5;
-/// Fewest joints of which one can differ from the median.
+/// Fewest joints for the comparison of one with the median.
 const FEWEST_JOINTS: usize = 3;
 /// Standard deviation of a joint's ambient effect about the common one, as a fraction of the common one.
 const AMBIENT_SPREAD: f64 = 0.4;
 /// Least standard deviation of a joint's ambient effect about the common one, as a fraction of friction.
 const MIN_AMBIENT_SPREAD: f64 = 0.003;
-/// Least effective degrees of freedom, of one, of an identified wear. With fewer, the estimate without its prior
+/// Least effective degrees of freedom, of one, of an identified wear. Below it, the estimate without its prior
 /// is a ratio of rounding errors.
 const MIN_EFFECTIVE_DOF: f64 = 0.01;
 /// Least friction of a linearisation, as a fraction of the map's.
@@ -49,7 +49,7 @@ pub(super) struct RunSolution {
     pub(super) covariance: DMatrix<f64>,
     /// Prior scales that they were found with.
     pub(super) scales: RunScales,
-    /// Of each joint that wears in a shape of its own: the ambient effect that it is taken to have.
+    /// Assumed ambient effect of each joint with disproportionate wear.
     pub(super) own: Vec<Option<HeldAmbient>>,
 }
 
@@ -83,7 +83,7 @@ impl RunSolution {
     /// With the posterior mean `w` and variance `v` under the prior variance `p`, the data have the information
     /// `i = 1 / v - 1 / p`; they estimate the sum as `w / (v i)` with the variance `1 / i`. `v i = 1 - v / p` is the
     /// effective degrees of freedom. A shrunk estimate would understate wear, and its interval would cover the truth
-    /// too often in health and too seldom with wear. Where the data do not determine it, the shrunk estimate remains.
+    /// too often in health and too seldom with wear. The shrunk estimate remains if the data do not determine the sum.
     pub(super) fn by_data(&self, sum: &[(usize, f64)], prior_variance: f64) -> (Estimate, bool) {
         let value: f64 = sum.iter().map(|(at, factor)| factor * self.effects[*at]).sum();
         let products =
@@ -99,9 +99,9 @@ impl RunSolution {
 /// Prior scales that follow the run itself.
 #[derive(Debug, Clone)]
 pub(super) struct RunScales {
-    /// Of each joint's effects on friction.
+    /// Scales of each joint's effects on friction.
     pub(super) joints: Vec<WearScales>,
-    /// Of the common ambient effect.
+    /// Scale of the common ambient effect.
     pub(super) ambient: f64,
 }
 
@@ -239,7 +239,7 @@ fn own_shapes(
 ) -> Vec<Option<HeldAmbient>> {
     let of_joint = |(joint, points): (usize, &&RunPoints)| {
         let at = layout.joints[joint];
-        // the effect of a recorded temperature is known to some tenths, which in a season is more than the bound
+        // the effect of a recorded temperature is uncertain by some tenths, which in a season exceeds the bound
         let is_measured = points.has_recorded_ambient || scales.joints[joint].own_ambient.is_some();
         if points.points.is_empty() || is_measured {
             return None;
@@ -342,7 +342,7 @@ impl NormalEquations {
 
     /// Adds the points of a joint, linearised about the effects found so far.
     ///
-    /// With the extra deficit `e = ambient + d_slow start_slow + d_fast start_fast`, its value `e0` so far, friction
+    /// Let the extra deficit be `e = ambient + d_slow start_slow + d_fast start_fast`, its value `e0` so far, friction
     /// `f = predicted + slope e0` and `s = slope / f`, each point gives the equation
     /// `tau / f - 1 + s e0 = wear + shape (v - mean v) + level + s e`, with `weight` times its usual weight.
     fn add_points(

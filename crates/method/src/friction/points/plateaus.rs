@@ -237,8 +237,8 @@ fn plateaus(
     plateaus
 }
 
-/// Speed of a friction stage as a part of what the description says, a multiple of [`REDUCED_STEP`]: a test at reduced
-/// speed (override). `None` where the stage has the described speeds, or where its levels do not agree on another one.
+/// Speed of a test at reduced speed (override), as a part of the described one, a multiple of [`REDUCED_STEP`]. `None` if
+/// the stage has the described speeds, or if its levels do not agree on another one.
 fn reduced_speed(ratios: &[f64]) -> Option<f64> {
     let middle = median(ratios)?;
     let reduced = ((middle / REDUCED_STEP).round() * REDUCED_STEP).max(REDUCED_STEP);

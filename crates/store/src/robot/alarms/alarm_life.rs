@@ -20,7 +20,7 @@ const MOST_DAYS_CRITICAL: i64 = 90;
 /// What a person does with an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlarmAction {
-    /// A person takes an earlier answer back: nobody deals with the alarm now.
+    /// Takes an earlier answer back: the alarm is open again.
     Reopen,
     /// Says that it is known. Also takes back that it is shelved, in maintenance, resolved or a false alarm.
     Acknowledge,

@@ -1,7 +1,7 @@
 //! Friction points of a test at one speed level, in one row: fits over a robot's tests read three dozen rows in place of
 //! ten thousand.
 //!
-//! The row follows from other tables. Conclusions that have read those tables write it, for the tests that fits stand on. It holds
+//! The row follows from other tables. Conclusions that have read those tables write it, for the tests of fits. It holds
 //! while its revision is that of the test and the program has the method that it was made by; otherwise the tables are read.
 
 use std::collections::HashMap;

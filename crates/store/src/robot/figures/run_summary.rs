@@ -1,4 +1,4 @@
-//! The figures of a complete test that detectors compare, by joint and over its cycles, in one row: of a thousand tests with 24
+//! The values of a complete test that detectors compare, by joint and over its cycles, in one row: of a thousand tests with 24
 //! cycles and six joints, a conclusion reads a thousand rows instead of three hundred thousand.
 //!
 //! The row follows from other tables. It holds while its revision is that of the test (`run.revision`) and the program has the
@@ -16,7 +16,7 @@ use crate::values::size;
 use armwatch_model::analysis::measurements::CycleRmsd;
 use armwatch_model::anomaly::CycleSeries;
 
-/// The figures of a test that are compared.
+/// The values of a test that detectors compare.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(in crate::robot) struct TestFigures {
     /// Summaries of the test, by joint.
@@ -29,7 +29,7 @@ pub(in crate::robot) struct TestFigures {
     pub(in crate::robot) parameters: Vec<MeanParameter>,
 }
 
-/// Stores the figures of a test, in place of older ones. Judgements stay: they have hashes of all that they follow from.
+/// Replaces the stored values of a test. Judgements stay: they have hashes of all their inputs.
 pub(in crate::robot) async fn store(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -50,7 +50,7 @@ pub(in crate::robot) async fn store(
     Ok(())
 }
 
-/// The figures of a test as the tables have them.
+/// The values of a test, read from the tables.
 pub(in crate::robot) async fn of_run(
     connection: &mut EngineConnection,
     run_id: i64,

@@ -86,8 +86,8 @@ pub(super) struct Baseline {
     pub(super) parameters: Vec<(ParameterId, Usual, [f64; 10])>,
     /// How much more than their deviations the parameters of the first runs vary, squared.
     inflation: f64,
-    /// Changes of the parameters of the groups that the first runs fall into, as with tools by turns; empty where they are
-    /// of one kind. A run is compared with the nearest group.
+    /// Changes of the parameters in groups of the first runs, for example of alternating tools; empty if all are alike. A run
+    /// is compared with the nearest group.
     groups: Vec<DVector<f64>>,
     /// Friction of each joint, Nm (N).
     pub(super) friction: Vec<Option<f64>>,
@@ -186,7 +186,7 @@ impl Baseline {
         Usual::of(values, count, LEAST_RMSD_DEVIATION, is_change).map(|(usual, _)| usual)
     }
 
-    /// Of the first runs with an RMSD; `None` where one of them has no noise: it was analysed by a program that did not
+    /// Usual noise in the first runs with an RMSD; `None` if one of them has no noise, because an earlier program did not
     /// measure it.
     fn usual_noise(&self, history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<Usual> {
         let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
@@ -206,7 +206,7 @@ impl Baseline {
         Some(noise(run, joint)? * self.torque_ratio(run, joint))
     }
 
-    /// Torque of a joint in a run as a multiple of the usual; 1 where one of the two is not known.
+    /// Torque of a joint in a run as a multiple of the usual; 1 if one of the two is unknown.
     fn torque_ratio(&self, run: &RunSummary, joint: JointIndex) -> f64 {
         let usual = self.torque.get(joint.index()).copied().flatten();
         torque(run, joint).zip(usual).map_or(1.0, |(torque, usual)| torque / usual)
@@ -320,10 +320,9 @@ fn usual_parameters(history: &[&RunSummary], count: usize) -> Vec<(ParameterId, 
     first.map(|run| run.parameters.iter().filter_map(usual).collect()).unwrap_or_default()
 }
 
-/// Means of the groups that the changes of the first runs fall into: those that differ by less than [`ODD_RUN`] in the mean
-/// square are of one group. Empty where fewer than two groups have two runs, which is scatter
-/// or one odd run, where no group comes back, which is a change that lasts, and
-/// where most runs are of one group, which is the usual one.
+/// Means of the groups of the first runs. Runs whose changes differ by less than [`ODD_RUN`] in the mean square are one
+/// group. Empty in three cases: fewer than two groups have two runs (scatter, or one odd run), no group recurs (a lasting
+/// change), or one group has most runs (the usual one).
 fn groups(first: &[DVector<f64>]) -> Vec<DVector<f64>> {
     let is_near =
         |a: &DVector<f64>, b: &DVector<f64>| (a - b).norm_squared() <= ODD_RUN * a.len().max(1) as f64;
@@ -374,7 +373,7 @@ fn torque(run: &RunSummary, joint: JointIndex) -> Option<f64> {
     run.joints.iter().find(|of| of.joint == joint)?.torque_rms.filter(|torque| *torque > 0.0)
 }
 
-/// Median RMS torque of a joint in the first runs with an RMSD, Nm (N); `None` where one of them lacks it.
+/// Median RMS torque of a joint in the first runs with an RMSD, Nm (N); `None` if one of them lacks it.
 fn usual_torque(history: &[&RunSummary], joint: JointIndex, count: usize) -> Option<f64> {
     let first = history.iter().filter(|run| rmsd(run, joint).is_some()).take(count);
     median(&first.map(|run| torque(run, joint)).collect::<Option<Vec<f64>>>()?)

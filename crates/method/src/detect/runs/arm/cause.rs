@@ -79,7 +79,7 @@ impl ArmCause {
         }
     }
 
-    /// Whether this is an offset of the torque signal of the joint whose mechanics were at fault before.
+    /// Returns true for an offset of the torque signal of the joint that had a mechanical fault before.
     pub(in crate::detect::runs) fn is_offset_of_rest(&self, before: &Self) -> bool {
         match (self, before) {
             (

@@ -60,7 +60,8 @@ impl Change {
     }
 }
 
-/// Whether a run shows what the mean of it and the runs before it shows: a load that was put down is not carried by half.
+/// Returns true if the run alone agrees with the mean of it and earlier runs. A load that was put down would otherwise count
+/// by half.
 fn shows(latest: &DVector<f64>, mean: &DVector<f64>) -> bool {
     let size = mean.norm();
     let own = latest.dot(mean) / size.max(f64::MIN_POSITIVE);

@@ -10,7 +10,7 @@ use crate::statistics::descriptive::mean;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::robot::JointIndex;
 
-/// Least noise, as a fraction of the usual torque, that is looked at.
+/// Least noise that is judged, as a fraction of the usual torque.
 const LEAST_NOISE: f64 = 0.002;
 
 /// A joint's torque signal in one run.
@@ -31,7 +31,7 @@ impl Signal {
         self.noise.map_or(0.0, |(_, cost)| cost)
     }
 
-    /// Noise as a multiple of the usual; `None` where it is not known.
+    /// Noise as a multiple of the usual; `None` if it is unknown.
     pub(super) fn noise_ratio(&self) -> Option<f64> {
         self.noise.map(|(ratio, _)| ratio)
     }

@@ -181,7 +181,7 @@ fn curve_at(run: &RunSummary, joint: usize, levels: Option<CycleFriction>) -> Cu
     levels.or_else(|| usual_levels(run, joint)).map_or_else(Vec::new, |levels| curve(run, joint, &levels))
 }
 
-/// How many of the first tests say what is usual: enough long ones of each joint, as far as there are such.
+/// Number of first tests in the baseline: enough long ones of each joint, as far as they exist.
 pub(in crate::detect::runs) fn tests_of_usual(
     history: &[RunSummary],
     joints: usize,

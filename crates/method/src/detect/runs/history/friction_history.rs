@@ -36,7 +36,7 @@ pub(in crate::detect::runs) struct FrictionHistory {
     pub(in crate::detect::runs) learnt_runs: usize,
     /// Usual standard deviation from run to run, as a fraction of the baseline.
     pub(in crate::detect::runs) spread: f64,
-    /// Median of this over the arm's joints, where enough of them have an index: what a joint like them scatters by.
+    /// Median of this over the arm's joints, if enough of them have an index: the prior of the scatter of one joint.
     pub(in crate::detect::runs) pooled_spread: Option<f64>,
     /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
     pub(in crate::detect::runs) has_changed_at_first: bool,

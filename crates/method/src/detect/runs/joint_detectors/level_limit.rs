@@ -3,8 +3,8 @@
 //! A change must be worth an alarm, `drift_warning`, and more than chance: the smoothed change has the limit whose mean
 //! run length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations
 //! of the smoothed value and of the baseline together. These come from the joint's own tests, with their
-//! autocorrelation ([`QuietScatter`]), which are shrunk towards a prior while they are few: the median of what the first
-//! tests of the arm's joints scatter by, where four have an index. Student's
+//! autocorrelation ([`QuietScatter`]), which are shrunk towards a prior while they are few: the median scatter of
+//! the first tests of the arm's joints, if four have an index. Student's
 //! distribution widens the limit for as long. First tests of a joint that scatter by more than three times the median
 //! of the arm's other joints have a change in them, and the limit is that of three times this median until later tests
 //! are learnt. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules
