@@ -1,7 +1,7 @@
 //! The settled part of a robot's histories, of tests and of production logs, boundary by boundary, and the runs of windows.
 
 use jiff::Timestamp;
-use sqlx::Row;
+use sqlx::{AssertSqlSafe, Row};
 
 use super::conclude::ConclusionTransaction;
 use super::figures::packed::{packed, unpacked};
@@ -10,6 +10,7 @@ use crate::engine::{EngineConnection, EngineExecutor, EngineRow, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::results::log_summaries;
+use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::settled::{Moment, Settled};
 use armwatch_model::anomaly::{ProductionSummary, RunSummary};
 use armwatch_model::run::RunKind;
@@ -191,13 +192,15 @@ pub(super) async fn settle_withdrawn(
     else {
         return Ok(());
     };
-    sqlx::query(
+    let of_kind = Quantity::ALL.iter().filter(|of| of.history() == kind).map(|of| format!("'{of}'"));
+    let quantities = of_kind.collect::<Vec<_>>().join(", ");
+    sqlx::query(AssertSqlSafe(format!(
         "UPDATE anomaly
          SET settled_history_id = (SELECT settled_history_id FROM settled_history
                                    WHERE robot_id = $1 AND kind = $2 ORDER BY runs DESC LIMIT 1)
          WHERE robot_id = $1 AND settled_history_id IS NULL AND withdrawn AND last_seen_at < $3
-               AND open_run_id IS NULL AND (quantity LIKE 'production%') = ($2 = 'production')",
-    )
+               AND open_run_id IS NULL AND quantity IN ({quantities})"
+    )))
     .bind(robot_id)
     .bind(kind.name())
     .bind(leads_from.as_microsecond())
