@@ -21,6 +21,9 @@ const INSIDE: &str = "ARMWATCH_TEST_OWN_NETWORK";
 /// More than the daemon gives to one network, and more than it has.
 const CROWD: usize = 300;
 
+/// The longest wait for `/health`. It takes less than a second on an idle machine; this one runs other tests.
+const PATIENCE: Duration = Duration::from_secs(10);
+
 /// What a client does with its connection.
 #[derive(Debug, Clone, Copy)]
 enum Kind {
@@ -69,15 +72,25 @@ impl Served {
         fs::write(workshop.path("token"), TOKEN).expect("a token");
         let daemon = workshop.daemon();
         let served = Self { workshop, daemon, port };
-        wait_until(|| served.health().is_some(), || served.workshop.log());
+        assert!(served.health().is_some(), "{}", served.workshop.log());
         served
     }
 
-    /// How long an answer to `/health` takes; `None` without one.
+    /// How long an answer to `/health` takes; `None` without one within `PATIENCE`.
+    ///
+    /// A program that checks health tries again if its connection is closed. The daemon closes one whose request has
+    /// not arrived before 256 others connect, which happens on a machine that is busy with other tests.
     fn health(&self) -> Option<Duration> {
         let began = Instant::now();
-        let answer = http::try_send(self.port, "GET /health", "", b"")?;
-        (answer.status == 200).then(|| began.elapsed())
+        loop {
+            if http::try_send(self.port, "GET /health", "", b"").is_some_and(|answer| answer.status == 200) {
+                return Some(began.elapsed());
+            }
+            if began.elapsed() > PATIENCE {
+                return None;
+            }
+            pass(Duration::from_millis(20));
+        }
     }
 
     /// Sockets that the daemon has open.
@@ -123,7 +136,8 @@ impl Served {
                 longest = longest.zip(self.health()).map(|(longest, took)| longest.max(took));
                 pass(Duration::from_millis(20));
             }
-            let ready = http::try_send(self.port, "GET /ready", "", b"").map(|answer| answer.status);
+            let answers = || http::try_send(self.port, "GET /ready", "", b"").map(|answer| answer.status);
+            let ready = (0..10).find_map(|_| answers());
             stop.store(true, Ordering::Relaxed);
             assert_eq!(ready, Some(200), "{kind:?}: /ready");
             longest.unwrap_or_else(|| panic!("{kind:?}: no answer to /health"))
@@ -159,8 +173,6 @@ fn whatever_others_hold_health_is_answered_and_other_networks_keep_theirs() {
     let runtime = tokio::runtime::Runtime::new().expect("a runtime");
     let mut page =
         runtime.block_on(attack(Kind::Stream, Ipv4Addr::new(127, 8, 0, 1).into(), served.port)).expect("it");
-    // a second on an idle machine; this one runs other tests
-    const PATIENCE: Duration = Duration::from_secs(10);
     for kind in KINDS {
         let longest = served.under(kind, CROWD, Duration::ZERO, |_| Ipv4Addr::LOCALHOST.into());
         assert!(longest < PATIENCE, "{kind:?} from one address: {longest:?}");
@@ -207,7 +219,7 @@ fn one_network_of_version_6_is_one_client_whatever_its_addresses() {
         wait_until(|| served.sockets() <= before + 64, || format!("{} sockets", served.sockets()));
         drop(held);
         let longest = served.under(Kind::Writer, CROWD, Duration::ZERO, address);
-        assert!(longest < Duration::from_secs(10), "{longest:?}");
+        assert!(longest < PATIENCE, "{longest:?}");
         return;
     }
     const NETWORK: &str = "ip link set lo up && ip -6 route add local 2001:db8::/64 dev lo && \
