@@ -1,7 +1,7 @@
 //! `armwatch run`: the daemon.
 
+use std::mem::ManuallyDrop;
 use std::sync::Arc;
-use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use tokio::sync::{mpsc, watch};
@@ -61,9 +61,6 @@ enum OfRun {
     SetAside(SetAsideArgs),
 }
 
-/// At its end, the daemon waits this long for threads with blocking work, which is no longer needed.
-const THREADS_END_WITHIN: Duration = Duration::from_secs(1);
-
 pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
     match &args.of_run {
         Some(OfRun::Date(args)) => return run_date(global, args),
@@ -73,11 +70,10 @@ pub(super) fn run(global: &Global, args: &RunArgs) -> Result<u8, CliError> {
     // SIGHUP reads the same file again: while it is missing, the shipped settings must not take its place
     let global = &global.pinned();
     let config = checked(as_host(global.read_config()?, args))?;
-    let runtime = runtime()?;
-    let ended = runtime.block_on(until_stopped(global, args, config));
-    // a call to a file system that does not answer must not keep the process
-    runtime.shutdown_timeout(THREADS_END_WITHIN);
-    ended
+    // Never shut down: the process ends whatever its threads do, because a file system that does not answer must not keep
+    // it. A thread whose timer is shut down would panic.
+    let runtime = ManuallyDrop::new(runtime()?);
+    runtime.block_on(until_stopped(global, args, config))
 }
 
 async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Result<u8, CliError> {
@@ -87,10 +83,13 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     let metrics = Metrics::counting();
     let disks = Disks::watch(&config, metrics.clone(), stop.clone());
     let work = Work { metrics, stop: stop.clone(), reload, disks: &disks };
-    tokio::select! {
+    let ended = tokio::select! {
         ended = at_work(global, args, config, work) => ended,
         why = disks.abandoned(&stop) => Err(CliError::Io(why)),
-    }
+    };
+    // threads that wait for a file to grow see it
+    stop.cancel();
+    ended
 }
 
 /// Parts of the daemon that exist before it opens its database.
