@@ -10,16 +10,16 @@ use std::io::{self, BufRead, BufReader, Cursor, Read, Write};
 use super::bag::cell;
 use super::source::unreadable;
 
-/// Bytes of a file that tell whether it is such an export: the first lines, one of which holds a path.
+/// Bytes at the start of a file that identify such an export. One of its first lines contains a path.
 pub(super) const HEAD_BYTES: u64 = 1024;
 
 /// Name of the column of times, ms.
 pub(crate) const TIME: &str = "scope_time_ms";
 
-/// Begins the line of names, and stands in it above each column of times.
+/// First cell of the line of names, and the name of each column of times.
 const NAME: &str = "Name";
 
-/// A line of the project that no other export has.
+/// A line of the project that only such exports have.
 const PROJECT: &str = "Starttime of export";
 
 /// Most lines before the first row.
@@ -31,18 +31,18 @@ const LONGEST_LINE: u64 = 1 << 20;
 /// Most bytes of values that wait for other channels.
 const MOST_WAITING: usize = 128 << 20;
 
-/// Bytes that a waiting row takes beside its cells.
+/// Bytes that a waiting row takes in addition to its cells.
 const ROW_BYTES: usize = 64;
 
 /// Times that differ by less than this part of a step are equal.
 const EQUAL: f64 = 1e-6;
 
-/// Steps of its own for which a channel holds its last value.
+/// A channel holds its last value for this many of its steps.
 const HELD_STEPS: f64 = 1.5;
 
 const REMEDY: &str = "export again from TwinCAT Scope, with a time column";
 
-/// Whether a text begins as such an export does.
+/// Returns true if a text begins as such an export does.
 pub(super) fn is_scope(head: &[u8]) -> bool {
     let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
     let Some(sign) = head.get(NAME.len()).filter(|sign| b"\t;,".contains(sign)) else { return false };
@@ -206,7 +206,7 @@ impl<R: Read> ScopeText<R> {
         Ok(())
     }
 
-    /// Whether a line begins with a number.
+    /// Returns true if a line begins with a number.
     fn is_row(&self, line: &str) -> bool {
         line.split(self.sign).next().is_some_and(|cell| self.number(cell).is_some())
     }
@@ -238,7 +238,7 @@ impl<R: Read> ScopeText<R> {
                 continue;
             }
             if self.groups[at].ended {
-                return Err(self.fault("has a time where the channel had ended"));
+                return Err(self.fault("has a time after the end of its channel"));
             }
             let Some(number) = self.number(time) else {
                 return Err(self.fault(&format!("has \"{}\" in the place of a time", time.escape_debug())));
@@ -323,7 +323,7 @@ impl<R: Read> ScopeText<R> {
     }
 }
 
-/// The unit of a channel for its name, of which the quantity stands in brackets.
+/// The unit of a channel as a part of its name, without the quantity in brackets.
 fn unit(cell: &str) -> String {
     let unit = cell.split('(').next().unwrap_or_default().trim();
     if unit.is_empty() { String::new() } else { format!(" [{unit}]") }

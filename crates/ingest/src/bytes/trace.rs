@@ -1,7 +1,7 @@
-//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) beside it.
+//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) in the same folder.
 //!
 //! A trace of the drives has a pair of files per drive, `NAME#1.dat`, `NAME#2.dat` and so on, with channels of the same
-//! names. The first header stands for all of them.
+//! names. The first header represents the whole trace.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -39,18 +39,18 @@ const HASHED_BYTES: usize = 1 << 20;
 
 const REMEDY: &str = "copy the .dat and .r64 files of the trace again, together";
 
-/// Whether the first bytes of a file are those of a header.
+/// Returns true for the first bytes of a header.
 pub(super) fn is_header(head: &[u8]) -> bool {
     STARTS.iter().any(|start| head.starts_with(start))
 }
 
-/// Whether a file is by its name the first header of a trace whose binary channels lie beside it.
+/// Returns true if the name is that of the first header of a trace and its binary channels are in the same folder.
 pub(crate) fn is_trace(path: &Path) -> bool {
     let Some(name) = header_stem(path) else { return false };
     !name.starts_with('.') && drive_of(&name).is_none_or(|drive| drive == 1) && data_of(path).exists()
 }
 
-/// The other files of the trace that begins at `path`, in the order in which they are hashed; none of another export.
+/// The other files of the trace that begins at `path`, in the order of the hash. Other exports have none.
 pub(crate) fn companions(path: &Path) -> Vec<PathBuf> {
     let Some(name) = header_stem(path) else { return Vec::new() };
     let mut all = vec![data_of(path)];
@@ -244,13 +244,13 @@ impl Channel {
     }
 }
 
-/// What a header says.
+/// A header.
 struct Described {
     channels: Vec<ChannelHeader>,
     big_endian: bool,
 }
 
-/// What a header says of a channel.
+/// A channel in a header.
 struct ChannelHeader {
     name: String,
     unit: String,
@@ -365,7 +365,7 @@ fn one_of(value: &str, yes: [&str; 2], no: [&str; 2]) -> Option<bool> {
     (is(yes) || is(no)).then(|| is(yes))
 }
 
-/// The values of each channel of a header; `None` of one without a file. All bytes of the file must be some channel's,
+/// The values of each channel of a header. A channel that the header computes has `None`. All bytes of the file must be some channel's,
 /// so that a value is never taken for that of another channel.
 fn values(header: &Path, described: &Described) -> io::Result<Vec<Option<Values>>> {
     let path = data_of(header);

@@ -188,7 +188,7 @@ fn the_names_of_a_maker_with_other_units_are_not_its_layout() {
         let found = (units.position, units.velocity, units.torque);
         assert_eq!(found, (position, Some(velocity), torque), "{case}");
     }
-    // libfranka writes ms; seconds are told by the velocities
+    // libfranka writes ms; velocities show the seconds
     let seconds = of_text(&scaled(&franka, ',', "time", 1e-3));
     let TimeSource::Column(time) = answered(&seconds).time else { panic!("{}", seconds.toml) };
     assert_eq!((seconds.shipped, time.to_si), (None, 1.0), "{}", seconds.toml);

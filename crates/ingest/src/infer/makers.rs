@@ -1,7 +1,7 @@
 //! Exports of makers: the columns of a file are compared with those of the shipped layouts before anything is guessed.
 //!
 //! A layout fits if the file has every column that it names for time, positions, velocities and torques, and the numbers do
-//! not contradict its units. The stages are told from the file: makers record what the user's program did.
+//! not contradict its units. The stages come from the file, because they depend on the user's program.
 
 use super::head::Head;
 use super::names::{Kind, Said};
@@ -25,7 +25,7 @@ const LEAST_JOINTS: usize = 2;
 /// A shipped layout that fits.
 pub(super) struct Maker {
     pub(super) name: &'static str,
-    /// Its columns; none where the names of the joints decide.
+    /// Its columns; empty if the names of the joints decide.
     channels: Vec<Set>,
     units: LayoutUnits,
 }
@@ -63,7 +63,7 @@ pub(super) fn recognise(head: &Head) -> Option<Maker> {
 }
 
 impl Maker {
-    /// The unit of time; `None` where the file says it.
+    /// The unit of time; `None` if the file gives it.
     pub(super) fn time_unit(&self) -> Option<&'static str> {
         let known = |unit: &&str| units::TIME.iter().any(|(name, _)| name == unit);
         self.units.time.filter(known)
@@ -129,7 +129,7 @@ fn channels(head: &Head, layout: &Layout, units: LayoutUnits) -> Option<Vec<Set>
 
 fn set(head: &Head, columns: &JointColumns, kind: Kind, unit: &'static str, is_motor: bool) -> Option<Set> {
     let of_joint = |joint: usize| columns.of_joint(joint).map(|of| column(head, &of));
-    // a pattern has as many joints as the file has columns, a list has all of its own
+    // a pattern matches as many joints as the file has, a list must match completely
     let found: Vec<Option<usize>> = match columns {
         JointColumns::Pattern(_) => (1..).map_while(of_joint).take_while(Option::is_some).collect(),
         _ => (1..).map_while(of_joint).collect(),
@@ -162,7 +162,7 @@ fn column(head: &Head, column: &Column) -> Option<usize> {
     head.has_plain_name(at).then_some(at)
 }
 
-/// Whether the columns are those of joint states: positions and efforts of as many joints, named or numbered.
+/// Returns true for columns of joint states: positions and efforts of as many joints, named or numbered.
 fn is_joint_state(head: &Head) -> bool {
     let count = |quantity: &str| {
         let numbered = |c: char| c.is_ascii_digit() || matches!(c, '[' | ']');

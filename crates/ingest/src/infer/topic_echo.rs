@@ -19,7 +19,7 @@ const SECOND: f64 = 1e9;
 /// Seconds from 1970 to 1980: an earlier stamp is that of a simulation.
 const SINCE_1980: f64 = 315_532_800.0;
 
-/// What such rows hold.
+/// The content of such rows.
 pub(super) struct TopicEcho<'h> {
     pub(super) joints: Joints<'h>,
     /// Time of each row since the first one, ns.
@@ -92,7 +92,7 @@ pub(super) fn topic_echo<'h>(head: &'h Head, robot: Option<&Robot>) -> Option<To
 }
 
 impl TopicEcho<'_> {
-    /// The sections on time and, where the stamp is a date, on the start.
+    /// The sections on time and, if the stamp is a date, on the start.
     pub(super) fn sections(&self) -> Vec<Section> {
         let keys = vec![
             TomlKey::decided("column", "2")
