@@ -20,9 +20,9 @@ const EFFORT_STATES: usize = 256;
 /// Speeds of each direction through which the straight line of damping and friction is laid.
 const FRICTION_SPEEDS: usize = 50;
 
-/// `<dynamics>` of a joint: the straight line that stands for its friction.
+/// Damping and friction of a joint in a simulator: the straight line that stands for its friction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UrdfFriction {
+pub struct StraightFriction {
     /// Viscous friction, Nm s/rad (N s/m).
     pub damping: f64,
     /// Coulomb friction, Nm (N).
@@ -68,24 +68,29 @@ pub fn urdf_text(robot: &Robot, model: &DynamicModel, comments: &[String]) -> St
 /// Exact for Coulomb and viscous friction alike in both directions. An offset, the difference of
 /// directions and the bend of a curve have no place in URDF.
 #[must_use]
-pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex) -> UrdfFriction {
-    let (limit, f) = (robot.joints[joint.index()].limits.velocity, &model.friction[joint.index()]);
-    let point = |k: usize| {
-        let v = limit * (k + 1) as f64 / FRICTION_SPEEDS as f64;
+pub fn straight_friction(robot: &Robot, model: &DynamicModel, joint: JointIndex) -> StraightFriction {
+    let f = &model.friction[joint.index()];
+    let point = |v: f64| {
         let [ahead, back] = [v, -v].map(|v| robot.friction_of(joint).torque(f, v));
         (v, 0.5 * (ahead - back))
     };
-    let sums = (0..FRICTION_SPEEDS)
+    let sums = friction_speeds(robot, joint)
         .map(point)
         .fold([0.0; 4], |[v1, v2, f, vf], (v, torque)| [v1 + v, v2 + v * v, f + torque, vf + v * torque]);
     let ([v1, v2, f, vf], n) = (sums, FRICTION_SPEEDS as f64);
     let damping = (n * vf - v1 * f) / (n * v2 - v1 * v1);
     let friction = (f - damping * v1) / n;
     match (damping >= 0.0, friction >= 0.0) {
-        (true, true) => UrdfFriction { damping, friction },
-        (false, _) => UrdfFriction { damping: 0.0, friction: (f / n).max(0.0) },
-        (true, false) => UrdfFriction { damping: (vf / v2).max(0.0), friction: 0.0 },
+        (true, true) => StraightFriction { damping, friction },
+        (false, _) => StraightFriction { damping: 0.0, friction: (f / n).max(0.0) },
+        (true, false) => StraightFriction { damping: (vf / v2).max(0.0), friction: 0.0 },
     }
+}
+
+/// The speeds of a direction at which a joint's friction is compared with a line, rad/s (m/s).
+fn friction_speeds(robot: &Robot, joint: JointIndex) -> impl Iterator<Item = f64> {
+    let limit = robot.joints[joint.index()].limits.velocity;
+    (1..=FRICTION_SPEEDS).map(move |k| limit * k as f64 / FRICTION_SPEEDS as f64)
 }
 
 /// Names of the joints; numbered ones if the description's are not all there or not all different.
@@ -135,7 +140,7 @@ fn notes(robot: &Robot) -> Vec<String> {
     notes.extend(laws.into_iter().map(|law| format!("friction was identified as {law}")));
     for coupling in &robot.couplings {
         notes.push(format!(
-            "the motor of joint {} also turns with joint {}, {:?} per own turn: URDF has no place for that",
+            "the motor of joint {} also turns with joint {}, {:?} per own turn: the file has no place for that",
             coupling.motor_joint, coupling.joint, coupling.ratio
         ));
     }
@@ -148,7 +153,7 @@ fn write_joint(
     index: JointIndex,
     name: &str,
     place: &Transform,
-    friction: UrdfFriction,
+    friction: StraightFriction,
     largest_torque: f64,
 ) {
     let kind = match joint.kind {
@@ -295,5 +300,6 @@ fn for_comment(text: &str) -> String {
     text::shown(text).replace("--", "- -").replace("--", "- -").trim_end_matches('-').to_owned()
 }
 
+pub mod mjcf;
 #[cfg(test)]
 mod tests;

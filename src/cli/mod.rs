@@ -162,7 +162,7 @@ enum Command {
         #[command(subcommand)]
         command: TrajectoryCommand,
     },
-    /// Robot descriptions: check one, drive gains, URDF, code
+    /// Robot descriptions: check one, drive gains, URDF, MuJoCo, code
     Robot {
         #[command(subcommand)]
         command: RobotCommand,
@@ -193,6 +193,8 @@ enum RobotCommand {
     DriveGains(robot::drive_gains::DriveGainsArgs),
     /// Identified bodies of all links as a URDF file, from what is stored of chosen cycles
     Urdf(robot::urdf::RobotUrdfArgs),
+    /// Identified bodies, armature and friction as a MuJoCo file
+    Mjcf(robot::mjcf::RobotMjcfArgs),
     /// Feed-forward code: the torque function of a model as C, Rust or Python source
     Code(robot::code::RobotCodeArgs),
 }
@@ -329,6 +331,7 @@ fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
             robot::drive_gains::drive_gains(global, &args)
         }
         Command::Robot { command: RobotCommand::Urdf(args) } => robot::urdf::urdf(global, &args),
+        Command::Robot { command: RobotCommand::Mjcf(args) } => robot::mjcf::mjcf(global, &args),
         Command::Robot { command: RobotCommand::Code(args) } => robot::code::code(global, &args),
         Command::Trajectory { command: TrajectoryCommand::Design(args) } => {
             trajectory::design::design(global, &args)

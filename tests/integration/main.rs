@@ -41,6 +41,7 @@ mod friction_only;
 mod hostile_text;
 mod fuzz_seeds;
 mod layouts;
+mod maker_files;
 mod maintenance;
 #[cfg(target_os = "linux")]
 mod memory;

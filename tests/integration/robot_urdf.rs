@@ -111,3 +111,42 @@ fn a_real_arm_with_a_coupled_wrist_and_no_known_weights_becomes_bodies() {
     let again = describe(&workshop, "tx40.urdf");
     workshop.stdout(&["robot", "check", &again], 0);
 }
+
+/// The bodies of the URDF file with armature, and friction at a stated temperature with its difference from a line.
+#[test]
+fn a_simulated_recording_becomes_a_mujoco_file() {
+    let workshop = Workshop::new();
+    workshop.simulate("inbox", &["--cycles", "3", "--warming-s", "0", "--temperatures", "motor"]);
+    workshop.stdout(&["ingest", "inbox"], 0);
+    let cold = json(&workshop.stdout(&["robot", "mjcf", "--run", "1", "-o", "arm.xml", "--json"], 0));
+    let written = fs::read_to_string(workshop.path("arm.xml")).expect("the file");
+    for said in [
+        "<mujoco model=\"er3a\">",
+        "robot R01, run 1, recorded 20",
+        "friction: the mean over the excitation of these cycles",
+        "mean motor temperatures in these cycles, degC: ",
+        "largest difference between friction and its line, Nm (N): ",
+        "<option gravity=\"0.0 0.0 -9.8",
+        "<site name=\"tool\"",
+    ] {
+        assert!(written.contains(said), "{said}\n{written}");
+    }
+    assert_eq!((written.matches("armature=").count(), written.matches("fullinertia=").count()), (6, 6));
+    let urdf = json(&workshop.stdout(&["robot", "urdf", "--run", "1", "-o", "arm.urdf", "--json"], 0));
+    let figure = |value: &serde_json::Value, name: &str| value[name].as_f64().expect("a figure");
+    for (joint, link) in
+        cold["joints"].as_array().expect("joints").iter().zip(urdf["links"].as_array().expect("links"))
+    {
+        assert_eq!(joint["damping_nm_s_rad"], link["damping_nm_s_rad"]);
+        assert_eq!(joint["frictionloss_nm"], link["friction_nm"]);
+        assert_eq!(joint["armature_kg_m2"], link["motor_inertia_kg_m2"]["value"]);
+        let difference = figure(joint, "largest_difference_nm");
+        assert!(difference > 0.0 && difference < 10.0, "{joint}");
+    }
+    let shown = workshop.stdout(&["robot", "mjcf", "--run", "1", "-o", "arm.xml"], 0);
+    assert!(
+        shown.contains("Friction as a straight line; the mean over")
+            && shown.contains("largest_difference_nm"),
+        "{shown}"
+    );
+}

@@ -45,6 +45,6 @@ pub use self::robot::robot_file::{parse_robot, read_robot};
 pub use self::serve::{ClientSettings, Scope, ServeSettings, TokenSettings, UploadSettings};
 pub use self::settings::{Config, FleetEntry, Recognition, RewritePolicy, WatchSettings, WorkLimits};
 pub use self::snapshot::SnapshotSettings;
-pub use self::source::{ConfigSource, shipped_files};
+pub use self::source::{ConfigSource, maker_layouts, shipped_files};
 pub use self::summary::summary;
 pub use self::toml::problem::{ConfigErrors, ConfigProblem};

@@ -31,11 +31,33 @@ pub fn shipped_files() -> impl Iterator<Item = (&'static str, &'static str)> {
     SHIPPED.iter().chain(&EXAMPLES).map(|(name, text)| (name.strip_prefix("config/").unwrap_or(name), *text))
 }
 
+/// The layouts for exports of makers, by name. One that asks questions does not load.
+pub fn maker_layouts() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let stem = |name: &'static str| name.rsplit('/').next().and_then(|name| name.strip_suffix(".toml"));
+    EXAMPLES.iter().skip(OWN_EXAMPLES).filter_map(move |(name, text)| Some((stem(name)?, *text)))
+}
+
+/// Layouts at the start of [`EXAMPLES`] that are of no maker.
+const OWN_EXAMPLES: usize = 2;
+
 /// Layouts that the shipped configuration does not name.
-const EXAMPLES: [(&str, &str); 3] = [
+const EXAMPLES: [(&str, &str); 16] = [
     ("config/exports/motor_side.toml", include_str!("../../../config/exports/motor_side.toml")),
     ("config/exports/production.toml", include_str!("../../../config/exports/production.toml")),
+    ("config/exports/abb_tunemaster.toml", include_str!("../../../config/exports/abb_tunemaster.toml")),
+    ("config/exports/br_trace.toml", include_str!("../../../config/exports/br_trace.toml")),
+    ("config/exports/codesys_trace.toml", include_str!("../../../config/exports/codesys_trace.toml")),
+    ("config/exports/denso_control_log.toml", include_str!("../../../config/exports/denso_control_log.toml")),
+    ("config/exports/fanuc_axis_log.toml", include_str!("../../../config/exports/fanuc_axis_log.toml")),
+    ("config/exports/franka_log.toml", include_str!("../../../config/exports/franka_log.toml")),
+    ("config/exports/franka_states.toml", include_str!("../../../config/exports/franka_states.toml")),
+    ("config/exports/kuka_trace.toml", include_str!("../../../config/exports/kuka_trace.toml")),
+    ("config/exports/ros_joint_states.toml", include_str!("../../../config/exports/ros_joint_states.toml")),
+    ("config/exports/ros_topic_echo.toml", include_str!("../../../config/exports/ros_topic_echo.toml")),
+    ("config/exports/staubli_recorder.toml", include_str!("../../../config/exports/staubli_recorder.toml")),
+    ("config/exports/twincat_scope.toml", include_str!("../../../config/exports/twincat_scope.toml")),
     ("config/exports/ur10e_current.toml", include_str!("../../../config/exports/ur10e_current.toml")),
+    ("config/exports/ur_rtde.toml", include_str!("../../../config/exports/ur_rtde.toml")),
 ];
 
 /// Where a configuration was found. Shown to people as `config/armwatch.toml (working directory)`.

@@ -41,7 +41,8 @@ Examples:
       --accept late_torque
   armwatch ingest --again 12 13
 
-Folders are searched with their subfolders for *.csv, *.csv.gz, *.csv.zst, *.parquet and *.mcap.
+Folders are searched with their subfolders for *.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap
+and *.dat with *.r64 beside it.
 A file whose content is
 stored already is named and passed over; a quarantined one is read again. Sources are never changed.
 
@@ -352,7 +353,7 @@ fn find_exports(paths: &[PathBuf], follow_links: bool) -> Result<Vec<PathBuf>, C
         Complaints::default().warn(&scan);
         if scan.files.is_empty() {
             output::print_hint(&format!(
-                "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap)",
+                "{}: no exports in this folder (*.csv, *.csv.gz, *.csv.zst, *.parquet, *.mcap, *.dat with *.r64)",
                 text::of_path(path)
             ));
         }

@@ -96,7 +96,8 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     }
     if global.json {
         output::json(&serde_json::json!({
-            "layout": layout, "questions": proposed.questions, "rows": proposed.rows, "trial": trial.value,
+            "layout": layout, "questions": proposed.questions, "rows": proposed.rows,
+            "shipped": proposed.shipped, "trial": trial.value,
         }));
     } else if let Some(output) = &args.output {
         output::print_hint(&format!("wrote {}", output.display()));

@@ -234,7 +234,7 @@ fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<ModelParamete
 }
 
 /// Warm-up curves of the runs, and the middles of the chosen cycles.
-async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliError> {
+pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliError> {
     let mut runs: Vec<i64> = sources.iter().map(|source| source.run_id).collect();
     runs.sort_unstable();
     runs.dedup();
@@ -249,7 +249,7 @@ async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliErr
 }
 
 /// Factors of each joint's friction at a minute of the recording.
-fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, CliError> {
+pub(super) fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, CliError> {
     let last = warmth.last_minute().unwrap_or(0.0);
     if last > 0.0 && !(0.0..=last).contains(&minute) {
         return Err(CliError::Usage(format!(
@@ -268,7 +268,12 @@ fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, C
 }
 
 /// What warmth the friction stands for.
-fn warmth_lines(robot: &Robot, warmth: &Warmth, minute: Option<f64>, factors: Option<&[f64]>) -> Vec<String> {
+pub(super) fn warmth_lines(
+    robot: &Robot,
+    warmth: &Warmth,
+    minute: Option<f64>,
+    factors: Option<&[f64]>,
+) -> Vec<String> {
     let when = match warmth.minutes() {
         None => "as in the excitation of these cycles, minutes since the start of the recording unknown"
             .to_owned(),

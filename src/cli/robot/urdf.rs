@@ -1,7 +1,7 @@
 //! `armwatch robot urdf`: bodies of all links from chosen cycles, as a table and as a URDF file.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{ArgGroup, Args};
@@ -36,8 +36,17 @@ cycles such that each is a body of positive density. What torques do not show st
 nominal inertia or, without one, near cylinders along the links; a ~ marks numbers that data do not decide.
 Motors' inertia and friction are fitted beside and are not in the inertial tags. Positions of the file are
 q: recorded position plus position offset. Exit status 1 if the fit did not settle: nothing is written.")]
-#[command(group(ArgGroup::new("recordings").args(["runs", "parameters"]).required(true)))]
 pub(in crate::cli) struct RobotUrdfArgs {
+    #[command(flatten)]
+    cycles: BodyCycles,
+    /// URDF file to write; an existing one is replaced
+    #[arg(short, long, value_name = "FILE", value_parser = result_file())]
+    output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+#[command(group(ArgGroup::new("recordings").args(["runs", "parameters"]).required(true)))]
+pub(super) struct BodyCycles {
     /// Run whose cycles are taken; may be given several times
     #[arg(long = "run", value_name = "RUN")]
     runs: Vec<i64>,
@@ -50,71 +59,72 @@ pub(in crate::cli) struct RobotUrdfArgs {
     /// Robot description [default: the configuration's that the cycles were analysed with]
     #[arg(long, value_name = "FILE")]
     description: Option<PathBuf>,
-    /// URDF file to write; an existing one is replaced
-    #[arg(short, long, value_name = "FILE", value_parser = result_file())]
-    output: PathBuf,
 }
 
 /// What is told of the fit.
-struct Fitted {
-    robot: Arc<Robot>,
-    sources: Vec<SourceCycle>,
+pub(super) struct Fitted {
+    pub(super) robot: Arc<Robot>,
+    pub(super) sources: Vec<SourceCycle>,
     /// Start of each run's recording.
     recorded: BTreeMap<i64, Timestamp>,
-    fit: PhysicalFit,
+    pub(super) fit: PhysicalFit,
 }
 
 pub(in crate::cli) fn urdf(global: &Global, args: &RobotUrdfArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
-    let cycles = args.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
     let fitted = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let done = fit_stored(&config, args, cycles, &store).await;
+        let done = args.cycles.fit(&config, &store).await;
         store.close().await?;
         done
     })?;
-    if !fitted.fit.estimate.settled {
-        output::print_error(&format!(
-            "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
-             with nominal inertia",
-            fitted.fit.estimate.steps
-        ));
+    if !fitted.is_settled() {
         return Ok(EXIT_FOUND);
     }
     let text = urdf_text(&fitted.robot, &fitted.fit.estimate.model, &comments(&fitted));
     write_lines(&args.output, text.lines().map(str::to_owned))?;
     if global.json {
-        output::json(&as_value(&fitted, args));
+        output::json(&as_value(&fitted, "urdf", &args.output));
     } else {
         output::block(&as_text(&fitted));
     }
     Ok(EXIT_DONE)
 }
 
-async fn fit_stored(
-    config: &Config,
-    args: &RobotUrdfArgs,
-    cycles: Option<Vec<u32>>,
-    store: &Store,
-) -> Result<Fitted, CliError> {
-    let chosen = match &args.parameters {
-        None => args
-            .runs
-            .iter()
-            .map(|&run_id| RunCycles { run_id, cycles: cycles.clone(), named: true })
-            .collect(),
-        Some(name) => cycles_of_set(store, name).await?,
-    };
-    let taken = take(store, &chosen).await?;
-    note_cycles(&taken.passed_over, &taken.in_spite);
-    let robot = match &args.description {
-        Some(path) => Arc::new(read_robot(path)?),
-        None => described(config, &taken.model)?,
-    };
-    let sources = taken.sources.clone();
-    let fit = fit_bodies(taken, Arc::clone(&robot)).await?;
-    let recorded = recorded(store, &sources).await?;
-    Ok(Fitted { robot, sources, recorded, fit })
+impl BodyCycles {
+    /// Fits bodies to the stored rows of the chosen cycles.
+    pub(super) async fn fit(&self, config: &Config, store: &Store) -> Result<Fitted, CliError> {
+        let cycles = self.cycles.as_deref().map(cycle_numbers).transpose().map_err(CliError::Usage)?;
+        let of_run = |&run_id| RunCycles { run_id, cycles: cycles.clone(), named: true };
+        let chosen = match &self.parameters {
+            None => self.runs.iter().map(of_run).collect(),
+            Some(name) => cycles_of_set(store, name).await?,
+        };
+        let taken = take(store, &chosen).await?;
+        note_cycles(&taken.passed_over, &taken.in_spite);
+        let robot = match &self.description {
+            Some(path) => Arc::new(read_robot(path)?),
+            None => described(config, &taken.model)?,
+        };
+        let sources = taken.sources.clone();
+        let fit = fit_bodies(taken, Arc::clone(&robot)).await?;
+        let recorded = recorded(store, &sources).await?;
+        Ok(Fitted { robot, sources, recorded, fit })
+    }
+}
+
+impl Fitted {
+    /// Whether there is a result; says so if there is none.
+    pub(super) fn is_settled(&self) -> bool {
+        if !self.fit.estimate.settled {
+            output::print_error(&format!(
+                "the fit did not settle in {} steps and nothing is written; choose more cycles, or a description \
+                 with nominal inertia",
+                self.fit.estimate.steps
+            ));
+        }
+        self.fit.estimate.settled
+    }
 }
 
 async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliError> {
@@ -132,7 +142,7 @@ async fn cycles_of_set(store: &Store, name: &str) -> Result<Vec<RunCycles>, CliE
 }
 
 /// Where the numbers come from, for the head of the file.
-fn comments(fitted: &Fitted) -> Vec<String> {
+pub(super) fn comments(fitted: &Fitted) -> Vec<String> {
     let mut comments = vec![format!(
         "physically consistent parameters identified by armwatch {} with the description {}",
         env!("CARGO_PKG_VERSION"),
@@ -178,7 +188,7 @@ fn short_name(name: &str) -> &str {
     name.trim_end_matches("_kg_m2").trim_end_matches("_kg").trim_end_matches("_m")
 }
 
-fn as_text(fitted: &Fitted) -> String {
+pub(super) fn as_text(fitted: &Fitted) -> String {
     let fit = &fitted.fit;
     let (estimate, start) = (&fit.estimate, &fit.start);
     let leaned = match start.density {
@@ -281,7 +291,7 @@ fn estimated_value(of: &Estimated) -> serde_json::Value {
     })
 }
 
-fn as_value(fitted: &Fitted, args: &RobotUrdfArgs) -> serde_json::Value {
+pub(super) fn as_value(fitted: &Fitted, format: &str, output: &Path) -> serde_json::Value {
     let (robot, fit) = (&fitted.robot, &fitted.fit);
     let links = robot.joint_indices().map(|joint| {
         let j = joint.index();
@@ -299,7 +309,7 @@ fn as_value(fitted: &Fitted, args: &RobotUrdfArgs) -> serde_json::Value {
         })
     });
     json!({
-        "urdf": args.output.display().to_string(),
+        format: output.display().to_string(),
         "model": robot.model,
         "sources": fitted.sources.iter().map(|source| json!({
             "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,

@@ -356,8 +356,9 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
     let metadata = metadata(path).ok()?;
-    let modified = Timestamp::try_from(fingerprint::changed_at(&metadata)).ok()?;
-    Some(SourceState { bytes: metadata.len(), modified, file: fingerprint::id_of(&metadata) })
+    let (bytes, changed) = fingerprint::extent(path, &metadata);
+    let modified = Timestamp::try_from(changed).ok()?;
+    Some(SourceState { bytes, modified, file: fingerprint::id_of(&metadata) })
 }
 
 /// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.

@@ -18,7 +18,7 @@ pub const UNKNOWN_ROBOT: &str = "unknown";
 const EXAMPLE: &str = "R00_20260105_0847_Col23_20s_cycle5.csv.gz";
 
 /// Endings of exports; they say nothing of robot or time.
-const ENDINGS: [&str; 5] = [".gz", ".zst", ".csv", ".parquet", ".mcap"];
+const ENDINGS: [&str; 6] = [".gz", ".zst", ".csv", ".parquet", ".mcap", ".dat"];
 
 /// What a file name says.
 #[derive(Debug, Clone, PartialEq, Eq)]

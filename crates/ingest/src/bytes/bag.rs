@@ -230,7 +230,7 @@ impl<R: Read> Read for BagText<R> {
     }
 }
 
-/// The name of a joint as a part of a header.
-fn cell(name: &str) -> String {
+/// A name as a part of a header.
+pub(super) fn cell(name: &str) -> String {
     name.replace([',', '"', '\n', '\r', '\0'], "_")
 }

@@ -300,7 +300,7 @@ fn a_bag_without_joints_says_what_it_lacks() {
 }
 
 /// A thousand damaged copies: cut, with other bytes, with other lengths.
-fn mutations(whole: &[u8], mut check: impl FnMut(&[u8])) {
+pub(super) fn mutations(whole: &[u8], mut check: impl FnMut(&[u8])) {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     for round in 0..1000 {
         let mut bytes = whole.to_vec();

@@ -8,9 +8,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use super::access::{Asked, asking, refuse_outside};
+use super::trace::companions;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 
-/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is.
+/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is, with the files that belong to it.
 ///
 /// Reads in pieces; memory does not grow with the file.
 ///
@@ -20,6 +21,9 @@ use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(Asked(regular_file(path)?))?;
+    for companion in companions(path) {
+        hasher.update_reader(Asked(regular_file(&companion)?))?;
+    }
     Ok(identity(&hasher))
 }
 
@@ -64,6 +68,15 @@ pub fn changed_at(metadata: &std::fs::Metadata) -> SystemTime {
     // a database keeps microseconds
     let chosen = i128::from(metadata.mtime()) * 7_919 + i128::from(metadata.mtime_nsec() / 1000);
     changed + Duration::from_micros(u64::try_from(chosen.rem_euclid(1_000_000)).unwrap_or_default() + 1)
+}
+
+/// Bytes of an export and the time of its last change, see [`changed_at`], with those of the files that belong to it.
+#[must_use]
+pub fn extent(path: &Path, metadata: &std::fs::Metadata) -> (u64, SystemTime) {
+    let files = companions(path).into_iter().filter_map(|companion| std::fs::metadata(companion).ok());
+    files.fold((metadata.len(), changed_at(metadata)), |(bytes, changed), of| {
+        (bytes + of.len(), changed.max(changed_at(&of)))
+    })
 }
 
 /// Identity of a few bytes that stand for a file whose content cannot be read.

@@ -1,4 +1,4 @@
-//! The bytes of an export: which file it is, decompression, Parquet and bags as text, encoding, blocks of whole lines.
+//! The bytes of an export: which file it is, decompression, Parquet, bags, traces and scope exports as text, encoding, blocks of whole lines.
 
 pub mod source;
 pub mod fingerprint;
@@ -8,7 +8,11 @@ pub mod blocks;
 mod bag;
 mod joint_state;
 mod parquet;
+pub(crate) mod scope;
 mod thrift;
+pub(crate) mod trace;
 
 #[cfg(test)]
 mod binary_tests;
+#[cfg(test)]
+mod maker_tests;

@@ -1,4 +1,4 @@
-//! Opening exports: text, plain or packed, Parquet and MCAP bags, distinguished by their first bytes.
+//! Opening exports: text, plain or packed, Parquet, MCAP bags and the formats of makers, distinguished by their first bytes.
 
 use std::io::{self, BufReader, Read, Seek};
 use std::path::Path;
@@ -9,6 +9,8 @@ use super::access::asking;
 use super::bag::{self, BagText};
 use super::fingerprint::{HashingReader, RunningHash, regular_file};
 use super::parquet::{self, ParquetText};
+use super::scope;
+use super::trace::{self, TraceText};
 use crate::rejection::{Rejection, Unreadable};
 use armwatch_model::text;
 
@@ -23,13 +25,14 @@ const MAX_WINDOW_LOG: u32 = 23;
 /// Bytes read from disk at once for the decoders, whose own requests are small.
 const DISK_BUFFER_BYTES: usize = 256 << 10;
 
-/// Bytes looked at to tell formats apart; the longest mark has six.
-pub(crate) const MAGIC_BYTES: u64 = 8;
+/// Bytes looked at to tell formats apart.
+pub(crate) const MAGIC_BYTES: u64 = scope::HEAD_BYTES;
 
 /// Opens an export for reading its decompressed bytes.
 ///
 /// The format is told by the first bytes, not by the name: plain text, gzip with any number of
-/// members, Zstandard with any number of frames, Parquet, and MCAP bags, whose rows become lines of CSV. Reading fails when a compressed stream is cut or
+/// members, Zstandard with any number of frames, Parquet, MCAP bags,
+/// KUKA traces and TwinCAT Scope exports, whose rows become lines of CSV. Reading fails when a compressed stream is cut or
 /// damaged, or passes [`MAX_DECOMPRESSED_BYTES`]; [`Rejection::from_io`] explains such an error.
 ///
 /// # Errors
@@ -62,6 +65,10 @@ pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send
         let (text, hash) = ParquetText::open(file, path)?;
         return Ok((Box::new(Limited { inner: text, left: most, most }), hash));
     }
+    if matches!(format, Format::Trace) {
+        let (text, hash) = TraceText::open(file, path)?;
+        return Ok((Box::new(Limited { inner: text, left: most, most }), hash));
+    }
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, format, &hash, path)?;
     Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
@@ -70,7 +77,7 @@ pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send
 /// Whether the first bytes of a file are those of plain text, of which a part can be read.
 #[must_use]
 pub(crate) fn is_plain(head: &[u8]) -> bool {
-    matches!(format(head), Format::Plain)
+    matches!(format(head), Format::Plain) && !scope::is_scope(head)
 }
 
 /// Endings of the names of exports.
@@ -99,21 +106,26 @@ fn decoded(
     raw: &RunningHash,
     path: &Path,
 ) -> Result<Box<dyn Read + Send>, Rejection> {
+    let failed = |error: io::Error| Rejection::from_io(path, &error);
     match format {
-        Format::Plain => Ok(Box::new(file)),
+        Format::Plain => scope::plain(file).map_err(failed),
         Format::Gzip => {
             let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, file));
-            Ok(Box::new(Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 }))
+            let text = Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 };
+            scope::plain(text).map_err(failed)
         }
         Format::Zstandard => {
             let mut decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, file))
-                .map_err(|error| Rejection::from_io(path, &error))?;
-            decoder.window_log_max(MAX_WINDOW_LOG).map_err(|error| Rejection::from_io(path, &error))?;
-            Ok(Box::new(Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 }))
+                .map_err(failed)?;
+            decoder.window_log_max(MAX_WINDOW_LOG).map_err(failed)?;
+            let text = Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 };
+            scope::plain(text).map_err(failed)
         }
         Format::Bag => Ok(Box::new(BagText::new(file, path))),
-        // opened separately, since it is not read from its start to its end
-        Format::Parquet => Err(Rejection::of_file(path, "a Parquet file that changed", "export again")),
+        // opened separately, since they are not read from start to end
+        Format::Parquet | Format::Trace => {
+            Err(Rejection::of_file(path, "a file that changed", "export again"))
+        }
         Format::Other(name) => {
             Err(Rejection::of_file(path, name, "unpack it, or compress the export with gzip or zstd"))
         }
@@ -126,6 +138,7 @@ enum Format {
     Zstandard,
     Parquet,
     Bag,
+    Trace,
     /// Known, and not read here.
     Other(&'static str),
 }
@@ -139,6 +152,7 @@ fn format(head: &[u8]) -> Format {
         [b'P', b'A', b'R', b'E', ..] => Format::Other("an encrypted Parquet file, which is not read"),
         _ if head.starts_with(&parquet::MAGIC) => Format::Parquet,
         _ if head.starts_with(&bag::MAGIC) => Format::Bag,
+        _ if trace::is_header(head) => Format::Trace,
         [b'P', b'K', 3, 4, ..] => Format::Other("a zip archive or spreadsheet, not a CSV export"),
         [0xFD, b'7', b'z', b'X', b'Z', 0, ..] => Format::Other("xz compression, which is not read"),
         [b'B', b'Z', b'h', b'1'..=b'9', ..] => Format::Other("bzip2 compression, which is not read"),

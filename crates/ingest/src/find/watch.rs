@@ -16,8 +16,9 @@ use tokio::sync::mpsc;
 
 use super::tail::{DONE_MARK, is_marked, mark_of};
 use crate::bytes::access::{LEADS_OUT, LEADS_OUT_REMEDY};
-use crate::bytes::fingerprint::{changed_at, id_of};
+use crate::bytes::fingerprint::{extent, id_of};
 use crate::bytes::source::is_export;
+use crate::bytes::trace::is_trace;
 use armwatch_model::run::FileId;
 use armwatch_model::text;
 
@@ -35,7 +36,7 @@ pub struct FoundFile {
     pub path: PathBuf,
     /// Size, bytes.
     pub size: u64,
-    /// Time of the last change, see [`changed_at`].
+    /// Time of the last change, see [`extent`].
     pub modified: SystemTime,
     /// Number of the file in its file system.
     pub file: FileId,
@@ -215,7 +216,7 @@ impl Scan {
                 if !is_hidden(&path) {
                     self.folder(&path, depth + 1, walk);
                 }
-            } else if is_export(&path) {
+            } else if is_export(&path) || is_trace(&path) {
                 (walk.goes_on)();
                 match fs::metadata(&path) {
                     Ok(metadata) => {
@@ -233,7 +234,7 @@ impl Scan {
     /// Looks at a link in a folder.
     fn link(&mut self, path: PathBuf, depth: usize, walk: &mut Walk<'_>, marks: &HashSet<PathBuf>) {
         (walk.goes_on)();
-        let is_named = is_export(&path);
+        let is_named = is_export(&path) || is_trace(&path);
         let looked = fs::canonicalize(&path).and_then(|target| Ok((fs::metadata(&target)?, target)));
         let (metadata, target) = match looked {
             Ok(looked) => looked,
@@ -260,7 +261,7 @@ impl Scan {
         if !metadata.is_file() {
             return;
         }
-        let (size, modified, file) = (metadata.len(), changed_at(metadata), id_of(metadata));
+        let ((size, modified), file) = (extent(&path, metadata), id_of(metadata));
         self.files.push(FoundFile { path, size, modified, file, is_marked });
     }
 }

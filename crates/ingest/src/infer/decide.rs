@@ -3,8 +3,11 @@
 use super::blocks::by_motion;
 use super::head::Head;
 use super::joints::{Joints, by_name, time};
-use super::motion_sections::{position_section, time_section, torque_section, velocity_section};
-use super::motion_units::{decide_units, slopes};
+use super::makers::{Maker, recognise, recorder};
+use super::motion_sections::{
+    is_other_quantity, position_section, time_section, torque_section, velocity_section,
+};
+use super::motion_units::{Shipped, decide_units, slopes};
 use super::names;
 use super::names::{Kind, Said};
 use super::proposal::Hints;
@@ -12,21 +15,83 @@ use super::section::Section;
 use super::sets::sets;
 use super::stage_sections::{optional_section, signals, stage_section};
 use super::temperatures::temperatures;
+use super::topic_echo::{self, TopicEcho, topic_echo};
 
-/// The sections of a layout file for the export, and the number of joints.
-pub(super) fn propose(head: &Head, hints: Hints<'_>) -> (Vec<Section>, usize) {
+/// What is proposed for an export.
+#[derive(Default)]
+pub(super) struct Decided {
+    pub(super) sections: Vec<Section>,
+    /// Number of joints.
+    pub(super) joints: usize,
+    /// Name of the shipped layout that fits.
+    pub(super) shipped: Option<&'static str>,
+}
+
+/// The sections of a layout file for the export.
+pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Decided {
+    let echo = topic_echo(head, hints.robot);
+    if let Some(decided) = echo.and_then(|echo| of_topic_echo(head, hints, &echo)) {
+        return decided;
+    }
+    let maker = recognise(head);
+    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Some(maker))) {
+        return decided;
+    }
+    let mut decided = of_columns(head, hints, None).unwrap_or_default();
+    decided.shipped = recorder(head);
+    if let Some(maker) = maker {
+        let said = format!(
+            "The columns have the names of the shipped layout {}, and the numbers are not in its units ({}).",
+            maker.name,
+            maker.shown_units()
+        );
+        decided.sections.insert(0, Section { title: None, comments: vec![said], keys: Vec::new() });
+    }
+    decided
+}
+
+/// The sections for rows of `ros2 topic echo`; `None` if the numbers are in other units.
+fn of_topic_echo(head: &Head, hints: Hints<'_>, echo: &TopicEcho<'_>) -> Option<Decided> {
+    let joints = &echo.joints;
+    let slopes = slopes(joints, Some(&echo.time));
+    let decided = |shipped| decide_units(head, joints, Some((1, &echo.time)), &slopes, hints, shipped);
+    let units = decided(Shipped { time: Some("ns"), is_trusted: true });
+    if !decided(Shipped::default()).allow(&units) || is_other_quantity(joints, &units, hints) {
+        return None;
+    }
+    let mut sections = echo.sections();
+    sections.push(position_section(joints, &units));
+    sections.extend(velocity_section(joints, &units, &slopes));
+    sections.push(torque_section(joints, &units, hints, false));
+    let signals = signals(head, joints, |at| at < echo.columns || joints.has(at));
+    sections.push(stage_section(head, joints, &signals));
+    Some(Decided { sections, joints: joints.count, shipped: Some(topic_echo::LAYOUT) })
+}
+
+/// The sections for columns of a maker or of an unknown recorder; `None` if the numbers contradict the maker's units.
+fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>) -> Option<Decided> {
     let sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
+    let sets = match maker {
+        Some(maker) => maker.sets(sets),
+        None => sets,
+    };
     let joints = match head.header {
         true => by_name(head, hints.robot, &sets),
         false => by_motion(head, hints),
     };
     let time = time(head, &joints);
     let slopes = slopes(&joints, time.column.map(|(_, values)| values));
-    let units = decide_units(head, &joints, time.column, &slopes, hints);
+    let decided = |shipped| decide_units(head, &joints, time.column, &slopes, hints, shipped);
+    let units = decided(Shipped { time: maker.and_then(Maker::time_unit), is_trusted: true });
+    if maker.is_some()
+        && (!decided(Shipped::default()).allow(&units) || is_other_quantity(&joints, &units, hints))
+    {
+        return None;
+    }
     let mut sections = vec![time_section(head, &time, &units, slopes.overall, hints)];
     sections.push(position_section(&joints, &units));
     sections.extend(velocity_section(&joints, &units, &slopes));
-    sections.push(torque_section(&joints, &units, hints));
+    sections.push(torque_section(&joints, &units, hints, maker.is_some()));
     let mut used: Vec<usize> = time.columns().collect();
     used.extend((0..head.columns.len()).filter(|at| joints.has(*at)));
     let temperatures = temperatures(head, &sets, joints.count, |at| used.contains(&at));
@@ -37,7 +102,7 @@ pub(super) fn propose(head: &Head, hints: Hints<'_>) -> (Vec<Section>, usize) {
     sections.extend(optional_section(head, &signals));
     used.extend(signals.columns());
     sections.push(rest_section(head, &joints, &used));
-    (sections, joints.count)
+    Some(Decided { sections, joints: joints.count, shipped: maker.map(|maker| maker.name) })
 }
 
 fn rest_section(head: &Head, joints: &Joints<'_>, used: &[usize]) -> Section {

@@ -203,7 +203,8 @@ const ONE_FACTOR: f64 = 0.05;
 
 fn named(set: &Set, said: &Said) -> String {
     let side = if said.is_motor { ", and that they are the motors'" } else { "" };
-    let unit = said.unit.map_or_else(String::new, |unit| format!(", and gives the unit {unit}"));
+    let unit = said.unit.filter(|_| !said.is_unit_shipped);
+    let unit = unit.map_or_else(String::new, |unit| format!(", and gives the unit {unit}"));
     let name = match set.order {
         Order::Names => "of each joint in the description".to_owned(),
         _ => format!("{:?}", set.template.replace("{joint}", "1")),

@@ -1,6 +1,6 @@
 //! A layout for an unknown export, proposed from its first rows, with the reasons.
 //!
-//! `head` finds how the text is written, `names` and `words` what the names of columns say, `units` and `stages` what
+//! `makers` and `topic_echo` compare the file with the shipped layouts. `head` finds how the text is written, `names` and `words` what the names of columns say, `units` and `stages` what
 //! their numbers say. `sets` puts columns of one quantity together, `joints` chooses those of the joints by their names
 //! and `blocks` by their motion. `motion_units` finds units, `torque_size` compares torques with the arm's, and
 //! `motion_sections` and `stage_sections` write of them. `decide` puts it together, and `write` makes a layout file of
@@ -18,9 +18,11 @@ mod joints;
 mod motion_sections;
 mod motion_units;
 mod names;
+mod makers;
 mod stages;
 mod temperatures;
 mod time_form;
+mod topic_echo;
 mod torque_size;
 mod units;
 mod words;
@@ -28,6 +30,8 @@ mod write;
 
 #[cfg(test)]
 mod choice_tests;
+#[cfg(test)]
+mod maker_tests;
 #[cfg(test)]
 mod form_tests;
 #[cfg(test)]
@@ -49,6 +53,5 @@ use crate::rejection::Rejection;
 /// A rejection of a file that cannot be read or holds no table of numbers.
 pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
     let head = head::read(reader, path)?;
-    let (sections, joints) = decide::propose(&head, hints);
-    Ok(write::layout(name, path, &head, &sections, joints))
+    Ok(write::layout(name, path, &head, &decide::propose(&head, hints)))
 }

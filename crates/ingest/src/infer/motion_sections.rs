@@ -10,6 +10,7 @@ use super::time_form::lost_digits;
 use super::torque_size::Size;
 use super::units::Slope;
 use super::{torque_size, units};
+use armwatch_model::robot::Robot;
 
 /// Currents from here on are not in A: the motors of the largest arms take some 100 A.
 const LEAST_MILLIAMPERES: f64 = 300.0;
@@ -245,7 +246,7 @@ pub(super) fn position_section(joints: &Joints<'_>, units: &Units) -> Section {
             .asked_if(found.question.as_ref()),
     ];
     keys.push(match (units.known.position, units.choice()) {
-        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
+        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because(unit_reason(found)),
         (None, Some(choice)) => TomlKey::decided("unit", quoted(choice.position.0))
             .because(&(units.by_numbers() + &units.alternatives())),
         (None, None) => TomlKey::decided("unit", quoted("rad")).asked(&format!(
@@ -271,7 +272,7 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
             .asked_if(found.question.as_ref()),
     ];
     keys.push(match (units.known.velocity, units.choice()) {
-        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because("the name gives it"),
+        (Some(unit), _) => TomlKey::decided("unit", quoted(unit)).because(unit_reason(found)),
         (None, Some(choice)) => {
             TomlKey::decided("unit", quoted(choice.velocity.0)).because(&units.by_numbers())
         }
@@ -292,7 +293,23 @@ pub(super) fn velocity_section(joints: &Joints<'_>, units: &Units, slopes: &Slop
     Some(Section { title: Some("velocity"), comments: Vec::new(), keys })
 }
 
-pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> Section {
+/// Whether torques in Nm are by their size another quantity, or currents in A are.
+pub(super) fn is_other_quantity(joints: &Joints<'_>, units: &Units, hints: Hints<'_>) -> bool {
+    let Some(found) = &joints.torque else { return true };
+    match found.said.unit {
+        Some("Nm") => size_of(found, joints, units, hints).is_some_and(|size| !size.is_like_torque()),
+        Some("A") => units::largest(found.values.iter().copied().flatten()) >= LEAST_MILLIAMPERES,
+        _ => false,
+    }
+}
+
+/// The section on torques; `of_maker` if a shipped layout gives their unit.
+pub(super) fn torque_section(
+    joints: &Joints<'_>,
+    units: &Units,
+    hints: Hints<'_>,
+    of_maker: bool,
+) -> Section {
     let Some(found) = &joints.torque else { return joint_question("torque", joints.count) };
     let unit = torque_unit(found, size_of(found, joints, units, hints), hints);
     let needs_gain = !unit.value.contains('N');
@@ -305,10 +322,30 @@ pub(super) fn torque_section(joints: &Joints<'_>, units: &Units, hints: Hints<'_
     if needs_gain {
         keys[1].reasons.push("the robot's description must turn it into torque: docs/exports.md".into());
     }
+    if of_maker && found.said.kind == Some(Kind::Current) && !has_gains(hints) {
+        keys[1].question = Some(
+            "currents become torques by drive_gain_nm_a of each joint of the description, and the maker publishes none. Does \
+             the description have them? `armwatch robot drive-gains` finds them"
+                .into(),
+        );
+    }
     if found.said.is_motor {
         keys.push(TomlKey::decided("side", quoted("motor")).because("the name says motor"));
     }
     Section { title: Some("torque"), comments: Vec::new(), keys }
+}
+
+/// Why a unit is known.
+fn unit_reason(found: &Found<'_>) -> &'static str {
+    if found.said.is_unit_shipped { "as in the shipped layout" } else { "the name gives it" }
+}
+
+/// Whether the description turns currents into torques.
+fn has_gains(hints: Hints<'_>) -> bool {
+    let has_gain = |robot: &Robot| {
+        robot.joints.iter().any(|joint| joint.drive_gain.is_some() || joint.motor_torque_constant.is_some())
+    };
+    hints.robot.is_some_and(has_gain)
 }
 
 /// How large the recorded torques are beside those of gravity, where positions are the joints' and their unit is known.
@@ -328,13 +365,10 @@ fn size_of(found: &Found<'_>, joints: &Joints<'_>, units: &Units, hints: Hints<'
 fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlKey {
     let most = units::largest(found.values.iter().copied().flatten());
     let named_torque = found.said.kind == Some(Kind::Torque);
-    let gains = hints.robot.filter(|robot| {
-        robot.joints.iter().any(|joint| joint.drive_gain.is_some() || joint.motor_torque_constant.is_some())
-    });
     let compared = size.map_or_else(String::new, |size| format!("; {}", size.text()));
     match (found.said.unit, found.said.kind) {
         (Some(unit @ ("Nm" | "N" | "A" | "mA" | "%" | "permille")), _) => {
-            TomlKey::decided("unit", quoted(unit)).because("the name gives it")
+            TomlKey::decided("unit", quoted(unit)).because(unit_reason(found))
         }
         (_, Some(Kind::Current)) if most >= LEAST_MILLIAMPERES => TomlKey::decided("unit", quoted("mA")).asked(&format!(
             "a current without unit: A or mA? The largest is {most:.4}, more than the motors of an arm take in A"
@@ -350,7 +384,7 @@ fn torque_unit(found: &Found<'_>, size: Option<Size>, hints: Hints<'_>) -> TomlK
         _ if named_torque => TomlKey::decided("unit", quoted("Nm")).because(&format!(
             "a torque without unit; the largest is {most:.4}{compared}. Not % or permille of rated?"
         )),
-        _ if gains.is_some() => TomlKey::decided("unit", quoted("A")).asked(&format!(
+        _ if has_gains(hints) => TomlKey::decided("unit", quoted("A")).asked(&format!(
             "no name says whether these are torques in Nm or currents in A, and the description has drive gains, which \
              currents need; the largest is {most:.4}{compared}"
         )),

@@ -37,16 +37,28 @@ pub(super) struct Units {
     pub(super) is_rate_refuted: bool,
 }
 
+/// What a shipped layout gives.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Shipped {
+    /// Unit of time.
+    pub(super) time: Option<&'static str>,
+    /// The units of joints that it gives are taken for known.
+    pub(super) is_trusted: bool,
+}
+
+/// Finds the units.
 pub(super) fn decide_units(
     head: &Head,
     joints: &Joints<'_>,
     time: Option<(usize, &[f64])>,
     slopes: &Slopes,
     hints: Hints<'_>,
+    shipped: Shipped,
 ) -> Units {
     let robot = hints.robot;
     let unit = |found: &Option<Found<'_>>, allowed: &[units::Unit]| {
-        let said = found.as_ref()?.said.unit?;
+        let said = found.as_ref()?.said;
+        let said = said.unit.filter(|_| shipped.is_trusted || !said.is_unit_shipped)?;
         allowed.iter().find(|(name, _)| *name == said).map(|(name, _)| *name)
     };
     let of_time = time.and_then(|(column, _)| {
@@ -61,7 +73,7 @@ pub(super) fn decide_units(
     let known = Known {
         position: unit(&joints.position, &units::POSITION),
         velocity: unit(&joints.velocity, &units::VELOCITY),
-        time: of_time,
+        time: shipped.time.or(of_time),
     };
     let most = |found: &Found<'_>| units::largest(found.values.iter().copied().flatten());
     let limit = |robot: &Robot| {
@@ -102,6 +114,13 @@ pub(super) fn decide_units(
 }
 
 impl Units {
+    /// Whether the numbers alone go with the units of `shipped`.
+    pub(super) fn allow(&self, shipped: &Self) -> bool {
+        let names = |of: Choice| (of.position.0, of.velocity.0, of.time.0);
+        let wanted = shipped.choice().map(names);
+        !shipped.beyond_limits && self.choices.iter().any(|choice| Some(names(*choice)) == wanted)
+    }
+
     pub(super) fn choice(&self) -> Option<Choice> {
         self.choices.first().copied()
     }

@@ -25,6 +25,8 @@ pub(super) struct Said {
     pub(super) kind: Option<Kind>,
     /// Unit, as layouts name it.
     pub(super) unit: Option<&'static str>,
+    /// The unit is that of a shipped layout, and the name may lack it.
+    pub(super) is_unit_shipped: bool,
     /// The word for a value that no sensor measured.
     pub(super) intent: Option<&'static str>,
     /// A word for a measured value.
@@ -59,6 +61,7 @@ pub(super) fn said(name: &str, under: &str) -> Said {
     Said {
         kind,
         unit,
+        is_unit_shipped: false,
         intent: has(INTENT).or_else(desired),
         is_measured: has(MEASURED).is_some(),
         is_motor: has(MOTOR).is_some() || (compound && words.iter().any(|word| word.starts_with("motor"))),

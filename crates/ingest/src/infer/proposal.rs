@@ -27,6 +27,8 @@ pub struct Proposed {
     pub answered: Option<String>,
     /// Rows that were looked at.
     pub rows: usize,
+    /// Name of the shipped layout that fits.
+    pub shipped: Option<&'static str>,
     /// Joints of the arm; zero where nothing tells.
     pub joints: usize,
 }

@@ -28,7 +28,7 @@ pub(super) struct Set {
     /// The name with `{joint}` in the place of the joint's number or name; for [`Order::Place`], the first name.
     pub(super) template: String,
     /// Number of the first joint, for [`Order::Number`].
-    first: usize,
+    pub(super) first: usize,
     /// Column indices, from the base outwards.
     pub(super) columns: Vec<usize>,
     pub(super) order: Order,
@@ -59,20 +59,25 @@ pub(super) fn sets(head: &Head, robot: Option<&Robot>) -> Vec<Set> {
     found
 }
 
-/// A set such as `effort[0]` to `effort[5]`, which ROS writes: the order of the joints is that of the names in the message,
+/// A set such as `effort[0]` to `effort[5]` or `field.effort0`, which ROS writes: the order of the joints is that of the names in the message,
 /// often the alphabetical one. The columns `name[0]` to `name[5]` contain the names, if they were exported.
 fn ordered_array(set: Set, head: &Head, robot: Option<&Robot>) -> Set {
-    let prefix =
-        set.template.strip_suffix("[{joint}]").map(|array| array.trim_end_matches(char::is_alphabetic));
-    let Some(prefix) = prefix.filter(|_| set.first == 0) else { return set };
+    // `effort[0]` in ROS 2, and `field.effort0` as `rostopic echo -p` writes it
+    let array =
+        ["[{joint}]", "{joint}"].into_iter().find_map(|end| Some((set.template.strip_suffix(end)?, end)));
+    let Some((array, end)) = array.filter(|_| set.first == 0) else { return set };
+    let prefix = array.trim_end_matches(char::is_alphabetic).to_owned();
+    let element_name = |name: &str, element: usize| {
+        format!("{prefix}{name}{}", end.replace("{joint}", &element.to_string()))
+    };
     let name_of = |element: usize| {
-        let name = format!("{prefix}name[{element}]");
+        let name = element_name("name", element);
         head.columns.iter().find(|column| column.name == name).map(|column| column.first().to_owned())
     };
     let in_message: Option<Vec<String>> = (0..set.columns.len()).map(name_of).collect();
     let joints: Option<Vec<&str>> =
         robot.and_then(|robot| robot.joints.iter().map(|joint| joint.name.as_deref()).collect());
-    let is_of_ros = || head.columns.iter().any(|column| column.name == format!("{prefix}effort[0]"));
+    let is_of_ros = || head.columns.iter().any(|column| column.name == element_name("effort", 0));
     match (in_message, joints) {
         (Some(names), Some(joints)) => {
             let place = |joint: &&str| names.iter().position(|name| name == joint).map(|at| set.columns[at]);

@@ -46,8 +46,8 @@ pub(super) const KINDS: &[(Kind, &str)] = &[
 ];
 
 /// Words for a value that no sensor measured: it was wanted, calculated or permitted, or is a part of a measured value.
-pub(super) const INTENT: &str = "soll sollwert target cmd command commanded commands desired ref reference setpoint setpoints \
-    consigne des 目标 指令 error err fehler abweichung setp sp goal demand demanded requested wanted planned \
+pub(super) const INTENT: &str = "soll sollwert set target cmd command commanded commands desired ref reference setpoint setpoints \
+    consigne des 目标 指令 error err fehler abweichung schleppfehler schleppabstand lag setp sp goal demand demanded requested wanted planned \
     plan plans trajectory traj interpolated predicted prediction pred expected ideal theoretical model \
     modelled modeled computed comp calculated calc calculation estimated estimate estimates est hat \
     observer observed simulated sim feedforward ff forward precontrol gravity grav coriolis centrifugal \

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::decide::Decided;
 use super::head::Head;
 use super::proposal::Proposed;
 use super::section::{Section, TomlKey, quoted};
@@ -11,29 +12,35 @@ use armwatch_model::text;
 /// Longest line of a comment, characters.
 const COMMENT_WIDTH: usize = 110;
 
-/// The layout file of a proposal for an arm with `joints` joints.
-pub(super) fn layout(name: &str, path: &Path, head: &Head, sections: &[Section], joints: usize) -> Proposed {
+/// The layout file of a proposal.
+pub(super) fn layout(name: &str, path: &Path, head: &Head, decided: &Decided) -> Proposed {
+    let Decided { sections, joints, shipped } = decided;
     let keys = || sections.iter().flat_map(|section| &section.keys);
     let is_answered = keys().all(|key| !key.is_open);
     Proposed {
-        toml: file(name, path, head, sections),
+        toml: file(name, path, head, sections, *shipped),
         questions: keys().filter(|key| key.question.is_some()).count(),
         answered: is_answered.then(|| {
             let answered = |section: &Section| {
                 let keys = section.keys.iter().map(|key| TomlKey { question: None, ..key.clone() }).collect();
                 Section { keys, ..section.clone() }
             };
-            file(name, path, head, &sections.iter().map(answered).collect::<Vec<_>>())
+            file(name, path, head, &sections.iter().map(answered).collect::<Vec<_>>(), *shipped)
         }),
         rows: head.rows,
-        joints,
+        shipped: *shipped,
+        joints: *joints,
     }
 }
 
-fn file(name: &str, path: &Path, head: &Head, sections: &[Section]) -> String {
+fn file(name: &str, path: &Path, head: &Head, sections: &[Section], shipped: Option<&str>) -> String {
     let mut text = String::new();
     let file = text::of_file_name(path);
     comment(&mut text, &format!("Layout proposed from the first {} rows of {file}.", head.rows));
+    if let Some(shipped) = shipped {
+        let said = format!("It has the form of the shipped layout {shipped} (exports/{shipped}.toml).");
+        comment(&mut text, &said);
+    }
     comment(
         &mut text,
         "Each choice has its reason above it. Check it, then name this file in armwatch.toml.",

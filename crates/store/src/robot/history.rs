@@ -49,6 +49,24 @@ impl Store {
         self.checked(run_measurements(&mut connection, run_id).await)
     }
 
+    /// Mean motor temperature of each joint over cycles, each a run and a number, degC; `None` of a joint without one, and nothing if no joint has one.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn motor_temperatures(&self, cycles: &[(i64, u32)]) -> Result<Vec<Option<f64>>, StoreError> {
+        let mut sums: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+        for cycle in cycles {
+            let found = self.checked(motor_temperatures(&self.readers, *cycle).await)?;
+            for (joint, celsius) in found {
+                let sum = sums.entry(joint).or_default();
+                *sum = (sum.0 + celsius, sum.1 + 1);
+            }
+        }
+        let joints = sums.keys().copied().max().unwrap_or(0);
+        let mean = |joint| sums.get(&joint).map(|(sum, count)| sum / *count as f64);
+        Ok((1..=joints).map(mean).collect())
+    }
+
     /// Speed levels, as fractions of the largest, at which joints of the robot's latest complete test have warm friction;
     /// of tests without, of the one before.
     ///
@@ -65,6 +83,21 @@ impl Store {
     pub async fn tested_robots(&self) -> Result<Vec<(i64, String)>, StoreError> {
         self.checked(tested_robots(&self.readers).await)
     }
+}
+
+async fn motor_temperatures(
+    executor: impl EngineExecutor<'_>,
+    (run_id, cycle): (i64, u32),
+) -> Result<Vec<(usize, f64)>, sqlx::Error> {
+    sqlx::query(
+        "SELECT joint, temperature_degc FROM cycle JOIN cycle_temperature USING (cycle_id)
+         WHERE run_id = $1 AND cycle.number = $2 AND joint > 0 ORDER BY joint",
+    )
+    .bind(run_id)
+    .bind(i64::from(cycle))
+    .try_map(|row: EngineRow| Ok((size(&row, "joint")?, row.try_get("temperature_degc")?)))
+    .fetch_all(executor)
+    .await
 }
 
 async fn latest_warm_levels(
