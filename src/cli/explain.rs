@@ -14,6 +14,7 @@ use crate::pipeline::look::explain::{
     CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
 use armwatch_config::{Config, Layout, layout_units};
+use armwatch_ingest::find::join::join_paths;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::{ColumnMap, Role};
 use armwatch_ingest::table::reader::LeftOut;
@@ -52,13 +53,16 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
     runtime()?.block_on(async {
         let mut explainer = Explainer::new(Arc::clone(&config)).await;
         let mut code = EXIT_DONE;
-        for (number, path) in args.files.iter().enumerate() {
+        for path in &args.files {
             if paths::metadata(path)?.is_dir() {
                 return Err(CliError::Usage(format!(
                     "{0}: is a folder; name exports, such as {0}/*.csv",
                     text::of_path(path)
                 )));
             }
+        }
+        let exports = join_paths(args.files.clone(), |name| config.part_of(name));
+        for (number, path) in exports.iter().enumerate() {
             let explanation = explainer.explain(path, args.quick).await?;
             if explanation.next == Next::Quarantine {
                 code = EXIT_FOUND;

@@ -15,7 +15,7 @@ use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
 use crate::pipeline::take::{decide, intake, new_robot, record};
 use armwatch_config::{Config, FleetEntry, Layout};
-use armwatch_ingest::bytes::source;
+use armwatch_ingest::bytes::{parts, source};
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::repeated;
 use armwatch_ingest::table::cell_reader::PassedOver;
@@ -28,7 +28,6 @@ use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::arrival::{Arrival, implausible_dates};
 use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
-use armwatch_model::text;
 use armwatch_store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -206,12 +205,11 @@ impl Explainer {
             }
         }
         let (ledger, next) = self.ledger(path, rejection.is_some()).await?;
-        let metadata = std::fs::metadata(path).ok();
-        let modified = metadata.as_ref().and_then(|metadata| metadata.modified().ok());
+        let state = parts::state(path).ok();
         Ok(Explanation {
             path: path.to_owned(),
-            bytes: metadata.map_or(0, |metadata| metadata.len()),
-            age_s: modified.map(age),
+            bytes: state.map_or(0, |state| state.bytes),
+            age_s: state.map(|state| age(state.modified)),
             recognised,
             reading,
             rejection,
@@ -223,7 +221,7 @@ impl Explainer {
 
     fn recognised_as(&self, of: &Recognised<'_>, path: &Path) -> RecognisedAs {
         let recognition = &self.config.recognition;
-        let fits = recognition.fits(&text::of_file_name(path));
+        let fits = recognition.fits(&intake::file_name(path));
         RecognisedAs {
             robot: of.robot.clone(),
             started_at: of.started_at,
@@ -374,8 +372,8 @@ fn read_into(
     robot: &Robot,
     work: Option<&CycleWork>,
 ) -> Result<(), Rejection> {
-    let (bytes, hash) = source::open_hashing(path)?;
-    let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
+    let (mut export, hash) =
+        ExportReader::open(path, layout, robot, ReadOptions::default(), source::MAX_DECOMPRESSED_BYTES)?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
     let mut first_time = None;

@@ -508,9 +508,10 @@ pub fn read_cycle(
     robot: &Robot,
     wanted: u32,
 ) -> Result<Option<Cycle>, Rejection> {
-    let bytes = source::open(path)?;
+    let (export, _) =
+        ExportReader::open(path, layout, robot, ReadOptions::default(), source::MAX_DECOMPRESSED_BYTES)?;
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
+    for chunk in export {
         let chunk = chunk?;
         cutter.note_line(chunk.first_line);
         cutter.push(chunk.samples);

@@ -93,7 +93,13 @@ pub fn samples_and_clock(
             scaled(counts, factors.time, MAX_TIME)?
         }
         TimeColumn::Counted(rate) => {
-            let rows = map.torque.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
+            let rows = map
+                .torque
+                .iter()
+                .flatten()
+                .next()
+                .and_then(|column| columns.get(*column))
+                .map_or(0, Vec::len);
             counted(0..rows, rate, previous_time)
         }
     };
@@ -112,7 +118,12 @@ pub fn samples_and_clock(
         Some(indices) => Some(joints(indices, &factors.velocity, MAX_VELOCITY)?),
         None => None,
     };
-    let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
+    let torque = map.torque.iter().zip(&factors.torque).map(|(column, factor)| match column {
+        Some(column) => scaled(taken(&mut columns, *column), *factor, MAX_TORQUE),
+        // it takes part in nothing: `Joint::has_torque`
+        None => Some(vec![0.0; time.len()]),
+    });
+    let torque = torque.collect::<Option<Vec<_>>>()?;
     let of_stages = map.stage.iter().map(|column| taken(&mut columns, *column)).collect();
     let stage = map.stage_source.kind().reading(of_stages, time.len())?;
     let friction_signal = match map.friction {

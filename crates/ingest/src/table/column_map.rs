@@ -80,8 +80,8 @@ pub struct ColumnMap {
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
-    /// Column index of each joint's torque.
-    pub torque: Vec<usize>,
+    /// Column index of each joint's torque, where recorded, `[n]`.
+    pub torque: Vec<Option<usize>>,
     /// Column indices of the stage signal, in the order of its columns.
     pub stage: Vec<usize>,
     /// Column index of the cycle counter, where recorded.
@@ -181,7 +181,7 @@ pub fn map_columns(
         Some(column) if search.is_recorded(column) => Some(search.needed_by_joint(column)?),
         _ => None,
     };
-    let torque = search.needed_by_joint(&layout.torque)?;
+    let torque = search.torques()?;
     let stage_columns = layout.stage.kind().columns();
     let stage =
         stage_columns.into_iter().map(|column| search.stage(column)).collect::<Result<Vec<_>, _>>()?;
@@ -207,7 +207,7 @@ pub fn map_columns(
     time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
         position.get(joint.index()).into_iter().for_each(|column| assign(*column, Role::Position(joint)));
-        assign(torque[joint.index()], Role::Torque(joint));
+        torque[joint.index()].into_iter().for_each(|column| assign(column, Role::Torque(joint)));
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));
         }
@@ -396,6 +396,13 @@ impl Search<'_> {
         self.columns(channel).map(|column| self.needed(&column)).collect()
     }
 
+    /// Columns of the torques, of the joints that have one.
+    fn torques(&self) -> Result<Vec<Option<usize>>, Rejection> {
+        let of_joint =
+            |joint| self.layout.torque_column(joint).map(|column| self.needed(&column)).transpose();
+        self.robot.joint_indices().map(of_joint).collect()
+    }
+
     /// Columns of the motors' temperatures, of the joints that have one.
     fn motor_temperatures(&self) -> Result<Vec<Option<usize>>, Rejection> {
         let columns = self.layout.motor_temperature.as_ref().map(|motor| &motor.columns);
@@ -557,7 +564,7 @@ mod tests {
         layout.torque.columns = JointColumns::Each((14..=19).map(Column::Number).collect());
         let renamed = HEADER.replace("trq_", "Drehmoment A").replace(",stage", ",stage,note,note");
         let map = |layout: &Layout| map_columns(&renamed, layout, &er3a(), Path::new("a.csv"));
-        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18]);
+        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18].map(Some));
         layout.torque.columns = JointColumns::Each([13, 14, 15, 16, 17, 18].map(Column::Number).into());
         let rejection = map(&layout).unwrap_err();
         assert_eq!(
