@@ -13,7 +13,8 @@ use super::shared::{output, paths};
 use crate::pipeline::look::explain::{
     CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
-use armwatch_config::{Config, Layout, layout_units};
+use armwatch_config::{Config, Layout, PartMatch, layout_units};
+use armwatch_ingest::bytes::parts::Parts;
 use armwatch_ingest::find::join::join_paths;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::{ColumnMap, Role};
@@ -84,6 +85,7 @@ fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
     let mut lines = vec![format!("{} ({})", text::of_path(&of.path), size(of.bytes))];
     if let Some(recognised) = &of.recognised {
         lines.extend(recognised_lines(recognised));
+        lines.extend(parts_text(of, &recognised.entry.layout).map(|text| topic("parts", &text)));
         if let Some(reading) = &of.reading {
             lines.extend(reading_lines(&recognised.entry.layout, &recognised.entry.description, reading));
         }
@@ -124,6 +126,18 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
         ),
         topic("start", &format!("{started_at}, {from}")),
     ]
+}
+
+/// The parts of a recording in several files.
+fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
+    let files = Parts::of(&of.path)?.files();
+    let how = match layout.parts.as_ref().map_or(PartMatch::After, |rule| rule.matching) {
+        PartMatch::Row => "rows of the same number stand side by side",
+        PartMatch::Time => "rows of the same time stand side by side",
+        PartMatch::After => "one follows the other",
+    };
+    let names: Vec<String> = files.iter().map(|(_, file)| text::of_file_name(file)).collect();
+    Some(format!("{} parts, {how}: {}", names.len(), names.join(", ")))
 }
 
 fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<String> {
@@ -418,6 +432,10 @@ fn as_value(of: &Explanation) -> serde_json::Value {
             "reason": rejection.reason, "remedy": rejection.remedy,
         })),
     });
+    if let Some(parts) = Parts::of(&of.path) {
+        let files = parts.files();
+        value["parts"] = files.iter().map(|(_, file)| json!(text::of_path(file))).collect();
+    }
     if let Some(recognised) = &of.recognised {
         value["robot"] = json!(recognised.robot);
         value["started_at"] = json!(time_in_views(recognised.started_at));

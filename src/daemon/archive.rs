@@ -45,6 +45,10 @@ pub async fn after(
     else {
         return Ok(());
     };
+    // the next part of a recording is read with those before it
+    if pipeline.config().part_of(&intake::file_name(path)).is_some() {
+        return Ok(());
+    }
     // a commit survives the end of the process, and only a synced one survives a loss of power
     pipeline.store().sync().await?;
     let file = text::of_path(path);
