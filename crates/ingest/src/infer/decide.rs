@@ -1,5 +1,6 @@
 //! What is known of an export's columns, put together to a layout with reasons.
 
+use super::arms::{Arm, is_of};
 use super::blocks::by_motion;
 use super::head::Head;
 use super::joints::{Joints, by_name, time};
@@ -13,9 +14,13 @@ use super::sets::sets;
 use super::stage_sections::{optional_section, signals, stage_section};
 use super::temperatures::temperatures;
 
-/// The sections of a layout file for the export, and the number of joints.
-pub(super) fn propose(head: &Head, hints: Hints<'_>) -> (Vec<Section>, usize) {
-    let sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
+/// The sections of a layout file for the export, and the number of joints. Of several arms, the columns of `arm` and those
+/// that say none are taken.
+pub(super) fn propose(head: &Head, hints: Hints<'_>, arm: Option<&Arm>) -> (Vec<Section>, usize) {
+    let mut sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
+    if let Some(arm) = arm {
+        sets.retain(|set| is_of(set, arm));
+    }
     let joints = match head.header {
         true => by_name(head, hints.robot, &sets),
         false => by_motion(head, hints),
