@@ -21,6 +21,7 @@ use armwatch_ingest::table::column_map::{ColumnMap, Role};
 use armwatch_ingest::table::reader::LeftOut;
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::slower::Slower;
 use armwatch_model::run::{RunKind, Stage};
 use armwatch_model::text;
 use armwatch_store::time_in_views;
@@ -140,6 +141,32 @@ fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
     Some(format!("{} parts, {how}: {}", names.len(), names.join(", ")))
 }
 
+/// The rates of slower channels, and how late their values are.
+fn slower_texts(layout: &Layout, of: &ExportReading) -> Vec<String> {
+    let (filled, step) = (of.filled, 1.0 / of.sample_rate);
+    let channels = [
+        ("torque", layout.slower.torque, filled.torques),
+        ("velocity", layout.slower.velocity, filled.velocities),
+    ];
+    let text = |(name, how, count): (&str, Option<Slower>, usize)| {
+        let (how, period) = (how?, step * filled.rows as f64 / count.max(1) as f64);
+        if filled.rows == 0 || count == filled.rows || !period.is_finite() {
+            return None;
+        }
+        let then = match how {
+            Slower::Hold => format!(
+                "the last value is held, so it is {:.1} ms late on average; delay_s corrects that",
+                500.0 * (period - step)
+            ),
+            Slower::Resample => {
+                "rows between lie on the straight line, without a delay; faster changes are lost".to_owned()
+            }
+        };
+        Some(format!("{name} has a value in {count} of {} rows, {:.1} Hz: {then}", filled.rows, 1.0 / period))
+    };
+    channels.into_iter().filter_map(text).collect()
+}
+
 fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<String> {
     let mut lines = vec![topic("layout", &layout.name)];
     if let Some(map) = &of.columns {
@@ -151,6 +178,7 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<Stri
         let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
         lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
     }
+    lines.extend(slower_texts(layout, of).iter().map(|text| topic("rate", text)));
     if layout.stage.kind().run_kind() == RunKind::Production {
         lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
     }

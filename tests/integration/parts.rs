@@ -228,3 +228,41 @@ fn an_export_of_two_arms_is_a_run_of_each() {
     workshop.stdout(&["ingest", "inbox"], 0);
     assert_eq!(runs(), ["left|complete|3", "right|complete|3"]);
 }
+
+/// Torques in every fourth row of a slow motion: on the line between, they are nearly those of all rows.
+#[test]
+fn a_slower_channel_is_held_or_resampled_and_explain_gives_its_delay() {
+    let export = export("P", 31, 5);
+    let sparse = export.with(|all| {
+        let line = |(at, line): (usize, &str)| {
+            let cells: Vec<&str> = line.split(',').collect();
+            let keep = |column: usize| at == 0 || at % 4 == 1 || !(9..13).contains(&column);
+            let cells: Vec<&str> =
+                cells.iter().enumerate().map(|(column, cell)| if keep(column) { cell } else { "" }).collect();
+            cells.join(",") + "\n"
+        };
+        all.lines().enumerate().map(line).collect()
+    });
+    let ingested = |slower: &str| {
+        let workshop = small::workshop();
+        with_layout(&workshop, |native| {
+            native.replacen("\"trq_{joint}\"", &format!("\"trq_{{joint}}\"{slower}"), 1)
+        });
+        fs::write(workshop.inbox(&sparse.name), &sparse.bytes).expect("written");
+        // so slow a channel may give no parameters
+        workshop.run(&["ingest", "inbox"]);
+        workshop
+    };
+    let refused = ingested("");
+    let reason = refused.query("SELECT reason FROM runs").concat();
+    assert!(reason.contains("slower than others") && reason.contains("slower = \"hold\""), "{reason}");
+    for (slower, said) in
+        [("hold", "held, so it is 50.0 ms late on average"), ("resample", "without a delay")]
+    {
+        let workshop = ingested(&format!("\nslower = \"{slower}\""));
+        assert_eq!(workshop.query("SELECT status, cycles FROM runs"), ["complete|3"]);
+        let explained = workshop.stdout(&["explain", &format!("inbox/{}", sparse.name)], 0);
+        assert!(explained.contains("torque has a value in") && explained.contains(said), "{explained}");
+        assert!(explained.contains("7.5 Hz"), "{explained}");
+    }
+}

@@ -10,7 +10,7 @@ use jiff::Timestamp;
 use crate::pipeline::conclude::windows::too_late;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{CycleWork, work_alone};
-use crate::pipeline::take::cycles::RowCutter;
+use crate::pipeline::take::cycles::{Filled, RowCutter};
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
 use crate::pipeline::take::{decide, intake, new_robot, record};
@@ -88,6 +88,8 @@ pub struct ExportReading {
     pub passed_over: PassedOver,
     /// What is understood although it is not as it should be.
     pub mended: Mended,
+    /// Rows of slower channels.
+    pub filled: Filled,
     /// The cycles, in order.
     pub cycles: Vec<CycleSketch>,
 }
@@ -358,6 +360,7 @@ fn read(
         left_out: None,
         passed_over: PassedOver::default(),
         mended: Mended::default(),
+        filled: Filled::default(),
         cycles: Vec::new(),
     };
     let fault = read_into(&mut reading, path, layout, robot, work).err();
@@ -393,7 +396,9 @@ fn read_into(
     reading.mended = export.mended().clone();
     reading.content = Some(hash.so_far().0);
     cutter.finish();
-    reading.sketch(&mut cutter, work)
+    let fault = reading.sketch(&mut cutter, work);
+    reading.filled = cutter.filled();
+    fault
 }
 
 impl ExportReading {

@@ -14,6 +14,7 @@ use crate::robot::joint::{
 };
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 use armwatch_model::run::channel_delays::ChannelDelays;
+use armwatch_model::run::slower::SlowerChannels;
 
 /// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's `savetxt`,
 /// MATLAB's `-ascii` and `printf`.
@@ -46,6 +47,8 @@ pub struct Layout {
     pub torque: Channel,
     /// Joints whose torque is not recorded. The list of [`Layout::torque`] has placeholders for them.
     pub without_torque: Vec<JointIndex>,
+    /// Channels that may have rows without a value.
+    pub slower: SlowerChannels,
     /// What the torque columns hold.
     pub torque_quantity: TorqueQuantity,
     /// Columns of the motors' temperatures; used if the export has them.

@@ -15,6 +15,7 @@ use crate::toml::problem::ConfigErrors;
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value, read_document};
 use armwatch_model::robot::{JointIndex, MAX_JOINTS};
+use armwatch_model::run::slower::{Slower, SlowerChannels};
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const REV: f64 = std::f64::consts::TAU;
@@ -110,12 +111,17 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
             delay: JointDelays::default(),
         })
     });
-    let velocity = root.table("velocity").map(|t| read_late_channel(&t, VELOCITY, &mut names));
+    let mut slower = SlowerChannels::default();
+    let velocity = root.table("velocity").map(|t| {
+        slower.velocity = read_slower(&t)?;
+        read_late_channel(&t, VELOCITY, &mut names)
+    });
     let mut torque_quantity = TorqueQuantity::Torque;
     let mut without_torque = Vec::new();
     let torque = required("torque").and_then(|t| {
         motor_side.torque = read_side(&t)?;
         torque_quantity = read_quantity(&t);
+        slower.torque = read_slower(&t)?;
         without_torque = read_without_torque(&t)?;
         let mut torque = read_late_channel(&t, TORQUE, &mut names)?;
         if let JointColumns::Each(columns) = &mut torque.columns {
@@ -184,6 +190,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         velocity,
         torque: torque?,
         without_torque,
+        slower,
         torque_quantity,
         motor_temperature: motor_temperature.flatten(),
         ambient_temperature: ambient_temperature.flatten(),
@@ -243,6 +250,19 @@ fn read_late_channel(table: &Table<'_>, units: &[NamedUnit], names: &mut ColumnN
     };
     let channel = read_channel(table, units, names)?;
     Some(Channel { delay: delay?, ..channel })
+}
+
+/// Whether a channel may have rows without a value, and which value they get.
+fn read_slower(table: &Table<'_>) -> Option<Option<Slower>> {
+    let Some(value) = table.optional("slower") else { return Some(None) };
+    match value.text()? {
+        "hold" => Some(Some(Slower::Hold)),
+        "resample" => Some(Some(Slower::Resample)),
+        _ => {
+            value.refuse("must be \"hold\" or \"resample\"".into(), None);
+            None
+        }
+    }
 }
 
 fn read_sign(value: &Value<'_>) -> Option<JointSigns> {

@@ -64,12 +64,13 @@ pub fn join_paths(paths: Vec<PathBuf>, part_of: impl Fn(&str) -> Option<PartName
     let whole = |path: PathBuf| {
         let part = part_of(&text::of_file_name(&path));
         let parts = part.and_then(|part| Parts::containing(&path, &part, is_there));
-        match parts {
-            Some(parts) if parts.missing_among(is_there).is_some() || parts.files().len() > 1 => parts.path(),
-            _ => path,
+        match parts.filter(|parts| parts.missing_among(is_there).is_some() || parts.files().len() > 1) {
+            // once, although each part stands for it
+            Some(parts) => Some(parts.path()).filter(|whole| seen.insert(whole.clone())),
+            None => Some(path),
         }
     };
-    paths.into_iter().map(whole).filter(|path| seen.insert(path.clone())).collect()
+    paths.into_iter().filter_map(whole).collect()
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use armwatch_config::{
     TimeSource,
 };
 use armwatch_model::robot::{JointIndex, Robot, name::composed};
+use armwatch_model::run::slower::SlowerChannels;
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -98,6 +99,8 @@ pub struct ColumnMap {
     pub stage_source: StageSource,
     /// Channels recorded on the motor's side.
     pub motor_side: MotorSide,
+    /// Channels that may have rows without a value, which are not a number then.
+    pub slower: SlowerChannels,
     /// Largest speed level; 0 if the description names none, then any is taken.
     pub levels: usize,
 }
@@ -129,6 +132,16 @@ impl ColumnMap {
     #[must_use]
     pub fn joint_count(&self) -> usize {
         self.torque.len()
+    }
+
+    /// Whether a cell of this role may be empty.
+    #[must_use]
+    pub fn may_be_empty(&self, role: Role) -> bool {
+        match role {
+            Role::Torque(_) => self.slower.torque.is_some(),
+            Role::Velocity(_) => self.slower.velocity.is_some(),
+            _ => false,
+        }
     }
 }
 
@@ -265,6 +278,7 @@ pub fn map_columns(
         },
         stage_source: layout.stage.clone(),
         motor_side: layout.motor_side,
+        slower: layout.slower,
         levels: robot.speed_levels.len(),
     })
 }
