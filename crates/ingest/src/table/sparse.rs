@@ -38,14 +38,14 @@ pub(super) fn explain(rejection: &mut Rejection, map: &ColumnMap, block: &Block)
         }
     };
     let filling = match map.roles.get(at) {
-        Some(Role::Torque(_)) => ", or set slower = \"hold\" or \"resample\" under [torque] in the layout",
+        Some(Role::Torque(_)) => "; or set slower = \"hold\" or \"resample\" under [torque] in the layout",
         Some(Role::Velocity(_)) => {
-            ", or set slower = \"hold\" or \"resample\" under [velocity] in the layout"
+            "; or set slower = \"hold\" or \"resample\" under [velocity] in the layout"
         }
         _ => "",
     };
     rejection.remedy =
-        format!("export all channels at the rate of the slowest one{filling}{skipping}").into();
+        format!("export all channels at the rate of the slowest one{skipping}{filling}").into();
     true
 }
 
