@@ -262,6 +262,7 @@ impl Work {
         report: &mut impl FnMut(Event<'_>),
     ) -> Result<(), PipelineError> {
         let mut folders = Folders::new(&self.watch_settings(), self.pipeline.metrics().clone());
+        folders.join_by(self.pipeline.shared_config());
         let mut next_look = Instant::now() + self.pipeline.config().watch.scan_interval;
         let stop = self.stop.clone();
         let pipeline = self.pipeline.clone();
@@ -273,6 +274,7 @@ impl Work {
             let now = Instant::now();
             if std::mem::take(&mut self.is_reloaded) {
                 folders.set(&self.watch_settings());
+                folders.join_by(self.pipeline.shared_config());
             }
             for turned in folders.turned(now) {
                 next_look = now;

@@ -112,8 +112,8 @@ CREATE TABLE run (
     source_name TEXT NOT NULL,
     source_path TEXT NOT NULL,
     source_bytes INTEGER NOT NULL CHECK (source_bytes >= 0),
-    -- The same bytes under another name are the same run.
-    content_hash BLOB NOT NULL UNIQUE CHECK (length(content_hash) = 32),
+    -- The same bytes under another name are the same run. An export with the columns of several robots has a run of each.
+    content_hash BLOB NOT NULL CHECK (length(content_hash) = 32),
     rows INTEGER CHECK (rows >= 0),
     sample_rate_hz REAL,
     -- Mark of progress: moves in the transaction that stores a cycle, so a reader that starts again
@@ -152,6 +152,7 @@ CREATE TABLE run (
     recorded_start_text TEXT,
     -- Changes of its figures.
     revision INTEGER NOT NULL DEFAULT 0,
+    UNIQUE (content_hash, robot_id),
     CHECK ((status = 'quarantined') = (reason IS NOT NULL)),
     CHECK (status <> 'complete' OR (rows IS NOT NULL AND cycles_total = cycles_stored))
 ) STRICT;

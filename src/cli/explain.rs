@@ -13,12 +13,15 @@ use super::shared::{output, paths};
 use crate::pipeline::look::explain::{
     CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
 };
-use armwatch_config::{Config, Layout, layout_units};
+use armwatch_config::{Config, Layout, PartMatch, layout_units};
+use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::find::join::join_paths;
 use armwatch_ingest::table::cell_reader::PassedOver;
 use armwatch_ingest::table::column_map::{ColumnMap, Role};
 use armwatch_ingest::table::reader::LeftOut;
 use armwatch_model::analysis::CycleAnalysis;
 use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::run::slower::Slower;
 use armwatch_model::run::{RunKind, Stage};
 use armwatch_model::text;
 use armwatch_store::time_in_views;
@@ -52,13 +55,16 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
     runtime()?.block_on(async {
         let mut explainer = Explainer::new(Arc::clone(&config)).await;
         let mut code = EXIT_DONE;
-        for (number, path) in args.files.iter().enumerate() {
+        for path in &args.files {
             if paths::metadata(path)?.is_dir() {
                 return Err(CliError::Usage(format!(
                     "{0}: is a folder; name exports, such as {0}/*.csv",
                     text::of_path(path)
                 )));
             }
+        }
+        let exports = join_paths(args.files.clone(), |name| config.part_of(name));
+        for (number, path) in exports.iter().enumerate() {
             let explanation = explainer.explain(path, args.quick).await?;
             if explanation.next == Next::Quarantine {
                 code = EXIT_FOUND;
@@ -80,6 +86,7 @@ fn as_lines(config: &Config, of: &Explanation) -> Vec<String> {
     let mut lines = vec![format!("{} ({})", text::of_path(&of.path), size(of.bytes))];
     if let Some(recognised) = &of.recognised {
         lines.extend(recognised_lines(recognised));
+        lines.extend(parts_text(of, &recognised.entry.layout).map(|text| topic("parts", &text)));
         if let Some(reading) = &of.reading {
             lines.extend(reading_lines(&recognised.entry.layout, &recognised.entry.description, reading));
         }
@@ -122,6 +129,44 @@ fn recognised_lines(of: &RecognisedAs) -> Vec<String> {
     ]
 }
 
+/// The parts of a recording in several files.
+fn parts_text(of: &Explanation, layout: &Layout) -> Option<String> {
+    let files = Parts::of(&of.path)?.files();
+    let how = match layout.parts.as_ref().map_or(PartMatch::After, |rule| rule.matching) {
+        PartMatch::Row => "rows of the same number stand side by side",
+        PartMatch::Time => "rows of the same time stand side by side",
+        PartMatch::After => "one follows the other",
+    };
+    let names: Vec<String> = files.iter().map(|(_, file)| text::of_file_name(file)).collect();
+    Some(format!("{} parts, {how}: {}", names.len(), names.join(", ")))
+}
+
+/// The rates of slower channels, and how late their values are.
+fn slower_texts(layout: &Layout, of: &ExportReading) -> Vec<String> {
+    let (filled, step) = (of.filled, 1.0 / of.sample_rate);
+    let channels = [
+        ("torque", layout.slower.torque, filled.torques),
+        ("velocity", layout.slower.velocity, filled.velocities),
+    ];
+    let text = |(name, how, count): (&str, Option<Slower>, usize)| {
+        let (how, period) = (how?, step * filled.rows as f64 / count.max(1) as f64);
+        if filled.rows == 0 || count == filled.rows || !period.is_finite() {
+            return None;
+        }
+        let then = match how {
+            Slower::Hold => format!(
+                "the last value is held, so it is {:.1} ms late on average; delay_s corrects that",
+                500.0 * (period - step)
+            ),
+            Slower::Resample => {
+                "rows between lie on the straight line, without a delay; faster changes are lost".to_owned()
+            }
+        };
+        Some(format!("{name} has a value in {count} of {} rows, {:.1} Hz: {then}", filled.rows, 1.0 / period))
+    };
+    channels.into_iter().filter_map(text).collect()
+}
+
 fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<String> {
     let mut lines = vec![topic("layout", &layout.name)];
     if let Some(map) = &of.columns {
@@ -133,6 +178,7 @@ fn reading_lines(layout: &Layout, robot: &Robot, of: &ExportReading) -> Vec<Stri
         let rate = if hertz > 0.0 { format!(", {hertz} Hz") } else { String::new() };
         lines.push(topic("recording", &format!("{} rows, {:.1} s{rate}", of.rows, of.duration)));
     }
+    lines.extend(slower_texts(layout, of).iter().map(|text| topic("rate", text)));
     if layout.stage.kind().run_kind() == RunKind::Production {
         lines.push(topic("kind", "production: no stages, held against the parameters of the robot's tests"));
     }
@@ -414,6 +460,10 @@ fn as_value(of: &Explanation) -> serde_json::Value {
             "reason": rejection.reason, "remedy": rejection.remedy,
         })),
     });
+    if let Some(parts) = Parts::of(&of.path) {
+        let files = parts.files();
+        value["parts"] = files.iter().map(|(_, file)| json!(text::of_path(file))).collect();
+    }
     if let Some(recognised) = &of.recognised {
         value["robot"] = json!(recognised.robot);
         value["started_at"] = json!(time_in_views(recognised.started_at));

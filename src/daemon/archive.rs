@@ -12,6 +12,7 @@ use super::export_tasks::on_own_thread;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::take::intake;
 use armwatch_ingest::bytes::access::FileAccess;
+use armwatch_ingest::bytes::parts::Parts;
 use armwatch_ingest::find::archive::{Archived, archive};
 use armwatch_ingest::find::watch;
 use armwatch_model::run::RunStatus;
@@ -45,6 +46,10 @@ pub async fn after(
     else {
         return Ok(());
     };
+    // the next part of a recording is read with those before it
+    if Parts::of(path).is_some() || pipeline.config().part_of(&text::of_file_name(path)).is_some() {
+        return Ok(());
+    }
     // a commit survives the end of the process, and only a synced one survives a loss of power
     pipeline.store().sync().await?;
     let file = text::of_path(path);

@@ -214,7 +214,7 @@ impl FileSchedule {
                 entry.queued = None;
                 continue;
             }
-            if entry.settling.is_settled(entry.patience) || file.is_marked {
+            if entry.settling.is_settled(entry.patience.max(file.wait)) || file.is_marked {
                 let name = file.path.file_name().map(Into::into);
                 self.settled.entry(entry.lane.clone()).or_default().insert((name, file.path.clone()));
             } else if entry.grown && (!entry.waits || entry.looks_again_at.is_some_and(|at| at <= now)) {

@@ -13,7 +13,8 @@ use tokio::sync::mpsc;
 
 use super::file_schedule::{Seen, Sighting};
 use crate::metrics::Metrics;
-use armwatch_config::WatchSettings;
+use armwatch_config::{Config, WatchSettings};
+use armwatch_ingest::find::join::join_parts;
 use armwatch_ingest::find::watch::{self, Complaints, Scan, Skipped};
 
 /// A look at a folder whose file system has not answered a single call for so long hangs. A look takes longer where many
@@ -93,6 +94,8 @@ pub(super) struct Folders {
     shared: Option<threads::Sender<()>>,
     /// Folders that did not answer and are not watched any more.
     dropped: Vec<PathBuf>,
+    /// Tells parts of recordings.
+    config: Option<Arc<Config>>,
     metrics: Metrics,
 }
 
@@ -116,6 +119,7 @@ impl Folders {
             hints: watch::hints(),
             shared: None,
             dropped: Vec::new(),
+            config: None,
             metrics,
         };
         folders.set(settings);
@@ -147,6 +151,11 @@ impl Folders {
         let place = |folder: &Folder| settings.folders.iter().position(|path| *path == folder.path);
         self.folders.sort_by_key(place);
         self.metrics.keep_folders(&settings.folders, settings.scan_interval);
+    }
+
+    /// Joins the parts of recordings by this configuration from now on.
+    pub(super) fn join_by(&mut self, config: Arc<Config>) {
+        self.config = Some(config);
     }
 
     fn add(&mut self, path: &Path, own_watch: bool) {
@@ -227,7 +236,10 @@ impl Folders {
         true
     }
 
-    fn take_up(&mut self, Ended { folder, scan, took }: Ended) -> Duration {
+    fn take_up(&mut self, Ended { folder, mut scan, took }: Ended) -> Duration {
+        if let Some(config) = &self.config {
+            scan.files = join_parts(std::mem::take(&mut scan.files), |name| config.part_of(name));
+        }
         let Some(folder) = self.folders.iter_mut().find(|of| of.number == folder) else { return took };
         folder.complaints.warn(&scan);
         // one that is not there was asked, and was not looked at
@@ -398,7 +410,6 @@ impl Looking {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use armwatch_config::Config;
 
     fn settings(folders: &[PathBuf]) -> WatchSettings {
         WatchSettings { folders: folders.to_vec(), ..Config::shipped().unwrap().watch }

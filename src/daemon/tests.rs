@@ -1,6 +1,6 @@
 //! What ends a task that reads an export, and what does not end the daemon.
 
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use super::file_schedule::Seen;
 use super::turn::Class;
@@ -19,6 +19,7 @@ fn look(work: &mut Work, now: Instant) {
         modified: SystemTime::UNIX_EPOCH,
         file: FileId { device: 1, inode },
         is_marked: false,
+        wait: Duration::ZERO,
     };
     let files: Vec<FoundFile> = (1..).zip(NAMES).map(found).collect();
     let files: Vec<Sighting<'_>> = files.iter().map(|file| (file, Seen::Now)).collect();

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use armwatch_config::Config;
+use armwatch_ingest::bytes::parts;
 use armwatch_model::text;
 
 /// Settled files, by what they ask of the machine. Each class has places of its own, so that no number of large
@@ -40,5 +41,9 @@ pub(super) fn robot_of(config: &Config, path: &Path) -> String {
 
 /// The robot that an export's name says.
 pub(super) fn named_robot(config: &Config, path: &Path) -> Option<String> {
-    config.recognition.recognise(&text::of_file_name(path)).ok().map(|recognised| recognised.robot)
+    config
+        .recognition
+        .recognise(&text::of_file_name(&parts::named_by(path)))
+        .ok()
+        .map(|recognised| recognised.robot)
 }

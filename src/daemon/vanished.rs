@@ -67,7 +67,14 @@ mod tests {
 
     fn found(path: &str) -> FoundFile {
         let file = FileId { device: 1, inode: 1 };
-        FoundFile { path: path.into(), size: 1, modified: SystemTime::UNIX_EPOCH, file, is_marked: false }
+        FoundFile {
+            path: path.into(),
+            size: 1,
+            modified: SystemTime::UNIX_EPOCH,
+            file,
+            is_marked: false,
+            wait: Duration::ZERO,
+        }
     }
 
     #[test]

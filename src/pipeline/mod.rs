@@ -117,6 +117,12 @@ impl Pipeline {
         &self.config
     }
 
+    /// The same, to keep.
+    #[must_use]
+    pub fn shared_config(&self) -> Arc<Config> {
+        Arc::clone(&self.config)
+    }
+
     /// The database that the pipeline fills.
     #[must_use]
     pub fn store(&self) -> &Store {

@@ -140,7 +140,7 @@ pub async fn put(
     let content = declared_content(&headers)?;
     let part = Part::of(&headers, uploads.settings.max_bytes)?;
     if let Some(content) = &content
-        && let Some(run) = stored(&shared.store, content).await?
+        && let Some(run) = stored(&shared.store, uploads, &name, content).await?
     {
         uploads.remember_known(&name, *content);
         return Ok(Taken::new(name, content, None, Some(&run), false).answer());
@@ -265,9 +265,30 @@ fn declared_content(headers: &HeaderMap) -> Result<Option<ContentHash>, Refusal>
     })
 }
 
+/// The run of a content that a file of this name would have: of its robot, or of one whose exports are read alike.
+async fn known_as(
+    store: &Store,
+    uploads: &Uploads,
+    name: &str,
+    content: &ContentHash,
+) -> Result<Option<KnownRun>, Refusal> {
+    let config = Arc::clone(&uploads.config.borrow());
+    let runs = store.runs_of_content(content).await.map_err(|error| Refusal::internal(&error))?;
+    let of_name = config.recognition.recognise(name).ok();
+    let is_alike = |(_, robot, source): &&(KnownRun, String, String)| {
+        of_name.as_ref().is_none_or(|of| config.reads_alike((&of.robot, name), (robot, source)))
+    };
+    Ok(runs.iter().find(is_alike).map(|(run, ..)| run.clone()))
+}
+
 /// The run that holds a content for good.
-async fn stored(store: &Store, content: &ContentHash) -> Result<Option<KnownRun>, Refusal> {
-    let known = store.lookup(content).await.map_err(|error| Refusal::internal(&error))?;
+async fn stored(
+    store: &Store,
+    uploads: &Uploads,
+    name: &str,
+    content: &ContentHash,
+) -> Result<Option<KnownRun>, Refusal> {
+    let known = known_as(store, uploads, name, content).await?;
     Ok(known.filter(|run| run.status == RunStatus::Complete))
 }
 
@@ -418,7 +439,7 @@ async fn place(shared: &Shared, upload: Upload) -> Result<Taken, Refusal> {
     let (spool, of) = (uploads.spool.clone(), name.clone());
     let there = tokio::task::spawn_blocking(move || spool.content(&of)).await;
     let there = there.map_err(|e| Refusal::internal(&e))?.map_err(|e| Refusal::internal(&e))?;
-    let known = shared.store.lookup(&content).await.map_err(|error| Refusal::internal(&error))?;
+    let known = known_as(&shared.store, uploads, &name, &content).await?;
     let is_new = there != Some(content) && known.is_none();
     let taken = Taken::new(name.clone(), &content, Some(length), known.as_ref(), is_new);
     // the bytes of a faulty or unfinished one may be gone from where they were, and are wanted

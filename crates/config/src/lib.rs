@@ -31,6 +31,7 @@ pub use self::layout::channels::{
 };
 pub use self::layout::column::{Column, JointColumns, ScaledColumn};
 pub use self::layout::layout_file::{LayoutUnits, layout_units, parse_layout, read_layout};
+pub use self::layout::parts::{PartMatch, PartName, PartRule};
 pub use self::layout::stage_source::{
     FromMotion, OneHot, StageCells, StageKind, StageLevels, StageSignal, StageSource, StageWords,
     WholeRecording, Windows,

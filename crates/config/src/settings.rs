@@ -10,13 +10,14 @@ use super::alerts::settings::AlertSettings;
 use super::cluster::ClusterSettings;
 use super::date_format::DateFormats;
 use super::layout::channels::Layout;
+use super::layout::parts::{PartName, numbered_part};
 use super::pattern::{self, FilePatterns};
 use super::retention::RetentionSettings;
 use super::serve::{ClientSettings, ServeSettings};
 use super::snapshot::SnapshotSettings;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::anomaly::settings::DetectSettings;
-use armwatch_model::robot::Robot;
+use armwatch_model::robot::{JointIndex, Robot};
 
 /// Everything the program is told, read and checked.
 #[derive(Debug, Clone)]
@@ -92,6 +93,42 @@ impl Config {
             let of_file = entry.files.as_ref().is_none_or(|files| files.matches(file_name));
             of_file && pattern::matches(&entry.robots, robot)
         })
+    }
+}
+
+impl Config {
+    /// The part of a recording that a file name says; `None` if the file is a recording by itself.
+    ///
+    /// Without `[parts]` in the layout, numbered names are parts if they say one moment without the number too.
+    #[must_use]
+    pub fn part_of(&self, file_name: &str) -> Option<PartName> {
+        if self.fleet.iter().all(|entry| entry.layout.parts.is_none()) && numbered_part(file_name).is_none() {
+            return None;
+        }
+        let recognised = self.recognition.recognise(file_name).ok()?;
+        let entry = self.export_entry(&recognised.robot, file_name)?;
+        if let Some(rule) = &entry.layout.parts {
+            return rule.part_of(file_name);
+        }
+        let part = numbered_part(file_name)?;
+        let whole = self.recognition.recognise(&format!("{}{}", part.before, part.after)).ok()?;
+        (whole.is_definite && whole == recognised).then_some(part)
+    }
+
+    /// Whether an export gives the same rows for one robot and file name as for another, so that a copy under another name is
+    /// the same recording. Two layouts may read two arms of one export.
+    #[must_use]
+    pub fn reads_alike(&self, (robot, name): (&str, &str), (other, other_name): (&str, &str)) -> bool {
+        let layout = |robot, name| self.export_entry(robot, name).map(|entry| &entry.layout);
+        let of_other = layout(other, other_name);
+        robot == other || of_other.is_none() || layout(robot, name) == of_other
+    }
+
+    /// Whether some exports of `robot` have a torque of the joint; also of robots that no entry describes.
+    #[must_use]
+    pub fn has_torque(&self, robot: &str, joint: JointIndex) -> bool {
+        let mut entries = self.fleet.iter().filter(|entry| pattern::matches(&entry.robots, robot)).peekable();
+        entries.peek().is_none() || entries.any(|entry| !entry.layout.without_torque.contains(&joint))
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use crate::address::shown_database;
 use crate::alerts::settings::Route;
 use crate::layout::channels::{JointDelays, Layout};
+use crate::layout::parts::PartMatch;
 use crate::serve::{ClientSettings, Scope, ServeSettings};
 use crate::settings::{Config, FleetEntry};
 use crate::snapshot::SnapshotSettings;
@@ -193,7 +194,18 @@ fn layout(layout: &Layout) -> String {
         || layout.velocity.as_ref().is_some_and(|velocity| velocity.delay != JointDelays::default());
     let late = if late { ", delays taken off" } else { "" };
     let start = layout.start.as_ref().map(|start| format!(", start from column {}", start.column));
-    format!("layout {}, {velocity}{rows}{late}{}", layout.name, start.unwrap_or_default())
+    let unrecorded: Vec<String> = layout.without_torque.iter().map(ToString::to_string).collect();
+    let unrecorded = match unrecorded.as_slice() {
+        [] => String::new(),
+        joints => format!(", no torque of joint {}", joints.join(", ")),
+    };
+    let parts = layout.parts.as_ref().map_or("", |parts| match parts.matching {
+        PartMatch::Row => ", parts side by side by row",
+        PartMatch::Time => ", parts side by side by time",
+        PartMatch::After => ", parts one after the other",
+    });
+    let start = start.unwrap_or_default();
+    format!("layout {}, {velocity}{rows}{late}{unrecorded}{parts}{start}", layout.name)
 }
 
 fn seconds(duration: Duration) -> String {

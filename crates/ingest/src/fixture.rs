@@ -13,6 +13,7 @@ use armwatch_config::{
     MotorTemperature, RowRule, ScaledColumn, StageSignal, StageSource, TemperatureUnit, TextFormat,
     TimeSource, TorqueQuantity,
 };
+use armwatch_model::run::slower::SlowerChannels;
 use armwatch_model::run::{FrictionSignal, RawSamples, Stage, StageReading};
 use armwatch_testing::er3a;
 
@@ -24,12 +25,15 @@ pub(super) fn native() -> Layout {
         delimiter: b',',
         text: TextFormat::default(),
         rows: RowRule::default(),
+        parts: None,
         header: true,
         time: TimeSource::Column(ScaledColumn { column: column("time"), to_si: 1.0 }),
         start: None,
         position: channel("pos_{joint}"),
         velocity: Some(channel("vel_{joint}")),
         torque: channel("trq_{joint}"),
+        without_torque: Vec::new(),
+        slower: SlowerChannels::default(),
         torque_quantity: TorqueQuantity::Torque,
         motor_temperature: Some(MotorTemperature {
             columns: JointColumns::Pattern("motor_temperature_{joint}_degc".into()),

@@ -113,6 +113,7 @@ fn analysed(
         return analysis;
     }
     analysis.remarks.extend(restored.remarks);
+    analysis.remarks.extend(without_torque(&method.robot));
     if let Some(unsteady) = restored.unsteady {
         take_up(method, accepted(vec![unsteady], method.settings.accept), &mut analysis);
         if is_refused(&analysis) {
@@ -423,6 +424,20 @@ pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: 
     }
 }
 
+/// Says of which joints no torque is recorded.
+fn without_torque(robot: &Robot) -> Option<String> {
+    let joints = robot.joint_indices().filter(|joint| !robot.joints[joint.index()].has_torque);
+    let joints: Vec<String> = joints.map(|joint| joint.to_string()).collect();
+    let s = if joints.len() == 1 { "" } else { "s" };
+    (!joints.is_empty()).then(|| {
+        format!(
+            "the export has no torque of joint{s} {}: their friction is unknown, and their other parameters are known only \
+             as far as the torques of the joints before show them",
+            joints.join(", ")
+        )
+    })
+}
+
 /// Says which parameters have no value of their own, since the motion does not tell them apart.
 fn note_unshown(analysis: &mut CycleAnalysis) {
     let Ok(found) = &analysis.identification else { return };
@@ -462,6 +477,30 @@ mod tests {
     fn cycles() -> Vec<Cycle> {
         let samples = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
         vec![Cycle { number: 1, samples }, cycle(2, 1500)]
+    }
+
+    /// The parameters of the other joints stay within their errors, and those that only joint 6 shows have no value.
+    #[test]
+    fn a_joint_without_torque_leaves_the_others_identified() {
+        let whole = analyse_cycle(&method(), &cycles()[0]).identification.expect("parameters");
+        let (mut robot, mut cycle) = (er3a(), cycles().remove(0));
+        robot.joints[5].has_torque = false;
+        cycle.samples.torque[5].fill(0.0);
+        let method = Method::new(robot, AnalysisSettings::default()).expect("base parameters");
+        let found = analyse_cycle(&method, &cycle);
+        let part = found.identification.expect("parameters");
+        let (shown, unshown): (Vec<_>, Vec<_>) =
+            whole.parameters.iter().zip(&part.parameters).partition(|(_, part)| part.is_shown());
+        let unshown: Vec<String> = unshown.iter().map(|(_, part)| part.id.to_string()).collect();
+        assert!(shown.len() >= 50 && unshown.iter().any(|id| id.contains('6')), "{unshown:?}");
+        for (whole, part) in shown {
+            let error = whole.std_error.hypot(part.std_error).max(1e-9);
+            assert!((whole.value - part.value).abs() < 5.0 * error, "{whole:?} {part:?}");
+        }
+        assert!(found.verification.iter().all(|of| of.joint.index() < 5) && !found.verification.is_empty());
+        assert!(found.friction_points.iter().all(|of| of.joint.index() < 5));
+        assert!(found.findings.is_empty(), "{:?}", found.findings);
+        assert!(found.remarks.iter().any(|of| of.starts_with("the export has no torque of joint 6")));
     }
 
     fn method() -> Method {

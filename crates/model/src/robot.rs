@@ -120,10 +120,20 @@ pub struct Joint {
     pub peak_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
     pub low_speed: f64,
+    /// Whether the exports have a torque of it, which the layout says.
+    pub has_torque: bool,
     /// Which columns describe friction, where they are not the arm's.
     pub friction: Option<FrictionModel>,
     /// Parameters from a drawing or catalogue, where known: what the simulator moves.
     pub nominal: Option<NominalJoint>,
+}
+
+impl Joint {
+    /// Speed from which on a row of its torque counts as moving, rad/s (m/s): none does if its torque is not recorded.
+    #[must_use]
+    pub fn counted_speed(&self) -> f64 {
+        if self.has_torque { self.low_speed } else { f64::INFINITY }
+    }
 }
 
 /// Where torque is measured.

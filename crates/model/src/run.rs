@@ -2,6 +2,7 @@
 
 pub mod arrival;
 pub mod channel_delays;
+pub mod slower;
 pub mod stage_rule;
 pub mod temperature;
 

@@ -41,6 +41,7 @@ pub fn joint(kind: JointKind, a: f64, alpha: f64, d: f64, theta_offset: f64) -> 
         rated_torque: None,
         peak_torque: None,
         low_speed: 0.02,
+        has_torque: true,
         friction: None,
         nominal: None,
     }

@@ -138,6 +138,7 @@ fn joint(draws: &mut Draws, j: usize) -> Joint {
         rated_torque: None,
         peak_torque: None,
         low_speed: 0.01,
+        has_torque: true,
         friction: None,
         nominal: None,
     }

@@ -25,6 +25,7 @@ use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::look::replay;
 use armwatch_ingest::bytes::access::FileAccess;
+use armwatch_ingest::find::join::join_paths;
 use armwatch_ingest::find::watch::{self, Complaints};
 use armwatch_model::analysis::finding::FindingKind;
 use armwatch_model::run::RunStatus;
@@ -80,6 +81,7 @@ pub(super) fn ingest(global: &Global, args: &IngestArgs) -> Result<u8, CliError>
     let mut config = global.read_config()?;
     config.analysis.accept = config.analysis.accept.union(args.accept.iter().copied().collect());
     let exports = find_exports(&args.paths, config.watch.follow_links)?;
+    let exports = join_paths(exports, |name| config.part_of(name));
     if !args.again.is_empty() {
         require_database(&config)?;
     }

@@ -11,7 +11,7 @@ use crate::cli::shared::{output, paths};
 use armwatch_config::{ConfigSource, read_robot};
 use armwatch_ingest::bytes::source;
 use armwatch_ingest::infer;
-use armwatch_ingest::infer::proposal::Hints;
+use armwatch_ingest::infer::proposal::{Hints, Proposed};
 use armwatch_method::model::dynamics::gravity_torque;
 use armwatch_model::robot::Robot;
 
@@ -29,7 +29,8 @@ Examples:
 Reads the first rows of an export, CSV of any encoding, delimiter and decimal mark, Parquet or MCAP, and writes a layout file to
 standard output or, whole or not at all, to --output; each choice has its reason above it. What cannot be decided stays
 a comment that begins with \"# ?\": answer it, name the file in armwatch.toml, and run `armwatch config check`. All
-keys of a layout are in docs/layouts.md.
+keys of a layout are in docs/layouts.md. For an export with the columns of several arms, such as left and right, a layout
+of each is written, with the arm at the end of its name: cell4_left.toml.
 
 The layout is tried before it is written: the whole export is read with it and, if there is a description, analysed.
 Its first lines, and \"trial\" of --json, say how many rows, cycles and stages that gave and what was found.
@@ -69,8 +70,21 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     }
     paths::metadata(&args.file)?;
     refuse_source(args.output.as_deref(), &args.file, "the export itself")?;
-    if let Some(output) = &args.output {
-        refuse_database(output)?;
+    let name = args.name.clone().unwrap_or_else(|| stem(args.output.as_ref().unwrap_or(&args.file)));
+    let hints = Hints {
+        robot: description.as_ref(),
+        gravity_torques: Some(gravity_torques),
+        sample_rate: args.sample_rate_hz,
+    };
+    let proposed =
+        source::open(&args.file).and_then(|reader| infer::infer_each_arm(reader, &args.file, &name, hints));
+    let proposed = proposed.map_err(|rejection| match rejection.is_passing {
+        true => CliError::Io(rejection.to_string()),
+        false => CliError::Usage(rejection.to_string()),
+    })?;
+    let output_of = |arm: &Option<String>| args.output.as_ref().map(|output| for_arm(output, arm.as_deref()));
+    for output in proposed.iter().filter_map(|(arm, _)| output_of(arm)) {
+        refuse_database(&output)?;
         if !args.force && output.exists() {
             let output = output.display();
             return Err(CliError::Usage(format!(
@@ -78,28 +92,44 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
             )));
         }
     }
-    let name = args.name.clone().unwrap_or_else(|| stem(args.output.as_ref().unwrap_or(&args.file)));
-    let hints = Hints {
-        robot: description.as_ref(),
-        gravity_torques: Some(gravity_torques),
-        sample_rate: args.sample_rate_hz,
-    };
-    let proposed = source::open(&args.file).and_then(|reader| infer::infer(reader, &args.file, &name, hints));
-    let proposed = proposed.map_err(|rejection| match rejection.is_passing {
-        true => CliError::Io(rejection.to_string()),
-        false => CliError::Usage(rejection.to_string()),
-    })?;
-    let trial = trial::run(&args.file, &proposed, description.as_ref())?;
+    let mut code = EXIT_DONE;
+    for (arm, proposed) in &proposed {
+        if give(global, args, (arm, output_of(arm)), proposed, description.as_ref())? {
+            code = EXIT_FOUND;
+        }
+    }
+    if proposed.len() > 1 {
+        output::print_hint(&format!(
+            "armwatch: columns of {} arms: give each a [[robot]] entry with its layout, and the export under the name of each",
+            proposed.len()
+        ));
+    }
+    Ok(code)
+}
+
+/// Tries a layout and writes it; whether questions are left or it failed.
+fn give(
+    global: &Global,
+    args: &InferArgs,
+    (arm, output): (&Option<String>, Option<PathBuf>),
+    proposed: &Proposed,
+    description: Option<&Robot>,
+) -> Result<bool, CliError> {
+    let trial = trial::run(&args.file, proposed, description)?;
     let layout = infer::comments(&trial.sentences) + "#\n" + &proposed.toml;
-    if let Some(output) = &args.output {
+    if let Some(output) = &output {
         write_whole(output, &layout).map_err(|error| paths::not_written(output, &error))?;
     }
     if global.json {
-        output::json(&serde_json::json!({
+        let mut value = serde_json::json!({
             "layout": layout, "questions": proposed.questions, "rows": proposed.rows,
             "shipped": proposed.shipped, "trial": trial.value,
-        }));
-    } else if let Some(output) = &args.output {
+        });
+        if let Some(arm) = arm {
+            value["arm"] = arm.as_str().into();
+        }
+        output::json(&value);
+    } else if let Some(output) = &output {
         output::print_hint(&format!("wrote {}", output.display()));
     } else {
         output::block(layout.trim_end());
@@ -111,7 +141,14 @@ pub(in crate::cli) fn infer(global: &Global, args: &InferArgs) -> Result<u8, Cli
     if let Some(fault) = &trial.fault {
         output::print_hint(&format!("armwatch: {fault}"));
     }
-    Ok(if proposed.questions > 0 || trial.fault.is_some() { EXIT_FOUND } else { EXIT_DONE })
+    Ok(proposed.questions > 0 || trial.fault.is_some())
+}
+
+/// The file of an arm's layout, if an export has several arms: `cell4_left.toml` for `cell4.toml`.
+fn for_arm(output: &Path, arm: Option<&str>) -> PathBuf {
+    let Some(arm) = arm else { return output.to_owned() };
+    let ending = output.extension().map_or_else(String::new, |ending| format!(".{}", ending.display()));
+    output.with_file_name(format!("{}_{arm}{ending}", stem(output)))
 }
 
 /// The arm of the export, from the file named, or from that of the robot's entry.

@@ -29,7 +29,14 @@ impl WatchedFolder {
         self.files.retain(|file| file.path != path);
         let file = FileId { device: 1, inode };
         let is_marked = name == "marked1";
-        self.files.push(FoundFile { path, size, modified: SystemTime::UNIX_EPOCH, file, is_marked });
+        self.files.push(FoundFile {
+            path,
+            size,
+            modified: SystemTime::UNIX_EPOCH,
+            file,
+            is_marked,
+            wait: Duration::ZERO,
+        });
     }
 
     fn look(&mut self, at_s: u64) {

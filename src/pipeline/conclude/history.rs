@@ -19,6 +19,7 @@ use crate::pipeline::production;
 use armwatch_method::analyse_run::warm_up_fits_on;
 use armwatch_method::detect::window::Lengths;
 use armwatch_method::friction::points::level_means::nearest_level;
+use armwatch_model::anomaly::{JointHealth, Knowledge};
 use armwatch_store::{AnomalyHistoryRow, AnomalyRow, StaleRobot};
 
 /// Of a longer backlog, conclusions are drawn each time this many runs of a robot have ended, so that a wait for them
@@ -168,6 +169,14 @@ impl Pipeline {
         let mut findings = tests.findings;
         findings.anomalies.extend(logs.findings.anomalies);
         findings.anomalies.extend(dates.anomaly());
+        let unrecorded = |of: &&mut JointHealth| {
+            of.last_result_run_id.is_none() && !self.config.has_torque(&robot.name, of.joint)
+        };
+        for health in findings.health.iter_mut().filter(unrecorded) {
+            health.knowledge = Knowledge::Unsettled;
+            health.reason =
+                Some("its torque is not recorded: torque.not_recorded of the layout names it".into());
+        }
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
         let now = conclusion.history().await?;
         if now == history && conclusion.is_concluded().await? {

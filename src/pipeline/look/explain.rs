@@ -10,12 +10,12 @@ use jiff::Timestamp;
 use crate::pipeline::conclude::windows::too_late;
 use crate::pipeline::context::{Pipeline, PipelineError, Retry};
 use crate::pipeline::production::{CycleWork, work_alone};
-use crate::pipeline::take::cycles::RowCutter;
+use crate::pipeline::take::cycles::{Filled, RowCutter};
 use crate::pipeline::take::decide::{Decision, Start};
 use crate::pipeline::take::intake::Recognised;
 use crate::pipeline::take::{decide, intake, new_robot, record};
 use armwatch_config::{Config, FleetEntry, Layout};
-use armwatch_ingest::bytes::source;
+use armwatch_ingest::bytes::{parts, source};
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::repeated;
 use armwatch_ingest::table::cell_reader::PassedOver;
@@ -28,7 +28,6 @@ use armwatch_model::analysis::{CycleAnalysis, CycleFactors};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::arrival::{Arrival, implausible_dates};
 use armwatch_model::run::{ContentHash, Cycle, Samples, Stage};
-use armwatch_model::text;
 use armwatch_store::{KnownRun, Store};
 
 /// Everything that is known of an export before it is stored.
@@ -89,6 +88,8 @@ pub struct ExportReading {
     pub passed_over: PassedOver,
     /// What is understood although it is not as it should be.
     pub mended: Mended,
+    /// Rows of slower channels.
+    pub filled: Filled,
     /// The cycles, in order.
     pub cycles: Vec<CycleSketch>,
 }
@@ -206,12 +207,11 @@ impl Explainer {
             }
         }
         let (ledger, next) = self.ledger(path, rejection.is_some()).await?;
-        let metadata = std::fs::metadata(path).ok();
-        let modified = metadata.as_ref().and_then(|metadata| metadata.modified().ok());
+        let state = parts::state(path).ok();
         Ok(Explanation {
             path: path.to_owned(),
-            bytes: metadata.map_or(0, |metadata| metadata.len()),
-            age_s: modified.map(age),
+            bytes: state.map_or(0, |state| state.bytes),
+            age_s: state.map(|state| age(state.modified)),
             recognised,
             reading,
             rejection,
@@ -223,7 +223,7 @@ impl Explainer {
 
     fn recognised_as(&self, of: &Recognised<'_>, path: &Path) -> RecognisedAs {
         let recognition = &self.config.recognition;
-        let fits = recognition.fits(&text::of_file_name(path));
+        let fits = recognition.fits(&intake::file_name(path));
         RecognisedAs {
             robot: of.robot.clone(),
             started_at: of.started_at,
@@ -360,6 +360,7 @@ fn read(
         left_out: None,
         passed_over: PassedOver::default(),
         mended: Mended::default(),
+        filled: Filled::default(),
         cycles: Vec::new(),
     };
     let fault = read_into(&mut reading, path, layout, robot, work).err();
@@ -374,8 +375,8 @@ fn read_into(
     robot: &Robot,
     work: Option<&CycleWork>,
 ) -> Result<(), Rejection> {
-    let (bytes, hash) = source::open_hashing(path)?;
-    let mut export = ExportReader::new(bytes, path, layout, robot, ReadOptions::default())?;
+    let (mut export, hash) =
+        ExportReader::open(path, layout, robot, ReadOptions::default(), source::MAX_DECOMPRESSED_BYTES)?;
     reading.columns = Some(export.columns().clone());
     let mut cutter = RowCutter::new(path, layout, robot)?;
     let mut first_time = None;
@@ -395,7 +396,9 @@ fn read_into(
     reading.mended = export.mended().clone();
     reading.content = Some(hash.so_far().0);
     cutter.finish();
-    reading.sketch(&mut cutter, work)
+    let fault = reading.sketch(&mut cutter, work);
+    reading.filled = cutter.filled();
+    fault
 }
 
 impl ExportReading {

@@ -76,12 +76,10 @@ pub(super) fn opened(
     (most, options): (u64, ReadOptions),
     before: Option<&str>,
 ) -> Result<(ExportReader<Box<dyn Read + Send>>, RunningHash), Rejection> {
+    let Some(header) = before else { return ExportReader::open(path, layout, robot, options, most) };
     let (bytes, hash) = source::open_hashing_up_to(path, most)?;
-    let export = match before {
-        None => ExportReader::new(bytes, path, layout, robot, options)?,
-        Some(header) => ExportReader::going_on(bytes, header, path, layout, robot, options)?
-            .ok_or_else(|| Rejection::of_file(path, "an empty file", "export again"))?,
-    };
+    let export = ExportReader::going_on(bytes, header, path, layout, robot, options)?
+        .ok_or_else(|| Rejection::of_file(path, "an empty file", "export again"))?;
     Ok((export, hash))
 }
 

@@ -15,9 +15,11 @@ use armwatch_method::segment::joint_side::JointSide;
 use armwatch_method::segment::stages::{FinderState, StageFinder};
 use armwatch_method::signal::channel_delay::take_delays;
 use armwatch_method::signal::filter::MIN_STRETCH_ROWS;
+use armwatch_method::signal::slower::fill_slower;
 use armwatch_method::signal::time_grid::sample_rate;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::channel_delays::ChannelDelays;
+use armwatch_model::run::slower::SlowerChannels;
 use armwatch_model::run::stage_rule::StageRule;
 use armwatch_model::run::{ContentHash, Cycle, RawSamples, Samples};
 
@@ -45,6 +47,8 @@ pub struct RowCutter {
     path: PathBuf,
     joint_side: JointSide,
     delays: ChannelDelays,
+    slower: SlowerChannels,
+    filled: Filled,
     stages: StageFinder,
     cutter: CycleCutter,
     first_times: Vec<f64>,
@@ -93,6 +97,29 @@ enum Division {
     Windows,
 }
 
+/// Rows of cycles, and how many of them have a value in the slowest channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Filled {
+    /// Rows.
+    pub rows: usize,
+    /// Rows with a torque of each joint.
+    pub torques: usize,
+    /// Rows with a velocity of each joint.
+    pub velocities: usize,
+}
+
+impl Filled {
+    fn count(&mut self, samples: &Samples) {
+        let with_value = |channels: &[Vec<f64>]| {
+            let counts = channels.iter().map(|of| of.iter().filter(|value| !value.is_nan()).count());
+            counts.min().unwrap_or(samples.rows())
+        };
+        self.rows += samples.rows();
+        self.torques += with_value(&samples.torque);
+        self.velocities += samples.velocity.as_deref().map_or(samples.rows(), with_value);
+    }
+}
+
 impl RowCutter {
     /// At the start of an export; `path` only says where problems are.
     ///
@@ -117,6 +144,8 @@ impl RowCutter {
             path: path.to_owned(),
             joint_side,
             delays: layout.delays(robot),
+            slower: layout.slower,
+            filled: Filled::default(),
             stages,
             cutter,
             first_times: Vec::new(),
@@ -179,6 +208,12 @@ impl RowCutter {
     #[must_use]
     pub fn open_bytes(&self) -> usize {
         (self.cutter.open_rows() + self.stages.held_rows()) * self.row_bytes
+    }
+
+    /// Rows of slower channels in the cycles that were cut.
+    #[must_use]
+    pub fn filled(&self) -> Filled {
+        self.filled
     }
 
     /// Whether all cycles that were cut are taken: then the next one begins where its cutter stands.
@@ -313,6 +348,16 @@ impl RowCutter {
     /// Takes a cycle that was cut, from a row of the recording on, and gives it, unless it is short.
     fn take(&mut self, mut cycle: Cycle, first_row: u64) -> Result<(), Rejection> {
         cycle.samples.shrink_to_fit();
+        if self.slower != SlowerChannels::default() {
+            self.filled.count(&cycle.samples);
+        }
+        fill_slower(self.slower, &mut cycle.samples).map_err(|(quantity, joint)| {
+            Rejection::of_file(
+                &self.path,
+                format!("cycle {} has no {quantity} of joint {joint}", cycle.number),
+                "export the channel, or name the joint in torque.not_recorded of the layout",
+            )
+        })?;
         take_delays(&self.delays, &mut cycle.samples);
         if cycle.samples.rows() >= LEAST_ROWS || self.division == Division::Windows {
             self.ready.extend(self.short.drain(..));
@@ -508,9 +553,10 @@ pub fn read_cycle(
     robot: &Robot,
     wanted: u32,
 ) -> Result<Option<Cycle>, Rejection> {
-    let bytes = source::open(path)?;
+    let (export, _) =
+        ExportReader::open(path, layout, robot, ReadOptions::default(), source::MAX_DECOMPRESSED_BYTES)?;
     let mut cutter = RowCutter::new(path, layout, robot)?;
-    for chunk in ExportReader::new(bytes, path, layout, robot, ReadOptions::default())? {
+    for chunk in export {
         let chunk = chunk?;
         cutter.note_line(chunk.first_line);
         cutter.push(chunk.samples);

@@ -25,6 +25,7 @@ use crate::pipeline::{FromRejection, Lane};
 use armwatch_config::FleetEntry;
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::HashingReader;
+use armwatch_ingest::bytes::parts::Parts;
 use armwatch_ingest::find::tail;
 use armwatch_ingest::find::tail::{Fate, Growing, Growth, Tail};
 use armwatch_ingest::rejection::Rejection;
@@ -138,6 +139,10 @@ impl Pipeline {
         ends: &Ends,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Followed, PipelineError> {
+        // which parts there are is known when they have settled
+        if Parts::of(path).is_some() {
+            return Ok(Followed::UntilSettled);
+        }
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
             Ok(recognised) => recognised,
             // the row that says the start may not be written yet

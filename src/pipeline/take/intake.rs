@@ -12,14 +12,14 @@ use tokio_util::sync::CancellationToken;
 use super::admitted::AdmittedExport;
 use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
-use super::{cut_file, decide, new_robot, record, resume};
+use super::{content, cut_file, decide, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
 use crate::pipeline::cycle_memory::Turn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
-use armwatch_ingest::bytes::access::metadata;
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::fingerprint;
-use armwatch_ingest::bytes::{fingerprint, source};
+use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::bytes::{fingerprint, parts, source};
 use armwatch_ingest::find::archive::original_name;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_ingest::table::reader::ReadOptions;
@@ -50,6 +50,11 @@ pub async fn admit(
     retry: Retry,
     hashed: Option<(ContentHash, u64)>,
 ) -> Result<Admission, PipelineError> {
+    if let Some(rejection) = content::missing_part(pipeline, path).await? {
+        return Ok(Admission::Decided(
+            quarantined(pipeline, &header_of_name(pipeline, path), rejection).await?,
+        ));
+    }
     if let Some(content) = hashed {
         return admit_content(pipeline, path, retry, content, file_time(path)).await;
     }
@@ -62,22 +67,26 @@ pub async fn admit(
         }
         (Err(error), file_time) => {
             let rejection = Rejection::from_io(path, &error);
-            let ledger_path = ledger_path(pipeline.store(), path);
-            let header = header(
-                path,
-                ledger_path,
-                UNKNOWN_ROBOT,
-                "",
-                file_time,
-                path_identity(pipeline.store(), path),
-                0,
-            );
+            let header = RunHeader {
+                robot: UNKNOWN_ROBOT.into(),
+                started_at: file_time,
+                ..header_of_name(pipeline, path)
+            };
             let outcome = quarantined(pipeline, &header, rejection.clone()).await?;
             let passing = rejection.is_passing;
             return Ok(Admission::Decided(if passing { Outcome::Unreadable { rejection } } else { outcome }));
         }
     };
     admit_content(pipeline, path, retry, (content_hash, source_bytes), file_time).await
+}
+
+/// What is known of an export whose content cannot be read.
+fn header_of_name(pipeline: &Pipeline, path: &Path) -> RunHeader {
+    let (store, recognition) = (pipeline.store(), &pipeline.config().recognition);
+    let recognised = recognition.recognise(&file_name(path)).ok();
+    let started_at = recognised.as_ref().and_then(|of| of.started_at).unwrap_or_else(|| file_time(path));
+    let robot = recognised.map_or_else(|| UNKNOWN_ROBOT.to_owned(), |of| of.robot);
+    header(path, ledger_path(store, path), &robot, "", started_at, path_identity(store, path), 0)
 }
 
 /// As [`admit`], for a file whose content could be read.
@@ -96,6 +105,10 @@ async fn admit_content(
         Err(rejection) => return Ok(Admission::Decided(Outcome::Unreadable { rejection })),
     };
     forget_unreadable(pipeline, path).await?;
+    // a part that came before the one that it follows
+    for late in Parts::of(path).map_or_else(Vec::new, |parts| parts.later()) {
+        forget_unreadable(pipeline, &late).await?;
+    }
     let header_before = match &recognised {
         // few files are rewritten
         Ok(recognised) if facts.earlier.iter().any(|of| of.same_file && !of.begins_alike) => {
@@ -209,11 +222,11 @@ pub(in crate::pipeline) async fn facts(
     recognised: Option<&Recognised<'_>>,
     retry: Retry,
 ) -> Result<Result<Facts, Rejection>, PipelineError> {
+    let name = file_name(path);
     let known = match &content {
-        Some(content) => pipeline.store().lookup(content).await?,
+        Some(of) => content::run_of_content(pipeline, path, of, recognised).await?,
         None => None,
     };
-    let name = file_name(path);
     let recording = recognised.and_then(Recognised::recording);
     let recording = recording.map(|(robot, started_at)| Recording { robot, started_at, source_name: &name });
     let ledger_path = ledger_path(pipeline.store(), path);
@@ -355,10 +368,9 @@ pub fn decided(path: &Path, known: KnownRun) -> Outcome {
 /// Number, size and time of a file; `None` where it is not there, or the file system does not tell.
 #[must_use]
 pub fn source_state(path: &Path) -> Option<SourceState> {
-    let metadata = metadata(path).ok()?;
-    let (bytes, changed) = fingerprint::extent(path, &metadata);
-    let modified = Timestamp::try_from(changed).ok()?;
-    Some(SourceState { bytes, modified, file: fingerprint::id_of(&metadata) })
+    let state = parts::state(path).ok()?;
+    let modified = Timestamp::try_from(state.changed).ok()?;
+    Some(SourceState { bytes: state.bytes, modified, file: state.file })
 }
 
 /// Reads the export of `intake`, which has settled, and sends its cycles, those already stored left out.
@@ -541,9 +553,9 @@ pub fn header(
     }
 }
 
-/// Name of an export; of one in an archive, the name that it had before.
+/// Name of an export; of one in an archive, the name that it had before; of one in several files, that of its first part.
 pub(in crate::pipeline) fn file_name(path: &Path) -> String {
-    original_name(&text::of_file_name(path)).into_owned()
+    original_name(&text::of_file_name(&parts::named_by(path))).into_owned()
 }
 
 /// A path as the ledger has it.
@@ -563,9 +575,8 @@ pub(in crate::pipeline) fn path_identity(store: &Store, path: &Path) -> ContentH
 /// Modification time of a file, the best guess at its recording where its name has none.
 #[must_use]
 pub fn file_time(path: &Path) -> Timestamp {
-    metadata(path)
-        .and_then(|metadata| metadata.modified())
+    parts::state(path)
         .ok()
-        .and_then(|modified| Timestamp::try_from(modified).ok())
+        .and_then(|state| Timestamp::try_from(state.modified).ok())
         .unwrap_or(Timestamp::UNIX_EPOCH)
 }

@@ -11,6 +11,7 @@ pub(in crate::pipeline) mod cut_file;
 pub mod cutting;
 pub mod record;
 pub mod intake;
+mod content;
 pub mod new_robot;
 pub mod follow;
 

@@ -245,8 +245,7 @@ pub async fn quarantine(
     let robot = if intake.named_start { &intake.header.robot } else { UNKNOWN_ROBOT };
     let header = RunHeader { robot: robot.to_owned(), ..intake.header.clone() };
     let run_id = write_down(pipeline, &header, &rejection).await?;
-    let cycles =
-        pipeline.store().lookup(&intake.header.content_hash).await?.map_or(0, |run| run.cycles_stored);
+    let cycles = pipeline.store().known_run(run_id).await?.map_or(0, |run| run.cycles_stored);
     Ok(Outcome::Quarantined { run_id, rejection, cycles, known: false })
 }
 

@@ -336,7 +336,7 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
             let entry = FleetEntry { robots, files, description: description?, layout: layout? };
             check_units(&table, &entry)?;
             check_fit(&table, &entry)?;
-            Some(entry)
+            Some(FleetEntry { description: entry.layout.described(entry.description), ..entry })
         })
         .collect();
     entries.into_iter().collect()

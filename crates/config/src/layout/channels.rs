@@ -1,6 +1,9 @@
 //! How the columns of an export become channels in SI: the layout, and what it needs of the robot.
 
+use std::sync::Arc;
+
 use super::column::{Column, JointColumns, ScaledColumn};
+use super::parts::PartRule;
 use super::stage_source::StageSource;
 use super::temperature::{AmbientTemperature, MotorTemperature};
 use super::text_format::TextFormat;
@@ -9,8 +12,9 @@ use crate::robot::joint::{
     DRIVE_GAIN, DRIVE_GAIN_OF_SLIDE, MOTOR_TORQUE_CONSTANT, RATED_JOINT_FORCE, RATED_JOINT_TORQUE,
     RATED_MOTOR_TORQUE,
 };
-use armwatch_model::robot::{Joint, JointKind, Robot};
+use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 use armwatch_model::run::channel_delays::ChannelDelays;
+use armwatch_model::run::slower::SlowerChannels;
 
 /// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's `savetxt`,
 /// MATLAB's `-ascii` and `printf`.
@@ -27,6 +31,8 @@ pub struct Layout {
     pub text: TextFormat,
     /// Which rows may be passed over.
     pub rows: RowRule,
+    /// Which files are parts of one recording, where exports come in several.
+    pub parts: Option<PartRule>,
     /// Whether the first line names the columns; without names, columns go by number from 1.
     pub header: bool,
     /// Where time comes from.
@@ -39,6 +45,10 @@ pub struct Layout {
     pub velocity: Option<Channel>,
     /// Columns of joint torques, or of what they follow from.
     pub torque: Channel,
+    /// Joints whose torque is not recorded. The list of [`Layout::torque`] has placeholders for them.
+    pub without_torque: Vec<JointIndex>,
+    /// Channels that may have rows without a value.
+    pub slower: SlowerChannels,
     /// What the torque columns hold.
     pub torque_quantity: TorqueQuantity,
     /// Columns of the motors' temperatures; used if the export has them.
@@ -267,6 +277,7 @@ impl Layout {
     pub fn factors(&self, robot: &Robot) -> Result<JointFactors, Misfit> {
         let n = robot.joint_count();
         self.check_lists(robot)?;
+        self.check_without_torque(robot)?;
         let scaled =
             |channel: &Channel| (0..n).map(|j| channel.to_si * channel.sign.of(j)).collect::<Vec<f64>>();
         let mut torque = scaled(&self.torque);
@@ -280,6 +291,26 @@ impl Layout {
             velocity: self.velocity.as_ref().map_or_else(|| vec![1.0; n], scaled),
             torque,
         })
+    }
+
+    /// The column of a joint's torque; `None` if it is not recorded.
+    #[must_use]
+    pub fn torque_column(&self, joint: JointIndex) -> Option<Column> {
+        let is_recorded = !self.without_torque.contains(&joint);
+        self.torque.columns.of_joint(joint.number()).filter(|_| is_recorded)
+    }
+
+    /// The robot with the joints marked whose torque this layout does not have.
+    #[must_use]
+    pub fn described(&self, robot: Arc<Robot>) -> Arc<Robot> {
+        if self.without_torque.is_empty() {
+            return robot;
+        }
+        let mut marked = Robot::clone(&robot);
+        for joint in marked.joint_indices() {
+            marked.joints[joint.index()].has_torque = !self.without_torque.contains(&joint);
+        }
+        Arc::new(marked)
     }
 
     /// Key and value of the description that each joint's torque column is multiplied with, `[n]`; `None`
@@ -346,6 +377,20 @@ impl Layout {
         Ok(())
     }
 
+    fn check_without_torque(&self, robot: &Robot) -> Result<(), Misfit> {
+        let n = robot.joint_count();
+        let Some(last) = self.without_torque.iter().max() else { return Ok(()) };
+        let (problem, remedy) = if last.index() >= n {
+            (format!("names joint {last}, {} has {n} joints", robot.model), "name joints of this arm")
+        } else if self.without_torque.len() == n {
+            ("names all joints".into(), "leave out the joints that have a torque column")
+        } else {
+            return Ok(());
+        };
+        let problem = format!("torque.not_recorded of layout \"{}\" {problem}", self.name);
+        Err(Misfit { problem, remedy: remedy.into() })
+    }
+
     /// What the torque columns are multiplied with: the key and the value of a joint.
     fn drive(&self) -> Option<OfDrive> {
         match (self.torque_quantity, self.motor_side.torque) {
@@ -370,7 +415,7 @@ impl Layout {
     fn check_drive(&self, robot: &Robot, of_joint: OfDrive, known: &[Option<f64>]) -> Result<(), Misfit> {
         let missing: Vec<String> = robot
             .joint_indices()
-            .filter(|joint| known[joint.index()].is_none())
+            .filter(|joint| known[joint.index()].is_none() && !self.without_torque.contains(joint))
             .map(|joint| format!("{} of joint {joint}", of_joint(&robot.joints[joint.index()]).0))
             .collect();
         if missing.is_empty() {

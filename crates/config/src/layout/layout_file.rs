@@ -2,15 +2,20 @@
 
 use std::path::Path;
 
-use super::channels::{BLANKS, Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TorqueQuantity};
-use super::column::JointColumns;
+use super::channels::{
+    BLANKS, Channel, JointDelays, JointSigns, Layout, MotorSide, RowRule, TimeSource, TorqueQuantity,
+};
+use super::column::{Column, JointColumns};
 use super::column_names::{ColumnNames, NamedUnit, named_unit, read_unit};
+use super::parts::PartMatch;
 use super::stage_source::read_stage_source;
-use super::{layout_time, temperature, text_format};
+use super::{layout_time, parts, temperature, text_format};
 use crate::toml::files;
 use crate::toml::problem::ConfigErrors;
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value, read_document};
+use armwatch_model::robot::{JointIndex, MAX_JOINTS};
+use armwatch_model::run::slower::{Slower, SlowerChannels};
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const REV: f64 = std::f64::consts::TAU;
@@ -88,6 +93,7 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
     let delimiter = read_delimiter(root);
     let text = text_format::read(root);
     let rows = root.table("rows").map_or(Some(RowRule::default()), |table| read_rows(&table));
+    let parts = root.table("parts").map(|table| (parts::read(&table), table));
     let required = |key| root.required(key).and_then(|value| value.table());
     let header = root.optional("header").map_or(Some(true), |value| value.boolean());
     let time = required("time").and_then(|t| layout_time::read(&t, &mut names));
@@ -105,12 +111,26 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
             delay: JointDelays::default(),
         })
     });
-    let velocity = root.table("velocity").map(|t| read_late_channel(&t, VELOCITY, &mut names));
+    let mut slower = SlowerChannels::default();
+    let velocity = root.table("velocity").map(|t| {
+        slower.velocity = read_slower(&t)?;
+        read_late_channel(&t, VELOCITY, &mut names)
+    });
     let mut torque_quantity = TorqueQuantity::Torque;
+    let mut without_torque = Vec::new();
     let torque = required("torque").and_then(|t| {
         motor_side.torque = read_side(&t)?;
         torque_quantity = read_quantity(&t);
-        read_late_channel(&t, TORQUE, &mut names)
+        slower.torque = read_slower(&t)?;
+        without_torque = read_without_torque(&t)?;
+        let mut torque = read_late_channel(&t, TORQUE, &mut names)?;
+        if let JointColumns::Each(columns) = &mut torque.columns {
+            // the list names the others; this column is never looked for
+            without_torque
+                .iter()
+                .for_each(|joint| columns.insert(joint.index().min(columns.len()), Column::Number(0)));
+        }
+        Some(torque)
     });
     let motor_temperature = root.table("motor_temperature").map(|t| temperature::read_motor(&t, &mut names));
     let ambient_temperature =
@@ -141,17 +161,36 @@ fn read_root(root: &Table<'_>) -> Option<Layout> {
         Some(start) => Some(start?),
         None => None,
     };
+    let parts = match parts {
+        Some((rule, table)) => {
+            let rule = rule?;
+            let has_numbers = matches!(time, Some(TimeSource::Column(_)));
+            if rule.matching == PartMatch::Time && !has_numbers {
+                let hint = "match rows by number: match = \"row\"";
+                table.refuse(
+                    "rows match by time only where time is a column of numbers".into(),
+                    Some(hint.into()),
+                );
+                return None;
+            }
+            Some(rule)
+        }
+        None => None,
+    };
     Some(Layout {
         name: name?.to_owned(),
         delimiter: delimiter?,
         text: text?,
         rows: rows?,
+        parts,
         header: header?,
         time: time?,
         start,
         position: position?,
         velocity,
         torque: torque?,
+        without_torque,
+        slower,
         torque_quantity,
         motor_temperature: motor_temperature.flatten(),
         ambient_temperature: ambient_temperature.flatten(),
@@ -213,6 +252,19 @@ fn read_late_channel(table: &Table<'_>, units: &[NamedUnit], names: &mut ColumnN
     Some(Channel { delay: delay?, ..channel })
 }
 
+/// Whether a channel may have rows without a value, and which value they get.
+fn read_slower(table: &Table<'_>) -> Option<Option<Slower>> {
+    let Some(value) = table.optional("slower") else { return Some(None) };
+    match value.text()? {
+        "hold" => Some(Some(Slower::Hold)),
+        "resample" => Some(Some(Slower::Resample)),
+        _ => {
+            value.refuse("must be \"hold\" or \"resample\"".into(), None);
+            None
+        }
+    }
+}
+
 fn read_sign(value: &Value<'_>) -> Option<JointSigns> {
     let one = |value: &Value<'_>| {
         let sign = value.integer(-1..=1)?;
@@ -228,6 +280,17 @@ fn read_sign(value: &Value<'_>) -> Option<JointSigns> {
     signs.into_iter().collect::<Option<_>>().map(JointSigns::Each)
 }
 
+/// Joints whose torque is not recorded, in their order.
+fn read_without_torque(table: &Table<'_>) -> Option<Vec<JointIndex>> {
+    let Some(value) = table.optional("not_recorded") else { return Some(Vec::new()) };
+    let most = i64::try_from(MAX_JOINTS).ok()?;
+    let joint = |item: &Value<'_>| JointIndex::from_number(usize::try_from(item.integer(1..=most)?).ok()?);
+    let mut joints: Vec<JointIndex> = value.items()?.iter().map(joint).collect::<Option<_>>()?;
+    joints.sort_unstable();
+    joints.dedup();
+    Some(joints)
+}
+
 /// What the unit of a torque column says it holds; a wrong unit is refused where its factor is read.
 fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
     match table.optional("unit").and_then(|value| value.peek_text()) {
@@ -240,8 +303,6 @@ fn read_quantity(table: &Table<'_>) -> TorqueQuantity {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Column;
-    use crate::layout::channels::TimeSource;
     use crate::layout::column::ScaledColumn;
 
     const NATIVE: &str = include_str!("../../../../config/exports/native.toml");

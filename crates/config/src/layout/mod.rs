@@ -8,3 +8,4 @@ pub(super) mod text_format;
 pub(super) mod channels;
 pub(super) mod layout_time;
 pub(super) mod layout_file;
+pub(super) mod parts;

@@ -60,6 +60,7 @@ pub(crate) fn read(
         rated_torque: drive.rated_torque,
         peak_torque: drive.peak_torque,
         low_speed: drive.low_speed,
+        has_torque: true,
         friction: drive.friction,
         nominal: optional(nominal)?,
     })

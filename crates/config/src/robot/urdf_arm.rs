@@ -143,6 +143,7 @@ fn read_joint(
         rated_torque: drive.rated_torque,
         peak_torque: drive.peak_torque,
         low_speed: drive.low_speed,
+        has_torque: true,
         friction: drive.friction,
         nominal,
     })

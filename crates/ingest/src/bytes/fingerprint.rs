@@ -3,15 +3,17 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use super::access::{Asked, asking, refuse_outside};
+use super::parts;
 use super::trace::companions;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 
-/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is, with the files that belong to it.
+/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is. That of several files, which are parts
+/// or belong to one, is the hash of their hashes.
 ///
 /// Reads in pieces; memory does not grow with the file.
 ///
@@ -19,12 +21,42 @@ use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 /// Whatever opening or reading gives; [`io::ErrorKind::InvalidInput`] for anything that is not a
 /// regular file, since a pipe would block for ever.
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
+    let of_file = |file: &PathBuf| hash_up_to(file, u64::MAX);
+    Ok(joined(&all_files(path).iter().map(of_file).collect::<io::Result<Vec<_>>>()?))
+}
+
+/// The parts of what lies at `path`, each with the files that belong to it.
+fn all_files(path: &Path) -> Vec<PathBuf> {
+    let with_companions = |part: PathBuf| {
+        let companions = companions(&part);
+        std::iter::once(part).chain(companions)
+    };
+    parts::files(path).into_iter().flat_map(with_companions).collect()
+}
+
+fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(Asked(regular_file(path)?))?;
-    for companion in companions(path) {
-        hasher.update_reader(Asked(regular_file(&companion)?))?;
-    }
+    hasher.update_reader(Asked(regular_file(path)?).take(bytes))?;
     Ok(identity(&hasher))
+}
+
+/// The identity of parts that follow each other. Those without bytes count for nothing, so that a prefix of the parts has
+/// the identity that it had when it was all there was.
+fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
+    let mut some = parts.iter().filter(|(_, bytes)| *bytes > 0);
+    let bytes = parts.iter().map(|(_, bytes)| bytes).sum();
+    let hash = match (some.next(), some.next()) {
+        (None, _) => of_bytes(b""),
+        (Some((only, _)), None) => *only,
+        _ => {
+            let mut hasher = blake3::Hasher::new();
+            parts.iter().filter(|(_, bytes)| *bytes > 0).for_each(|(hash, _)| {
+                hasher.update(&hash.0);
+            });
+            identity(&hasher).0
+        }
+    };
+    (hash, bytes)
 }
 
 /// The first `bytes` bytes of a file; `None` if it has fewer.
@@ -32,9 +64,16 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
 /// # Errors
 /// As [`fingerprint`].
 pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(Asked(regular_file(path)?).take(bytes))?;
-    let (hash, read) = identity(&hasher);
+    let (mut found, mut left) = (Vec::new(), bytes);
+    for file in all_files(path) {
+        let part = hash_up_to(&file, left)?;
+        left -= part.1;
+        found.push(part);
+        if left == 0 {
+            break;
+        }
+    }
+    let (hash, read) = joined(&found);
     Ok((read == bytes).then_some(ContentPrefix { bytes, hash }))
 }
 
@@ -106,15 +145,15 @@ pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
 #[derive(Debug)]
 pub struct HashingReader<R> {
     inner: R,
-    hash: RunningHash,
+    hash: Arc<Mutex<blake3::Hasher>>,
 }
 
 impl<R: Read> HashingReader<R> {
     /// Wraps `inner`; the second value gives the hash of what was read from it so far.
     #[must_use]
     pub fn new(inner: R) -> (Self, RunningHash) {
-        let hash = RunningHash(Arc::default());
-        (Self { inner, hash: hash.clone() }, hash)
+        let hash = Arc::<Mutex<blake3::Hasher>>::default();
+        (Self { inner, hash: Arc::clone(&hash) }, RunningHash(Arc::new(Mutex::new(vec![hash]))))
     }
 }
 
@@ -122,22 +161,25 @@ impl<R: Read> Read for HashingReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = asking(|| self.inner.read(buffer))?;
         if let Some(read) = buffer.get(..count) {
-            self.hash.0.lock().unwrap_or_else(PoisonError::into_inner).update(read);
+            self.hash.lock().unwrap_or_else(PoisonError::into_inner).update(read);
         }
         Ok(count)
     }
 }
 
-/// Hash of what a [`HashingReader`] has read so far. Equal to [`fingerprint`] once the reader is at
-/// its end, unless the file changed meanwhile.
+/// Hash of what a [`HashingReader`], or one for each part, has read so far. Equal to [`fingerprint`] once the readers are at
+/// their ends, unless a file changed meanwhile.
 #[derive(Debug, Clone)]
-pub struct RunningHash(Arc<Mutex<blake3::Hasher>>);
+pub struct RunningHash(Arc<Mutex<Vec<Arc<Mutex<blake3::Hasher>>>>>);
 
 impl RunningHash {
     /// Hash and number of bytes so far.
     #[must_use]
     pub fn so_far(&self) -> (ContentHash, u64) {
-        identity(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        let readers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let of_part =
+            |of: &Arc<Mutex<blake3::Hasher>>| identity(&of.lock().unwrap_or_else(PoisonError::into_inner));
+        joined(&readers.iter().map(of_part).collect::<Vec<_>>())
     }
 
     /// What was read so far, as the beginning of a content.
@@ -150,7 +192,14 @@ impl RunningHash {
     /// Number of bytes so far.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).count()
+        let readers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        readers.iter().map(|of| of.lock().unwrap_or_else(PoisonError::into_inner).count()).sum()
+    }
+
+    /// Counts what the reader of the next part has read too.
+    pub(crate) fn follow_with(&self, next: &Self) {
+        let next = next.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend(next);
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod source;
 pub mod fingerprint;
+pub mod parts;
 pub mod encoding;
 pub mod access;
 pub mod blocks;

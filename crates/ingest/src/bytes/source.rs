@@ -225,7 +225,7 @@ impl<R: Read> Read for Limited<R> {
     }
 }
 
-pub(super) fn unreadable(reason: String, remedy: &str) -> io::Error {
+pub(crate) fn unreadable(reason: String, remedy: &str) -> io::Error {
     io::Error::other(Unreadable { reason, remedy: remedy.to_owned() })
 }
 

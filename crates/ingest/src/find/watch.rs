@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 use std::{fmt, fs, io};
 
 use notify::event::{AccessKind, AccessMode};
@@ -42,6 +42,8 @@ pub struct FoundFile {
     pub file: FileId,
     /// Its writer has marked it as done, see [`is_marked`].
     pub is_marked: bool,
+    /// How long it waits for parts of its recording that are missing.
+    pub wait: Duration,
 }
 
 /// What a scan saw.
@@ -262,7 +264,7 @@ impl Scan {
             return;
         }
         let ((size, modified), file) = (extent(&path, metadata), id_of(metadata));
-        self.files.push(FoundFile { path, size, modified, file, is_marked });
+        self.files.push(FoundFile { path, size, modified, file, is_marked, wait: Duration::ZERO });
     }
 }
 

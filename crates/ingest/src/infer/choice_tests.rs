@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use super::proposal::{Hints, Proposed};
-use super::{infer, words};
+use super::{infer, infer_each_arm, words};
 use armwatch_config::{Column, Layout, parse_layout};
 use armwatch_model::robot::Robot;
 use armwatch_testing::er3a;
@@ -236,6 +236,38 @@ fn every_second_candidate_is_a_question_that_names_both() {
         }
         assert_eq!(first_of(&answered(&found).torque.columns), torque, "{}", found.toml);
     }
+}
+
+#[test]
+fn each_of_several_arms_gets_a_layout_without_a_question() {
+    let arm = |words: &'static str| {
+        [("q", 0), ("qd", 1), ("tau", 3)]
+            .map(|(base, channel)| joints(move |j| format!("{words}_{base}{j}"), move |j| Motion(channel, j)))
+    };
+    let each = |columns: &[Vec<(String, Of)>]| {
+        let found = infer_each_arm(
+            recording(&columns.concat(), true).as_bytes(),
+            Path::new("a.csv"),
+            "cell",
+            Hints::default(),
+        );
+        found.expect("a table")
+    };
+    for [one, other] in [["L", "R"], ["left", "right"], ["arm1", "arm2"]] {
+        let found = each(&[&[time()][..], &arm(one), &arm(other)].concat());
+        assert_eq!(found.len(), 2, "{one}");
+        for ((words, layout), side) in found.iter().zip([one, other]) {
+            assert!(layout.toml.contains(&format!("name = \"cell_{}\"", words.as_deref().expect("an arm"))));
+            assert_eq!(first_of(&answered(layout).torque.columns), format!("{side}_tau1"), "{}", layout.toml);
+            assert_eq!(first_of(&answered(layout).position.columns), format!("{side}_q1"), "{}", layout.toml);
+        }
+    }
+    // the two sides of the gears of one arm
+    let [position, velocity, torque] = plain();
+    let motor = joints(|j| format!("motor_pos_{j}"), |j| Scaled(0, j, 100.0));
+    let motor_torque = joints(|j| format!("motor_trq_{j}"), |j| Scaled(3, j, 0.01));
+    let found = each(&[time(), position, velocity, torque, motor, motor_torque]);
+    assert_eq!((found.len(), &found[0].0), (1, &None));
 }
 
 #[test]

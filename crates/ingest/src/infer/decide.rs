@@ -1,5 +1,6 @@
 //! What is known of an export's columns, put together to a layout with reasons.
 
+use super::arms::{Arm, is_of};
 use super::blocks::by_motion;
 use super::head::Head;
 use super::joints::{Joints, by_name, time};
@@ -27,17 +28,17 @@ pub(super) struct Decided {
     pub(super) shipped: Option<&'static str>,
 }
 
-/// The sections of a layout file for the export.
-pub(super) fn propose(head: &Head, hints: Hints<'_>) -> Decided {
+/// The sections of a layout file for the export. Of several arms, the columns of `arm` and those that say none are taken.
+pub(super) fn propose(head: &Head, hints: Hints<'_>, arm: Option<&Arm>) -> Decided {
     let echo = topic_echo(head, hints.robot);
     if let Some(decided) = echo.and_then(|echo| of_topic_echo(head, hints, &echo)) {
         return decided;
     }
     let maker = recognise(head);
-    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Some(maker))) {
+    if let Some(decided) = maker.as_ref().and_then(|maker| of_columns(head, hints, Some(maker), arm)) {
         return decided;
     }
-    let mut decided = of_columns(head, hints, None).unwrap_or_default();
+    let mut decided = of_columns(head, hints, None, arm).unwrap_or_default();
     decided.shipped = recorder(head);
     if let Some(maker) = maker {
         let said = format!(
@@ -69,12 +70,14 @@ fn of_topic_echo(head: &Head, hints: Hints<'_>, echo: &TopicEcho<'_>) -> Option<
 }
 
 /// The sections for columns of a maker or of an unknown recorder; `None` if the numbers contradict the maker's units.
-fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>) -> Option<Decided> {
-    let sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
-    let sets = match maker {
-        Some(maker) => maker.sets(sets),
-        None => sets,
-    };
+fn of_columns(head: &Head, hints: Hints<'_>, maker: Option<&Maker>, arm: Option<&Arm>) -> Option<Decided> {
+    let mut sets = if head.header { sets(head, hints.robot) } else { Vec::new() };
+    if let Some(maker) = maker {
+        sets = maker.sets(sets);
+    }
+    if let Some(arm) = arm {
+        sets.retain(|set| is_of(set, arm));
+    }
     let joints = match head.header {
         true => by_name(head, hints.robot, &sets),
         false => by_motion(head, hints),

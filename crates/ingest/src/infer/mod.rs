@@ -12,6 +12,7 @@ mod decide;
 mod head;
 pub mod proposal;
 mod section;
+mod arms;
 mod sets;
 mod stage_sections;
 mod joints;
@@ -53,5 +54,29 @@ use crate::rejection::Rejection;
 /// A rejection of a file that cannot be read or holds no table of numbers.
 pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
     let head = head::read(reader, path)?;
-    Ok(write::layout(name, path, &head, &decide::propose(&head, hints)))
+    Ok(write::layout(name, path, &head, &decide::propose(&head, hints, None)))
+}
+
+/// As [`infer`], a layout for each arm with the words that tell it, such as `left`; the words are part of the layout's name. Of
+/// an export of one arm, one layout without words.
+///
+/// # Errors
+/// As [`infer`].
+pub fn infer_each_arm(
+    reader: impl Read,
+    path: &Path,
+    name: &str,
+    hints: Hints<'_>,
+) -> Result<Vec<(Option<String>, Proposed)>, Rejection> {
+    let head = head::read(reader, path)?;
+    let arms = if head.header { arms::arms(&sets::sets(&head, hints.robot)) } else { Vec::new() };
+    let proposed = |arm: Option<&arms::Arm>| {
+        let words = arm.map(|arm| arm.join("_"));
+        let name = words.as_ref().map_or_else(|| name.to_owned(), |words| format!("{name}_{words}"));
+        (words, write::layout(&name, path, &head, &decide::propose(&head, hints, arm)))
+    };
+    Ok(match arms.is_empty() {
+        true => vec![proposed(None)],
+        false => arms.iter().map(|arm| proposed(Some(arm))).collect(),
+    })
 }

@@ -350,6 +350,9 @@ impl Row<'_> {
         if role.temperature_unit().is_some() {
             return Ok(channels::temperature(cell, self.map.decimal));
         }
+        if cell.is_empty() && self.map.may_be_empty(role) {
+            return Ok(f64::NAN);
+        }
         if cell.is_empty() {
             return Err(self.rejection("empty cell"));
         }

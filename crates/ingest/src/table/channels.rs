@@ -8,6 +8,7 @@ use super::clock::{self, PreviousTime, TimeColumn, Turn};
 use super::column_map::{ColumnMap, Role};
 use armwatch_config::DecimalMark;
 use armwatch_model::robot::JointIndex;
+use armwatch_model::run::slower::Slower;
 use armwatch_model::run::temperature::{TemperatureTrack, Temperatures};
 use armwatch_model::run::{FrictionSignal, RawSamples, Stage, StageReading};
 
@@ -93,26 +94,39 @@ pub fn samples_and_clock(
             scaled(counts, factors.time, MAX_TIME)?
         }
         TimeColumn::Counted(rate) => {
-            let rows = map.torque.first().and_then(|column| columns.get(*column)).map_or(0, Vec::len);
+            let rows = map
+                .torque
+                .iter()
+                .flatten()
+                .next()
+                .and_then(|column| columns.get(*column))
+                .map_or(0, Vec::len);
             counted(0..rows, rate, previous_time)
         }
     };
     if !rises(&time, previous_time) {
         return None;
     }
-    let mut joints = |indices: &[usize], factors: &[f64], limit: f64| -> Option<Vec<Vec<f64>>> {
+    let mut joints = |indices: &[usize], factors: &[f64], limit: f64, rule| -> Option<Vec<Vec<f64>>> {
         let of_joints = indices.iter().zip(factors);
-        of_joints.map(|(column, factor)| scaled(taken(&mut columns, *column), *factor, limit)).collect()
+        of_joints
+            .map(|(column, factor)| scaled_where(taken(&mut columns, *column), *factor, limit, rule))
+            .collect()
     };
     let position = match map.position.is_empty() {
         true => vec![vec![f64::NAN; time.len()]; map.joint_count()],
-        false => joints(&map.position, &factors.position, MAX_POSITION)?,
+        false => joints(&map.position, &factors.position, MAX_POSITION, None)?,
     };
     let velocity = match &map.velocity {
-        Some(indices) => Some(joints(indices, &factors.velocity, MAX_VELOCITY)?),
+        Some(indices) => Some(joints(indices, &factors.velocity, MAX_VELOCITY, map.slower.velocity)?),
         None => None,
     };
-    let torque = joints(&map.torque, &factors.torque, MAX_TORQUE)?;
+    let torque = map.torque.iter().zip(&factors.torque).map(|(column, factor)| match column {
+        Some(column) => scaled_where(taken(&mut columns, *column), *factor, MAX_TORQUE, map.slower.torque),
+        // it takes part in nothing: `Joint::has_torque`
+        None => Some(vec![0.0; time.len()]),
+    });
+    let torque = torque.collect::<Option<Vec<_>>>()?;
     let of_stages = map.stage.iter().map(|column| taken(&mut columns, *column)).collect();
     let stage = map.stage_source.kind().reading(of_stages, time.len())?;
     let friction_signal = match map.friction {
@@ -220,6 +234,15 @@ pub fn counted_on(count: f64, period: f64, before: Option<f64>) -> f64 {
 
 fn taken(columns: &mut RawColumns, column: usize) -> Vec<f64> {
     columns.get_mut(column).map(std::mem::take).unwrap_or_default()
+}
+
+/// As [`scaled`]; with a rule for rows without a value, these are not numbers.
+fn scaled_where(mut values: Vec<f64>, factor: f64, limit: f64, slower: Option<Slower>) -> Option<Vec<f64>> {
+    if slower.is_none() {
+        return scaled(values, factor, limit);
+    }
+    values.iter_mut().for_each(|value| *value *= factor);
+    values.iter().all(|value| value.is_nan() || value.abs() <= limit).then_some(values)
 }
 
 fn scaled(mut values: Vec<f64>, factor: f64, limit: f64) -> Option<Vec<f64>> {

@@ -12,6 +12,7 @@ use armwatch_config::{
     TimeSource,
 };
 use armwatch_model::robot::{JointIndex, Robot, name::composed};
+use armwatch_model::run::slower::SlowerChannels;
 
 /// Most column names listed in a message.
 const LISTED_COLUMNS: usize = 40;
@@ -80,8 +81,8 @@ pub struct ColumnMap {
     pub position: Vec<usize>,
     /// Column index of each joint's velocity, where recorded.
     pub velocity: Option<Vec<usize>>,
-    /// Column index of each joint's torque.
-    pub torque: Vec<usize>,
+    /// Column index of each joint's torque, where recorded, `[n]`.
+    pub torque: Vec<Option<usize>>,
     /// Column indices of the stage signal, in the order of its columns.
     pub stage: Vec<usize>,
     /// Column index of the cycle counter, where recorded.
@@ -98,6 +99,8 @@ pub struct ColumnMap {
     pub stage_source: StageSource,
     /// Channels recorded on the motor's side.
     pub motor_side: MotorSide,
+    /// Channels that may have rows without a value, which are not a number then.
+    pub slower: SlowerChannels,
     /// Largest speed level; 0 if the description names none, then any is taken.
     pub levels: usize,
 }
@@ -129,6 +132,16 @@ impl ColumnMap {
     #[must_use]
     pub fn joint_count(&self) -> usize {
         self.torque.len()
+    }
+
+    /// Whether a cell of this role may be empty.
+    #[must_use]
+    pub fn may_be_empty(&self, role: Role) -> bool {
+        match role {
+            Role::Torque(_) => self.slower.torque.is_some(),
+            Role::Velocity(_) => self.slower.velocity.is_some(),
+            _ => false,
+        }
     }
 }
 
@@ -181,7 +194,7 @@ pub fn map_columns(
         Some(column) if search.is_recorded(column) => Some(search.needed_by_joint(column)?),
         _ => None,
     };
-    let torque = search.needed_by_joint(&layout.torque)?;
+    let torque = search.torques()?;
     let stage_columns = layout.stage.kind().columns();
     let stage =
         stage_columns.into_iter().map(|column| search.stage(column)).collect::<Result<Vec<_>, _>>()?;
@@ -207,7 +220,7 @@ pub fn map_columns(
     time.column().into_iter().for_each(|column| assign(column, Role::Time));
     for joint in robot.joint_indices() {
         position.get(joint.index()).into_iter().for_each(|column| assign(*column, Role::Position(joint)));
-        assign(torque[joint.index()], Role::Torque(joint));
+        torque[joint.index()].into_iter().for_each(|column| assign(column, Role::Torque(joint)));
         if let Some(velocity) = &velocity {
             assign(velocity[joint.index()], Role::Velocity(joint));
         }
@@ -265,6 +278,7 @@ pub fn map_columns(
         },
         stage_source: layout.stage.clone(),
         motor_side: layout.motor_side,
+        slower: layout.slower,
         levels: robot.speed_levels.len(),
     })
 }
@@ -394,6 +408,13 @@ impl Search<'_> {
 
     fn needed_by_joint(&self, channel: &Channel) -> Result<Vec<usize>, Rejection> {
         self.columns(channel).map(|column| self.needed(&column)).collect()
+    }
+
+    /// Columns of the torques, of the joints that have one.
+    fn torques(&self) -> Result<Vec<Option<usize>>, Rejection> {
+        let of_joint =
+            |joint| self.layout.torque_column(joint).map(|column| self.needed(&column)).transpose();
+        self.robot.joint_indices().map(of_joint).collect()
     }
 
     /// Columns of the motors' temperatures, of the joints that have one.
@@ -557,7 +578,7 @@ mod tests {
         layout.torque.columns = JointColumns::Each((14..=19).map(Column::Number).collect());
         let renamed = HEADER.replace("trq_", "Drehmoment A").replace(",stage", ",stage,note,note");
         let map = |layout: &Layout| map_columns(&renamed, layout, &er3a(), Path::new("a.csv"));
-        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18]);
+        assert_eq!(map(&layout).unwrap().torque, [13, 14, 15, 16, 17, 18].map(Some));
         layout.torque.columns = JointColumns::Each([13, 14, 15, 16, 17, 18].map(Column::Number).into());
         let rejection = map(&layout).unwrap_err();
         assert_eq!(

@@ -15,3 +15,4 @@ mod sparse;
 pub mod parser;
 pub mod cell_reader;
 pub mod reader;
+pub mod joined;

@@ -37,7 +37,15 @@ pub(super) fn explain(rejection: &mut Rejection, map: &ColumnMap, block: &Block)
             "; or set skip_bad = 100000 under [rows] in the layout, so that rows without all values are passed over"
         }
     };
-    rejection.remedy = format!("export all channels at the rate of the slowest one{skipping}").into();
+    let filling = match map.roles.get(at) {
+        Some(Role::Torque(_)) => "; or set slower = \"hold\" or \"resample\" under [torque] in the layout",
+        Some(Role::Velocity(_)) => {
+            "; or set slower = \"hold\" or \"resample\" under [velocity] in the layout"
+        }
+        _ => "",
+    };
+    rejection.remedy =
+        format!("export all channels at the rate of the slowest one{skipping}{filling}").into();
     true
 }
 

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 
 use super::fields::fields;
-use super::{cell, cell_reader, preamble};
+use super::{cell, cell_reader, joined, preamble};
 use crate::bytes::blocks::{Blocks, Next};
 use crate::bytes::source;
 use crate::rejection::Rejection;
@@ -31,7 +31,8 @@ pub fn recorded_start(
     start: &StartSource,
     zone: &TimeZone,
 ) -> Result<Timestamp, Rejection> {
-    first_moment(source::open(path)?, path, layout, start, zone)
+    let (text, _, layout) = joined::open(path, layout, source::MAX_DECOMPRESSED_BYTES)?;
+    first_moment(text, path, &layout, start, zone)
 }
 
 fn first_moment(

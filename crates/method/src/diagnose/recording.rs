@@ -62,7 +62,8 @@ pub fn diagnose_samples(
     findings.extend(coarse::torque_steps(&view));
     findings.extend(short(&view, settings).filter(|_| view.has_excitation));
     for joint in robot.joint_indices().filter(|j| !broken[j.index()]) {
-        if view.has_excitation {
+        // a joint without torque has no parameters that its own motion must show
+        if view.has_excitation && view.joint(joint).has_torque {
             findings.extend(motion(&view, joint, settings));
         }
         findings.extend(saturation(&view, joint, settings));
@@ -80,7 +81,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
     for joint in view.robot.joint_indices() {
         let j = joint.index();
         let (dq, qd) = (&view.dq[j], &view.filtered.qd[j]);
-        let low = view.joint(joint).low_speed;
+        let low = view.joint(joint).counted_speed();
         // Speed has to change by this much within the repeats, so that a plateau is none.
         let swing = (0.2 * view.qd_rms[j].max(view.dq_rms[j])).max(2.0 * low);
         let torque = &view.samples.torque[j];

@@ -152,7 +152,7 @@ impl Sums {
             let slopes = torque_slopes(robot, &model.inertial, &at.states, STEP);
             for lane in 0..taken.len() {
                 for (i, (joint, rows)) in robot.joints.iter().zip(&mut of_joints).enumerate() {
-                    if Motion::of(at.states.qd[i].0[lane], joint.low_speed) != Motion::Moving {
+                    if Motion::of(at.states.qd[i].0[lane], joint.counted_speed()) != Motion::Moving {
                         continue;
                     }
                     let torque = at.tau[i].0[lane];

@@ -66,7 +66,7 @@ impl RowSource for CycleRows<'_> {
             for (lane, row) in taken.iter().enumerate() {
                 for (j, joint) in self.robot.joints.iter().enumerate() {
                     tau[j] = at.tau[j].0[lane];
-                    used[j] = Motion::of(at.states.qd[j].0[lane], joint.low_speed) == Motion::Moving;
+                    used[j] = Motion::of(at.states.qd[j].0[lane], joint.counted_speed()) == Motion::Moving;
                     for (w, &column) in w[j * b..][..b].iter_mut().zip(self.columns.columns()) {
                         *w = at.y.get(j, column).0[lane];
                     }

@@ -272,7 +272,10 @@ impl<'a> JointFactorBuilders<'a> {
         let Self { robot, regressor_columns, filtered_coulomb_columns, lanes, by_joint } = self;
         lanes.each(robot, filtered, filtered_coulomb_columns, rows, |at, taken| {
             for (j, (folders, columns)) in by_joint.iter_mut().zip(&*regressor_columns).enumerate() {
-                let low_speed = robot.joints[j].low_speed;
+                if !robot.joints[j].has_torque {
+                    continue;
+                }
+                let low_speed = robot.joints[j].counted_speed();
                 let motions = at.states.qd[j].0.map(|qd| Motion::of(qd, low_speed));
                 for motion in Motion::BOTH {
                     let chosen = std::array::from_fn(|lane| lane < taken.len() && motions[lane] == motion);

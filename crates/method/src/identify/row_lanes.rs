@@ -58,7 +58,7 @@ impl RowLanes {
 
     /// Which of the first `count` rows a joint moves in.
     pub(crate) fn moving(&self, robot: &Robot, joint: usize, count: usize) -> [bool; LANES] {
-        let (speeds, low_speed) = (self.states.qd[joint].0, robot.joints[joint].low_speed);
+        let (speeds, low_speed) = (self.states.qd[joint].0, robot.joints[joint].counted_speed());
         let mut moving = [false; LANES];
         for (moving, speed) in moving.iter_mut().zip(speeds).take(count) {
             *moving = Motion::of(speed, low_speed) == Motion::Moving;

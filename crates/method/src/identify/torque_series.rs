@@ -95,7 +95,7 @@ pub fn torque_series(
             joint.qd.push(qd[j]);
             joint.measured.push(tau[j]);
             joint.estimated.push(columns.iter().map(|&(column, value)| y.column(column)[j] * value).sum());
-            joint.moving.push(Motion::of(qd[j], robot.joints[j].low_speed) == Motion::Moving);
+            joint.moving.push(Motion::of(qd[j], robot.joints[j].counted_speed()) == Motion::Moving);
         }
     }
     Ok(series)

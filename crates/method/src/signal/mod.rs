@@ -5,6 +5,7 @@ pub mod filter;
 pub(crate) mod temperature;
 pub mod time_grid;
 pub mod channel_delay;
+pub mod slower;
 mod arrival;
 pub(crate) mod fold;
 pub mod restore;

@@ -1,10 +1,41 @@
 //! What tells recordings apart, and what the stored cycles of a run were made with.
 
 use jiff::Timestamp;
+use sqlx::Row;
 
+use super::runs::{KnownRun, known_run};
 use crate::engine::{EngineConnection, EngineExecutor};
+use crate::error::StoreError;
+use crate::handle::Store;
 use crate::values::time_in_views;
 use armwatch_model::run::ContentHash;
+
+impl Store {
+    /// The runs of an export with this content, each with its robot and the name of its file: one export may have the
+    /// columns of several robots.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn runs_of_content(
+        &self,
+        hash: &ContentHash,
+    ) -> Result<Vec<(KnownRun, String, String)>, StoreError> {
+        let runs = sqlx::query(
+            "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
+                         THEN 'set_aside' ELSE 'superseded' END AS status, reason,
+                    cycles_stored, retry_asked_at IS NOT NULL AS retry_asked, robot.name AS robot, source_name
+             FROM run
+             JOIN robot USING (robot_id)
+             WHERE content_hash = $1
+             ORDER BY run_id",
+        )
+        .bind(&hash.0[..])
+        .try_map(|row| Ok((known_run(&row)?, row.try_get("robot")?, row.try_get("source_name")?)))
+        .fetch_all(&self.readers)
+        .await;
+        self.checked(runs)
+    }
+}
 
 /// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
 /// begins afresh in any case.

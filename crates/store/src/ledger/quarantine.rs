@@ -156,7 +156,9 @@ impl Store {
     /// [`StoreError`] of the database.
     pub async fn quarantine(&self, header: &RunHeader, fault: &ExportFault) -> Result<i64, StoreError> {
         let mut transaction = self.begin().await?;
-        if let Some(run) = self.checked(find_run(&mut *transaction, &header.content_hash).await)? {
+        if let Some(run) =
+            self.checked(find_run(&mut *transaction, &header.content_hash, &header.robot).await)?
+        {
             self.refuse_run_of_another(&mut transaction, run.run_id).await?;
         }
         let run_id = self.checked(quarantine(&mut transaction, header, fault).await)?;
@@ -202,7 +204,7 @@ pub(crate) async fn quarantine(
     header: &RunHeader,
     fault: &ExportFault,
 ) -> Result<i64, sqlx::Error> {
-    let run_id = match find_run(&mut *connection, &header.content_hash).await? {
+    let run_id = match find_run(&mut *connection, &header.content_hash, &header.robot).await? {
         Some(run) if matches!(run.status, RunStatus::Complete | RunStatus::Superseded) => {
             return Ok(run.run_id);
         }

@@ -13,6 +13,7 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::supersession::{hand_on, set_replaced, supersede};
 use crate::values::{count, finite, named, size};
+use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 
 /// What the ledger knows of an export.
@@ -86,12 +87,12 @@ pub struct RunTotals {
 }
 
 impl Store {
-    /// What the ledger knows of an export with this content.
+    /// What the ledger knows of an export with this content; of several robots, the first one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn lookup(&self, hash: &ContentHash) -> Result<Option<KnownRun>, StoreError> {
-        self.checked(find_run(&self.readers, hash).await)
+        Ok(self.runs_of_content(hash).await?.into_iter().next().map(|(run, ..)| run))
     }
 
     /// Whether any run is of an export of so many bytes, so that its content may be that of another such export.
@@ -213,7 +214,7 @@ pub(crate) async fn begin_run(
     connection: &mut EngineConnection,
     header: &RunHeader,
 ) -> Result<KnownRun, sqlx::Error> {
-    let known = find_run(&mut *connection, &header.content_hash).await?;
+    let known = find_run(&mut *connection, &header.content_hash, &header.robot).await?;
     match known {
         Some(run) if matches!(run.status, RunStatus::Streaming | RunStatus::Complete) => Ok(run),
         Some(run) => afresh(connection, run.run_id, header).await,
@@ -328,7 +329,12 @@ pub(crate) async fn adopt(
     run_id: i64,
     content: &ContentPrefix,
 ) -> Result<Owner, sqlx::Error> {
-    match find_run(&mut *connection, &content.hash).await? {
+    let robot: String =
+        sqlx::query_scalar("SELECT robot.name FROM run JOIN robot USING (robot_id) WHERE run_id = $1")
+            .bind(run_id)
+            .fetch_one(&mut *connection)
+            .await?;
+    match find_run(&mut *connection, &content.hash, &robot).await? {
         Some(other) if other.run_id == run_id => {}
         Some(other) if matches!(other.status, RunStatus::Complete | RunStatus::SetAside) => {
             return Ok(Owner::Other(other.run_id));
@@ -347,18 +353,25 @@ fn begun(run_id: i64) -> KnownRun {
     KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0, retry_asked: false }
 }
 
+/// The run of a content and a robot, or else of a content whose robot is not known; for an unknown robot, that of any.
 pub(crate) async fn find_run(
     executor: impl EngineExecutor<'_>,
     hash: &ContentHash,
+    robot: &str,
 ) -> Result<Option<KnownRun>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, CASE WHEN superseded_by_run_id IS NULL THEN status WHEN superseded_by_run_id = run.run_id
                      THEN 'set_aside' ELSE 'superseded' END AS status, reason,
                 cycles_stored, retry_asked_at IS NOT NULL AS retry_asked
          FROM run
-         WHERE content_hash = $1",
+         JOIN robot USING (robot_id)
+         WHERE content_hash = $1 AND (robot.name IN ($2, $3) OR $2 = $3)
+         ORDER BY CASE WHEN robot.name = $2 THEN 0 ELSE 1 END, run_id
+         LIMIT 1",
     )
     .bind(&hash.0[..])
+    .bind(robot)
+    .bind(UNKNOWN_ROBOT)
     .try_map(|row| known_run(&row))
     .fetch_optional(executor)
     .await

@@ -330,4 +330,10 @@ fn cells_of_slower_channels_are_named_with_their_rates() {
     assert_eq!((refused.line, refused.column.as_deref()), (Some(3), Some("trq_1")));
     assert!(said.contains("a value in 30 of 60 rows (about 250.0 Hz of 500.0 Hz)"), "{said}");
     assert!(said.contains("at the rate of the slowest one; or set skip_bad = 100000"), "{said}");
+    // with a rule, these cells are not numbers, and others are as they were
+    let mut layout = native();
+    layout.slower.torque = Some(armwatch_model::run::slower::Slower::Hold);
+    let found = read((sparse.join("\n") + "\n").as_bytes(), &layout, 1 << 20).expect("rows").0;
+    assert!(found.torque.iter().all(|of| of.iter().filter(|value| value.is_nan()).count() == 30));
+    assert!(found.position.iter().flatten().all(|value| value.is_finite()));
 }

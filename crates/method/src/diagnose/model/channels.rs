@@ -201,7 +201,7 @@ impl Channels<'_> {
             self.regressor(robot, row, &mut state, &mut y);
             for (k, &column) in columns.iter().enumerate() {
                 let Some(j) = place(column) else { continue };
-                if state.qd[j].abs() >= robot.joints[j].low_speed {
+                if state.qd[j].abs() >= robot.joints[j].counted_speed() {
                     bounds[j][k] += state.qd[j] * y.column(column)[j];
                 }
             }
@@ -259,7 +259,7 @@ impl Channels<'_> {
         for &row in rows {
             self.regressor(self.robot, row, &mut state, &mut y);
             for (j, (columns, builder)) in builders.iter_mut().enumerate() {
-                if state.qd[j].abs() >= self.robot.joints[j].low_speed {
+                if state.qd[j].abs() >= self.robot.joints[j].counted_speed() {
                     let entries = columns.iter().map(|&column| y.column(column)[j]);
                     builder.push(entries.chain(state.tau[..n].iter().copied()));
                 }

@@ -175,7 +175,7 @@ impl<'a> JudgedRows<'a> {
             joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
             write_filtered_columns(filtered_coulomb_columns, row, y);
             for j in 0..n {
-                if state.qd[j].abs() >= robot.joints[j].low_speed {
+                if state.qd[j].abs() >= robot.joints[j].counted_speed() {
                     take(row, j, y, &state);
                 }
             }

@@ -202,7 +202,7 @@ impl<'a> Compared<'a> {
         for &row in &self.rows {
             self.channels.regressor(robot, row, &mut state, &mut y);
             for (j, (&torque, scale)) in reading.order.iter().zip(&reading.scales).enumerate() {
-                if state.qd[j].abs() >= robot.joints[j].low_speed {
+                if state.qd[j].abs() >= robot.joints[j].counted_speed() {
                     let sigma = self.sigma[torque];
                     take(j, &y, &state, [scale / sigma, state.tau[torque] / sigma]);
                 }

@@ -149,7 +149,7 @@ fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
         let speeds: Vec<f64> = rows
             .iter()
             .map(|&row| filtered.qd[j][row])
-            .filter(|qd| qd.abs() >= robot.joints[j].low_speed)
+            .filter(|qd| qd.abs() >= robot.joints[j].counted_speed())
             .collect();
         let count = speeds.len().max(1) as f64;
         let friction: Vec<f64> = speeds.iter().map(|qd| friction_torque(weighed, joint, *qd)).collect();

@@ -166,7 +166,7 @@ fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings
 /// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
 fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
     let Weighed { robot, filtered, excitation, .. } = weighed;
-    let low = robot.joints[joint.index()].low_speed;
+    let low = robot.joints[joint.index()].counted_speed();
     let torque = |qd: f64| friction_torque(weighed, joint, qd);
     let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
     let (rows, squares) = speeds

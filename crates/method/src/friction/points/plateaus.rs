@@ -61,7 +61,7 @@ pub fn friction_points(
 ) -> FrictionPoints {
     let mut found = FrictionPoints::default();
     let mut untested = Vec::new();
-    for joint in robot.joint_indices() {
+    for joint in robot.joint_indices().filter(|joint| robot.joints[joint.index()].has_torque) {
         if !joint_points(robot, samples, filtered, model, joint, &mut found) {
             untested.push(joint);
         }
@@ -78,7 +78,8 @@ fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
         joints.map(|joint| joint.to_string()).collect::<Vec<_>>().join(", ")
     };
     let s = |count: usize| if count == 1 { "" } else { "s" };
-    let tested = robot.joint_count() - untested.len();
+    let measured = |joint: &JointIndex| robot.joints[joint.index()].has_torque;
+    let tested = robot.joint_indices().filter(measured).count() - untested.len();
     match (untested, tested) {
         ([], _) => None,
         ([joint], _) => Some(format!("joint {joint} does not move alone in the friction stage")),
@@ -86,7 +87,7 @@ fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
         (_, tested) => Some(format!(
             "the friction stage tests joint{} {} only; joints {} do not move alone in it",
             s(tested),
-            listed(&mut robot.joint_indices().filter(|joint| !untested.contains(joint))),
+            listed(&mut robot.joint_indices().filter(measured).filter(|joint| !untested.contains(joint))),
             listed(&mut untested.iter().copied())
         )),
     }

@@ -1,0 +1,239 @@
+//! Recordings in several files. The path of such a recording names its parts, so that it is all that has to be kept of them:
+//! `R01_0800_{pos|trq}.csv` has two parts by name, and `R01_0800_part{0+}.csv` has part 0 and those that follow it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use super::access::metadata;
+use super::fingerprint::{extent, id_of};
+use armwatch_config::PartName;
+use armwatch_model::run::FileId;
+
+/// Most parts of a recording: a year of parts an hour long.
+const MOST_PARTS: u64 = 10_000;
+
+/// The files of a recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Parts {
+    folder: PathBuf,
+    before: String,
+    after: String,
+    which: Which,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Which {
+    Named(Vec<String>),
+    /// This number, with so many digits at least, and those that follow it.
+    From(u64, usize),
+}
+
+/// Size, latest change and number of an export; those of several files are their sum, the latest, and that of the first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FileState {
+    /// Bytes.
+    pub bytes: u64,
+    /// As [`changed_at`] says.
+    pub changed: SystemTime,
+    /// Latest modification.
+    pub modified: SystemTime,
+    /// Number.
+    pub file: FileId,
+}
+
+impl Parts {
+    /// The parts that a path names; `None` of a path of one file.
+    #[must_use]
+    pub fn of(path: &Path) -> Option<Self> {
+        let name = path.file_name()?.to_str()?;
+        let (before, rest) = name.split_once('{')?;
+        let (inner, after) = rest.split_once('}')?;
+        let which = match inner.strip_suffix('+') {
+            Some(digits) => Which::From(digits.parse().ok()?, digits.len()),
+            None if inner.contains('|') => Which::Named(inner.split('|').map(str::to_owned).collect()),
+            None => return None,
+        };
+        let folder = path.parent()?.to_owned();
+        Some(Self { folder, before: before.to_owned(), after: after.to_owned(), which })
+    }
+
+    /// The recording that the file at `path` is a part of. Of numbered parts, it begins with the first of those that follow
+    /// each other up to this one.
+    #[must_use]
+    pub fn containing(path: &Path, part: &PartName, is_there: impl Fn(&Path) -> bool) -> Option<Self> {
+        let PartName { before, part, after, names, .. } = part;
+        let mut found = Self {
+            folder: path.parent()?.to_owned(),
+            before: before.clone(),
+            after: after.clone(),
+            which: Which::Named(names.clone()),
+        };
+        if names.is_empty() {
+            let mut number: u64 = part.parse().ok()?;
+            // numbers without leading zeros become longer
+            let width = if part.starts_with('0') { part.len() } else { 1 };
+            while number > 0 && is_there(&found.file(&padded(number - 1, width))) {
+                number -= 1;
+            }
+            found.which = Which::From(number, padded(number, width).len());
+        }
+        Some(found)
+    }
+
+    fn file(&self, part: &str) -> PathBuf {
+        self.folder.join(format!("{}{part}{}", self.before, self.after))
+    }
+
+    /// The path that stands for all parts.
+    #[must_use]
+    pub fn path(&self) -> PathBuf {
+        self.file(&match &self.which {
+            Which::Named(names) => format!("{{{}}}", names.join("|")),
+            Which::From(number, width) => format!("{{{}+}}", padded(*number, *width)),
+        })
+    }
+
+    /// The file whose name stands for the recording: that of the first part.
+    #[must_use]
+    pub fn first(&self) -> PathBuf {
+        self.file(&match &self.which {
+            Which::Named(names) => names.first().cloned().unwrap_or_default(),
+            Which::From(number, width) => padded(*number, *width),
+        })
+    }
+
+    /// The files, with the names of the parts: all named ones, and of numbered ones those that are there.
+    #[must_use]
+    pub fn files(&self) -> Vec<(String, PathBuf)> {
+        let with_file = |part: String| (part.clone(), self.file(&part));
+        match &self.which {
+            Which::Named(names) => names.iter().cloned().map(with_file).collect(),
+            Which::From(first, width) => (*first..first.saturating_add(MOST_PARTS))
+                .map(|number| with_file(padded(number, *width)))
+                .enumerate()
+                .take_while(|(at, (_, file))| *at == 0 || metadata(file).is_ok())
+                .map(|(_, file)| file)
+                .collect(),
+        }
+    }
+
+    /// The paths that stood for the numbered parts from the third on while one before was missing.
+    #[must_use]
+    pub fn later(&self) -> Vec<PathBuf> {
+        let Which::From(first, width) = self.which else { return Vec::new() };
+        let numbers = (first..).skip(2).take(self.files().len().saturating_sub(2));
+        let from = |number| Self { which: Which::From(number, padded(number, width).len()), ..self.clone() };
+        numbers.map(|number| from(number).path()).collect()
+    }
+
+    /// The first file that is missing.
+    #[must_use]
+    pub fn missing(&self) -> Option<PathBuf> {
+        self.missing_among(|file| metadata(file).is_ok())
+    }
+
+    /// The first file that is not among others. Numbers begin with 0 or 1.
+    #[must_use]
+    pub fn missing_among(&self, is_there: impl Fn(&Path) -> bool) -> Option<PathBuf> {
+        match &self.which {
+            Which::From(number, width) if *number > 1 => Some(self.file(&padded(number - 1, *width))),
+            Which::From(..) => Some(self.first()).filter(|file| !is_there(file)),
+            Which::Named(names) => names.iter().map(|name| self.file(name)).find(|file| !is_there(file)),
+        }
+    }
+}
+
+fn padded(number: u64, width: usize) -> String {
+    format!("{number:0width$}")
+}
+
+/// The files at `path`, in their order: itself, or the parts that it names.
+#[must_use]
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    Parts::of(path).map_or_else(
+        || vec![path.to_owned()],
+        |parts| parts.files().into_iter().map(|(_, file)| file).collect(),
+    )
+}
+
+/// The file whose name stands for what lies at `path`.
+#[must_use]
+pub fn named_by(path: &Path) -> PathBuf {
+    Parts::of(path).map_or_else(|| path.to_owned(), |parts| parts.first())
+}
+
+/// The state of what lies at `path`.
+///
+/// # Errors
+/// Those of the file system, of the first file that has one.
+pub fn state(path: &Path) -> io::Result<FileState> {
+    let of_file = |file: &PathBuf| {
+        let metadata = metadata(file)?;
+        let modified = metadata.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        let (bytes, changed) = extent(file, &metadata);
+        Ok(FileState { bytes, changed, modified, file: id_of(&metadata) })
+    };
+    let states: Vec<FileState> = files(path).iter().map(of_file).collect::<io::Result<_>>()?;
+    joined(states).ok_or_else(|| io::ErrorKind::NotFound.into())
+}
+
+/// The state of several files together.
+pub(crate) fn joined(states: impl IntoIterator<Item = FileState>) -> Option<FileState> {
+    states.into_iter().reduce(|all, of| FileState {
+        bytes: all.bytes.saturating_add(of.bytes),
+        changed: all.changed.max(of.changed),
+        modified: all.modified.max(of.modified),
+        file: all.file,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(before: &str, part: &str, names: &[&str]) -> PartName {
+        PartName {
+            before: before.into(),
+            part: part.into(),
+            after: ".csv".into(),
+            names: names.iter().map(|name| (*name).to_owned()).collect(),
+            wait: std::time::Duration::ZERO,
+        }
+    }
+
+    #[test]
+    fn a_path_names_its_parts_and_the_first_that_is_missing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        for name in
+            ["a_9.csv", "a_10.csv", "a_11.csv", "a_13.csv", "b_08.csv", "b_09.csv", "b_10.csv", "c_q.csv"]
+        {
+            std::fs::write(path(name), name).unwrap();
+        }
+        let names = |parts: &Parts| -> Vec<String> {
+            let files = parts.files().into_iter();
+            files.map(|(_, file)| file.file_name().unwrap().to_string_lossy().into_owned()).collect()
+        };
+        let a = Parts::containing(&path("a_11.csv"), &part("a_", "11", &[]), |path| path.exists()).unwrap();
+        assert_eq!(
+            (a.path(), names(&a)),
+            (path("a_{9+}.csv"), vec!["a_9.csv".into(), "a_10.csv".into(), "a_11.csv".into()])
+        );
+        assert_eq!(a.missing(), Some(path("a_8.csv")));
+        let b = Parts::containing(&path("b_09.csv"), &part("b_", "09", &[]), |path| path.exists()).unwrap();
+        assert_eq!((b.path(), names(&b).len()), (path("b_{08+}.csv"), 3));
+        let late =
+            Parts::containing(&path("a_13.csv"), &part("a_", "13", &[]), |path| path.exists()).unwrap();
+        assert_eq!(late.missing(), Some(path("a_12.csv")));
+        let c = Parts::containing(&path("c_q.csv"), &part("c_", "q", &["q", "tau"]), |path| path.exists())
+            .unwrap();
+        assert_eq!((c.path(), c.missing()), (path("c_{q|tau}.csv"), Some(path("c_tau.csv"))));
+        for parts in [a, b, c] {
+            assert_eq!(Parts::of(&parts.path()), Some(parts));
+        }
+        for name in ["a.csv", "a_{x}.csv", "a_{1.csv"] {
+            assert_eq!(Parts::of(&path(name)), None, "{name}");
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! Which run the content of an export has, and whether all of it is there.
+
+use std::path::Path;
+
+use super::intake::{self, Recognised};
+use crate::pipeline::context::{Pipeline, PipelineError};
+use armwatch_ingest::bytes::parts::Parts;
+use armwatch_ingest::rejection::Rejection;
+use armwatch_ingest::table::joined;
+use armwatch_model::run::ContentHash;
+use armwatch_store::KnownRun;
+
+/// The run of a content: of the same robot, or of another one whose exports are read alike, since a file was renamed then. An
+/// export of several robots has a run of each.
+pub(super) async fn run_of_content(
+    pipeline: &Pipeline,
+    path: &Path,
+    content: &ContentHash,
+    recognised: Option<&Recognised<'_>>,
+) -> Result<Option<KnownRun>, PipelineError> {
+    let mut runs = pipeline.store().runs_of_content(content).await?;
+    if let Some(of) = recognised {
+        let (config, name) = (pipeline.config(), intake::file_name(path));
+        runs.retain(|(_, robot, source)| config.reads_alike((&of.robot, &name), (robot, source)));
+        runs.sort_by_key(|(_, robot, _)| *robot != of.robot);
+    }
+    Ok(runs.into_iter().next().map(|(run, ..)| run))
+}
+
+/// Why a recording in several files is not read: one of them is missing.
+pub(super) async fn missing_part(
+    pipeline: &Pipeline,
+    path: &Path,
+) -> Result<Option<Rejection>, PipelineError> {
+    let Some(parts) = Parts::of(path) else { return Ok(None) };
+    let missing = pipeline.with_files(move || parts.missing()).await?;
+    Ok(missing.map(|missing| joined::missing_part(path, &missing)))
+}
