@@ -7,7 +7,6 @@ use clap::{ArgGroup, Args};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, ToSpan};
-use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_to_read, runtime};
 use super::shared::moment::moment;
@@ -159,13 +158,7 @@ fn in_folder(
 
 fn print(global: &Global, files: &[Written]) {
     if global.json {
-        let object = |of: &Written| {
-            let parts = of
-                .parts
-                .map(|of| json!({"written": of.written, "unchanged": of.unchanged, "removed": of.removed}));
-            json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes, "parts": parts})
-        };
-        output::json_lines(files.iter().map(|of| object(of).to_string()));
+        files.iter().for_each(output::json);
         return;
     }
     let row = |of: &Written| {

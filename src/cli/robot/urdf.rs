@@ -301,9 +301,7 @@ fn as_value(fitted: &Fitted, args: &RobotUrdfArgs) -> serde_json::Value {
     json!({
         "urdf": args.output.display().to_string(),
         "model": robot.model,
-        "sources": fitted.sources.iter().map(|source| json!({
-            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
-        })).collect::<Vec<_>>(),
+        "sources": fitted.sources,
         "steps": fit.estimate.steps,
         "residual_sum_of_squares": fit.estimate.residual_sum_of_squares,
         "unconstrained_sum_of_squares": fit.estimate.unconstrained_sum_of_squares,

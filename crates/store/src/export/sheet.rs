@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 
 use super::csv_file::{self, CsvFile};
@@ -49,11 +50,12 @@ impl Format {
 }
 
 /// A file that was written.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Written {
     /// The view.
     pub view: String,
     /// The file.
+    #[serde(rename = "file", serialize_with = "shown")]
     pub path: PathBuf,
     /// Its rows.
     pub rows: u64,
@@ -63,8 +65,12 @@ pub struct Written {
     pub parts: Option<PartCount>,
 }
 
+fn shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
+}
+
 /// What became of the files of a view that is divided.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct PartCount {
     /// Files that are new or have other rows than before.
     pub written: u64,
