@@ -13,7 +13,7 @@ pub use self::command::CommandSettings;
 pub use self::email::EmailSettings;
 pub use self::log::LogSettings;
 pub use self::mqtt::MqttSettings;
-pub use self::shared::{Address, Encryption, HttpLogin, Secret};
+pub use self::shared::{Address, Encryption, HttpLogin, Secret, ServerSettings};
 pub use self::webhook::WebhookSettings;
 
 use crate::toml::table::{Table, Value};
