@@ -42,14 +42,14 @@ pub struct TorqueRmsd {
 impl Serialize for TorqueRmsd {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         #[derive(Serialize)]
-        struct Columns {
+        struct RmsdColumns {
             joint: JointIndex,
             stage: &'static str,
             #[serde(flatten)]
             rmsd: RmsdPair,
         }
         let rmsd = RmsdPair { all_rows: self.all_rows, moving_rows: self.moving_rows };
-        Columns { joint: self.joint, stage: self.scope.name(), rmsd }.serialize(serializer)
+        RmsdColumns { joint: self.joint, stage: self.scope.name(), rmsd }.serialize(serializer)
     }
 }
 

@@ -13,14 +13,14 @@ use crate::PublicView;
 
 /// How rows are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum SheetFormat {
     /// Text, a line a row.
     Csv,
     /// Columns with types, compressed by zstd.
     Parquet,
 }
 
-impl Format {
+impl SheetFormat {
     /// How names of such files end.
     #[must_use]
     pub fn suffix(self) -> &'static str {
@@ -87,11 +87,15 @@ pub(super) enum Sheet<'a> {
 }
 
 impl<'a> Sheet<'a> {
-    pub(super) fn new(format: Format, view: &'a PublicView, target: &Target) -> Result<Self, ExportError> {
+    pub(super) fn new(
+        format: SheetFormat,
+        view: &'a PublicView,
+        target: &Target,
+    ) -> Result<Self, ExportError> {
         let (path, file) = (target.path(), target.file()?);
         Ok(match format {
-            Format::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
-            Format::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
+            SheetFormat::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
+            SheetFormat::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
         })
     }
 

@@ -1,6 +1,6 @@
 //! `[alerts.route.email]`: mail by SMTP.
 
-use super::Receiver;
+use super::ReceiverKind;
 use super::shared::{Encryption, Secret, ServerSettings};
 use crate::toml::table::{Table, Value};
 
@@ -19,7 +19,7 @@ pub struct EmailSettings {
     pub to: Vec<String>,
 }
 
-impl Receiver for EmailSettings {
+impl ReceiverKind for EmailSettings {
     fn read(table: &Table<'_>) -> Option<Self> {
         let server = ServerSettings::read(table, &SMTP);
         let from = table.required("from").and_then(|value| mailbox(&value));

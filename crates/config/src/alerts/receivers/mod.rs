@@ -19,7 +19,7 @@ pub use self::webhook::WebhookSettings;
 use crate::toml::table::{Table, Value};
 
 /// Settings of one kind of receiver.
-trait Receiver: Sized {
+trait ReceiverKind: Sized {
     /// Reads the table; `None` after a problem.
     fn read(table: &Table<'_>) -> Option<Self>;
 

@@ -1,6 +1,6 @@
 //! `[alerts.route.mqtt]`: a topic of an MQTT 5 broker.
 
-use super::Receiver;
+use super::ReceiverKind;
 use super::shared::{Encryption, Secret, ServerSettings};
 use crate::toml::table::Table;
 use armwatch_model::text::is_hidden;
@@ -22,7 +22,7 @@ pub struct MqttSettings {
     pub topic: String,
 }
 
-impl Receiver for MqttSettings {
+impl ReceiverKind for MqttSettings {
     fn read(table: &Table<'_>) -> Option<Self> {
         let server = ServerSettings::read(table, &MQTT);
         let topic = match table.optional("topic") {
