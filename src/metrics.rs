@@ -48,7 +48,7 @@ type Labels<const N: usize> = [(&'static str, String); N];
 type Histograms<const N: usize> = Family<Labels<N>, Histogram, fn() -> Histogram>;
 
 /// Seconds since 1970.
-type Moment = Gauge<f64, AtomicU64>;
+type TimeGauge = Gauge<f64, AtomicU64>;
 
 #[derive(Debug)]
 struct Families {
@@ -64,14 +64,14 @@ struct Families {
     reading: Family<Labels<1>, Gauge>,
     watched_files: Gauge,
     scan_seconds: Histogram,
-    folder_looked_at: Family<Labels<1>, Moment>,
+    folder_looked_at: Family<Labels<1>, TimeGauge>,
     folder_answers: Family<Labels<1>, Gauge>,
     folders: Mutex<BTreeMap<PathBuf, FolderLook>>,
     disk_answers: Family<Labels<1>, Gauge>,
     /// State of each disk: true if it answers.
     disks: Mutex<BTreeMap<Disk, bool>>,
     live: LiveFigures,
-    snapshot_time: Moment,
+    snapshot_time: TimeGauge,
     snapshot_bytes: Gauge,
     snapshot_seconds: Histogram,
     snapshot_failures: Counter,
@@ -108,9 +108,9 @@ const LOOK_TAKES_TIMES: u32 = 10;
 
 #[derive(Debug)]
 struct LiveFigures {
-    begun: Family<Labels<1>, Moment>,
-    last_read: Family<Labels<1>, Moment>,
-    last_cycle: Family<Labels<1>, Moment>,
+    begun: Family<Labels<1>, TimeGauge>,
+    last_read: Family<Labels<1>, TimeGauge>,
+    last_cycle: Family<Labels<1>, TimeGauge>,
     /// Files that are read, by robot: its samples go with the last of them.
     open: Mutex<HashMap<String, usize>>,
 }
@@ -422,7 +422,7 @@ impl Families {
                 &mut registry,
                 "armwatch_snapshot_timestamp_seconds",
                 "When this process wrote the last copy of the database, seconds since 1970; 0 before the first",
-                Moment::default(),
+                TimeGauge::default(),
             ),
             snapshot_bytes: kept(
                 &mut registry,
@@ -531,7 +531,7 @@ fn folder_labels(folder: &Path) -> Labels<1> {
     labels([("folder", &folder.display().to_string())])
 }
 
-fn set_now(family: &Family<Labels<1>, Moment>, robot: &str) {
+fn set_now(family: &Family<Labels<1>, TimeGauge>, robot: &str) {
     family.get_or_create(&labels([("robot", robot)])).set(now());
 }
 

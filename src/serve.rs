@@ -70,9 +70,9 @@ use access::{Access, AccessError};
 use answer::{BODY_BYTES, Refusal};
 use armwatch_config::{ClientSettings, Config, ServeSettings};
 use armwatch_store::Store;
-use connections::{CONNECTIONS, Connections, Place};
+use connections::{CONNECTIONS, ConnectionPlace, Connections};
 use network::{Network, Proxies};
-use rates::Rates;
+use rates::RequestRates;
 use shared::{STATEMENTS, Uploads};
 use unread_answers::UnreadAnswers;
 use watched_stream::{WRITE_STALL, WatchedStream};
@@ -188,7 +188,7 @@ pub async fn start(
         store,
         access,
         uploads,
-        rates: Rates::new(clients.requests_per_s),
+        rates: RequestRates::new(clients.requests_per_s),
         proxies: proxies.clone(),
         unread: UnreadAnswers::default(),
         statements: Arc::new(Semaphore::new(STATEMENTS)),
@@ -330,7 +330,13 @@ async fn accept(listener: TcpListener, router: Router, proxies: Proxies, stop: C
     }
 }
 
-async fn serve(stream: TcpStream, network: Network, place: &Place, router: Router, stop: CancellationToken) {
+async fn serve(
+    stream: TcpStream,
+    network: Network,
+    place: &ConnectionPlace,
+    router: Router,
+    stop: CancellationToken,
+) {
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())

@@ -18,15 +18,15 @@ use armwatch::cli::{execute, parsed};
 /// Measure armwatch: detection on simulated fleets, speed and memory
 #[derive(Debug, Parser)]
 #[command(name = "armwatch-lab", version)]
-struct Cli {
+struct LabCli {
     #[command(flatten)]
     global: Global,
     #[command(subcommand)]
-    command: Command,
+    command: LabCommand,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+enum LabCommand {
     /// Measure coverage of intervals, speed and memory
     Benchmark {
         #[command(subcommand)]
@@ -58,15 +58,15 @@ enum Benchmark {
 }
 
 fn main() -> ExitCode {
-    let cli: Cli = parsed();
+    let cli: LabCli = parsed();
     execute(&cli.global, -1, || carry_out(&cli))
 }
 
-fn carry_out(cli: &Cli) -> Result<u8, CliError> {
+fn carry_out(cli: &LabCli) -> Result<u8, CliError> {
     let global = &cli.global;
     match &cli.command {
-        Command::Evaluate(args) => evaluation::evaluate(global, args),
-        Command::Benchmark { command } => match command {
+        LabCommand::Evaluate(args) => evaluation::evaluate(global, args),
+        LabCommand::Benchmark { command } => match command {
             Benchmark::Coverage(args) => benchmark::coverage::coverage(global, args),
             Benchmark::Daemons(args) => benchmark::daemons::daemons(global, args),
             Benchmark::History(args) => benchmark::history::history(global, args),

@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_INTERNAL, Global, open_to_change, runtime};
-use super::shared::judged::{Judged, judge};
+use super::shared::judged::{ConclusionTiming, judge};
 use super::shared::moment::moment;
 use super::shared::output;
 use armwatch_model::text;
@@ -41,7 +41,7 @@ pub(super) fn conclude(global: &Global, args: &ConcludeArgs) -> Result<u8, CliEr
         let mut exit = EXIT_DONE;
         for robot in robots {
             let judged = judge(config.clone(), &store, &robot).await?;
-            if matches!(judged, Judged::Failed(_)) {
+            if matches!(judged, ConclusionTiming::Failed(_)) {
                 exit = EXIT_INTERNAL;
             }
             match global.json {

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use tokio_util::sync::CancellationToken;
 
 use crate::pipeline::context::PipelineError;
+use crate::telemetry::LogFormat;
 use armwatch_config::{
     Config, ConfigErrors, ConfigSource, KINDS_OF_DATABASE, foreign_scheme, shown_database,
 };
@@ -91,14 +92,6 @@ impl Global {
         }
         Ok(config)
     }
-}
-
-/// Format of log lines.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[expect(missing_docs, reason = "a text of a value would stand in the help of each command")]
-pub enum LogFormat {
-    Text,
-    Json,
 }
 
 /// Why a command ended early.

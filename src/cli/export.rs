@@ -7,14 +7,13 @@ use clap::{ArgGroup, Args};
 use indicatif::{HumanCount, ProgressBar, ProgressStyle};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, ToSpan};
-use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, EXIT_STOPPED, Global, open_to_read, runtime};
 use super::shared::moment::moment;
 use super::shared::output;
 use super::shared::views::view_names;
 use crate::daemon;
-use armwatch_store::export::{Destination, Export, ExportError, Format, Progress, Written};
+use armwatch_store::export::{Destination, Export, ExportError, ExportProgress, SheetFormat, Written};
 use armwatch_store::{PublicView, RowFilter, public_views};
 
 #[derive(Debug, Args)]
@@ -100,10 +99,10 @@ fn wanted(args: &ExportArgs) -> Result<Export, CliError> {
     let is_asked = |name: &str| args.views.is_empty() || args.views.iter().any(|view| view == name);
     let views = public_views().iter().filter(|view| is_asked(&view.name));
     let (format, destinations) = match (&args.csv, &args.parquet, &args.output) {
-        (Some(folder), _, _) => (Format::Csv, in_folder(views, folder, Format::Csv)),
-        (_, Some(folder), _) => (Format::Parquet, in_folder(views, folder, Format::Parquet)),
+        (Some(folder), _, _) => (SheetFormat::Csv, in_folder(views, folder, SheetFormat::Csv)),
+        (_, Some(folder), _) => (SheetFormat::Parquet, in_folder(views, folder, SheetFormat::Parquet)),
         (_, _, Some(path)) => {
-            let format = [Format::Csv, Format::Parquet]
+            let format = [SheetFormat::Csv, SheetFormat::Parquet]
                 .into_iter()
                 .find(|format| path.extension().is_some_and(|suffix| suffix == format.suffix()));
             let format = format.ok_or_else(|| {
@@ -150,7 +149,7 @@ fn end_of_month(time: Timestamp) -> Option<Timestamp> {
 fn in_folder(
     views: impl Iterator<Item = &'static PublicView>,
     folder: &Path,
-    format: Format,
+    format: SheetFormat,
 ) -> Vec<Destination> {
     views
         .map(|view| Destination { view, path: folder.join(format!("{}.{}", view.name, format.suffix())) })
@@ -159,13 +158,7 @@ fn in_folder(
 
 fn print(global: &Global, files: &[Written]) {
     if global.json {
-        let object = |of: &Written| {
-            let parts = of
-                .parts
-                .map(|of| json!({"written": of.written, "unchanged": of.unchanged, "removed": of.removed}));
-            json!({"view": of.view, "file": of.path.display().to_string(), "rows": of.rows, "bytes": of.bytes, "parts": parts})
-        };
-        output::json_lines(files.iter().map(|of| object(of).to_string()));
+        files.iter().for_each(output::json);
         return;
     }
     let row = |of: &Written| {
@@ -206,7 +199,7 @@ fn progress_bar(views: usize) -> ProgressBar {
     bar
 }
 
-fn show(bar: &ProgressBar, at: Progress<'_>) {
+fn show(bar: &ProgressBar, at: ExportProgress<'_>) {
     bar.set_position(at.views_done as u64);
     bar.set_message(format!("{}: {} rows", at.view, HumanCount(at.rows)));
 }

@@ -58,14 +58,14 @@ const FAR: usize = 2;
 /// Lines of a help text that belong together: prose, which is wrapped, and indented lines below it, which stay as they
 /// are.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
-pub(super) struct Block {
+pub(super) struct HelpBlock {
     /// One line, however long; may be empty.
     pub(super) prose: String,
     /// Each begins with spaces.
     pub(super) lines: Vec<String>,
 }
 
-impl Block {
+impl HelpBlock {
     pub(super) fn is_examples(&self) -> bool {
         self.prose == "Examples:"
     }
@@ -77,13 +77,13 @@ impl Block {
 }
 
 /// Blocks of a text: blank lines part them, and lines that begin with spaces end prose.
-pub(super) fn blocks(text: &str) -> Vec<Block> {
-    let mut blocks = vec![Block::default()];
+pub(super) fn blocks(text: &str) -> Vec<HelpBlock> {
+    let mut blocks = vec![HelpBlock::default()];
     for line in text.lines() {
         let place = blocks.len() - 1;
         let last = &mut blocks[place];
         if line.trim().is_empty() {
-            blocks.push(Block::default());
+            blocks.push(HelpBlock::default());
         } else if line.starts_with(' ') {
             last.lines.push(line.trim_end().to_owned());
         } else if last.lines.is_empty() {
@@ -91,10 +91,10 @@ pub(super) fn blocks(text: &str) -> Vec<Block> {
             last.prose.push_str(space);
             last.prose.push_str(line.trim_end());
         } else {
-            blocks.push(Block { prose: line.trim_end().to_owned(), lines: Vec::new() });
+            blocks.push(HelpBlock { prose: line.trim_end().to_owned(), lines: Vec::new() });
         }
     }
-    blocks.retain(|block| *block != Block::default());
+    blocks.retain(|block| *block != HelpBlock::default());
     blocks
 }
 
@@ -125,13 +125,13 @@ fn reflowed(command: Command) -> Command {
         let mut blocks = blocks(&text);
         // what is typed is looked for first
         blocks.sort_by_key(|block| !block.is_examples());
-        let examples: Vec<Block> = blocks.iter().filter(|block| block.is_examples()).cloned().collect();
+        let examples: Vec<HelpBlock> = blocks.iter().filter(|block| block.is_examples()).cloned().collect();
         command = command.after_long_help(styled(&blocks)).after_help(styled(&examples));
     }
     command.mut_subcommands(reflowed)
 }
 
-fn styled(blocks: &[Block]) -> StyledStr {
+fn styled(blocks: &[HelpBlock]) -> StyledStr {
     let texts: Vec<String> = blocks
         .iter()
         .map(|block| {
@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn prose_becomes_one_line_and_indented_lines_stay() {
         let text = "Examples:\n  a b\n  c \\\n      d\n\nOne\nparagraph:\n    e  f\nand another";
-        let block = |prose: &str, lines: &[&str]| Block {
+        let block = |prose: &str, lines: &[&str]| HelpBlock {
             prose: prose.into(),
             lines: lines.iter().map(|line| (*line).to_owned()).collect(),
         };

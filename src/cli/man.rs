@@ -9,7 +9,7 @@ use roff::{Roff, roman};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global};
-use super::help::{Block, blocks};
+use super::help::{HelpBlock, blocks};
 use super::shared::output;
 use super::shared::paths::not_written;
 
@@ -69,7 +69,7 @@ fn page(name: &str, version: &str, command: Command) -> std::io::Result<Vec<u8>>
     page.render_name_section(&mut bytes)?;
     page.render_synopsis_section(&mut bytes)?;
     page.render_description_section(&mut bytes)?;
-    let (titled, prose): (Vec<Block>, Vec<Block>) =
+    let (titled, prose): (Vec<HelpBlock>, Vec<HelpBlock>) =
         blocks(&text).into_iter().partition(|block| block.is_examples() || block.prose == "Exit status:");
     let mut roff = Roff::new();
     prose.iter().for_each(|block| {

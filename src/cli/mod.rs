@@ -41,7 +41,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use crate::cli::context::{CliError, EXIT_IO, Global, LogFormat};
+use crate::cli::context::{CliError, EXIT_IO, Global};
 use crate::telemetry;
 use armwatch_method::lanes;
 
@@ -257,12 +257,8 @@ pub fn execute(
     usual_verbosity: i8,
     command: impl FnOnce() -> Result<u8, CliError>,
 ) -> ExitCode {
-    let format = match global.log_format {
-        LogFormat::Text => telemetry::LogFormat::Text,
-        LogFormat::Json => telemetry::LogFormat::Json,
-    };
     let verbosity = i8::try_from(global.verbose).unwrap_or(2) - i8::try_from(global.quiet).unwrap_or(2);
-    telemetry::start(format, verbosity.saturating_add(usual_verbosity));
+    telemetry::start(global.log_format, verbosity.saturating_add(usual_verbosity));
     lanes::run_as_on_any_processor(std::env::var_os(context::ANY_PROCESSOR).is_some());
     let status = or_internal(command).unwrap_or_else(|error| {
         match &error {

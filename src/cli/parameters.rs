@@ -5,7 +5,7 @@ use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_store, open_to_read, runtime};
 use super::shared::output;
-use armwatch_store::{KeptEstimate, KeptKind, ParameterSet, Store, time_in_views};
+use armwatch_store::{KeptEstimate, KeptKind, ParameterSet, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -68,7 +68,7 @@ pub(super) fn parameters(global: &Global, args: &ParametersArgs) -> Result<u8, C
 async fn list(global: &Global, store: &Store) -> Result<u8, CliError> {
     let kept = store.kept_estimates().await?;
     if global.json {
-        kept.iter().for_each(|of| output::json(&as_value(of)));
+        kept.iter().for_each(output::json);
     } else {
         let row = |of: &KeptEstimate| {
             let cells = [&of.name, of.kind.name(), &of.model, of.estimator.name(), &of.robots];
@@ -81,14 +81,6 @@ async fn list(global: &Global, store: &Store) -> Result<u8, CliError> {
         output::block(&output::table(&header, &rows));
     }
     Ok(EXIT_DONE)
-}
-
-fn as_value(of: &KeptEstimate) -> serde_json::Value {
-    json!({
-        "name": of.name, "kind": of.kind.name(), "model": of.model, "estimator": of.estimator.name(),
-        "robots": of.robots.split(',').collect::<Vec<_>>(), "cycles": of.cycles,
-        "saved_at": time_in_views(of.saved_at),
-    })
 }
 
 async fn show(global: &Global, store: &Store, name: &str) -> Result<u8, CliError> {
@@ -145,9 +137,7 @@ fn set_value(
         "model": set.model.name,
         "estimator": set.estimator.name(),
         "error_basis": set.errors.name(),
-        "sources": set.sources.iter().map(|source| json!({
-            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
-        })).collect::<Vec<_>>(),
+        "sources": set.sources,
         "parameters": set.identification.parameters.iter().map(|p| json!({
             "joint": p.id.joint.number(), "parameter": p.id.name(), "value": p.value,
             "std_error": p.std_error, "unit": unit(p.id),

@@ -5,20 +5,17 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
-use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::plot::{PlotFile, rmsd_limits};
 use super::shared::verification::verified_cycles;
+use super::verify::MARKED_ABOVE;
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
 use armwatch_method::statistics::descriptive::{mean, standard_deviation};
-use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope, WarmingContrast};
+use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
 use armwatch_model::text;
 use armwatch_store::{RunSource, Store};
-
-/// Relative RMSD above which the thesis marks a figure.
-const MARKED_ABOVE: f64 = 0.10;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -198,26 +195,14 @@ fn cells(name: &str, figures: &[Option<f64>], figure: FigureArg) -> Vec<String> 
 }
 
 fn as_value(run: &RunSource, of: &CycleVerification, shown: &[JointIndex]) -> serde_json::Value {
-    let known = |rmsd: Rmsd, value: f64| (rmsd.samples > 0 && value.is_finite()).then_some(value);
-    let part = |pair: &RmsdPair| {
-        json!({
-            "rmsd_nm": known(pair.all_rows, pair.all_rows.value),
-            "relative_rmsd": known(pair.all_rows, pair.all_rows.relative),
-            "moving_rmsd_nm": known(pair.moving_rows, pair.moving_rows.value),
-            "moving_relative_rmsd": known(pair.moving_rows, pair.moving_rows.relative),
-            "samples": pair.all_rows.samples,
-            "moving_samples": pair.moving_rows.samples,
-        })
-    };
-    let contrast = |found: &WarmingContrast| json!({"joint": found.joint.number(), "start": part(&found.start), "end": part(&found.end)});
-    let rmsd = of.rmsd.iter().filter(|rmsd| shown.contains(&rmsd.joint));
-    let contrasts = of.contrast.iter().filter(|found| shown.contains(&found.joint));
+    let rmsd: Vec<_> = of.rmsd.iter().filter(|rmsd| shown.contains(&rmsd.joint)).collect();
+    let contrasts: Vec<_> = of.contrast.iter().filter(|found| shown.contains(&found.joint)).collect();
     json!({
         "robot": run.robot,
         "run_id": run.run_id,
         "cycle": of.cycle,
         "reason": of.reason,
-        "rmsd": rmsd.map(rmsd_value).collect::<Vec<_>>(),
-        "warming_contrast": contrasts.map(contrast).collect::<Vec<_>>(),
+        "rmsd": rmsd,
+        "warming_contrast": contrasts,
     })
 }

@@ -82,7 +82,7 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
     let reload = daemon::reload_on_hangup(&stop).map_err(internal)?;
     let metrics = Metrics::counting();
     let disks = Disks::watch(&config, metrics.clone(), stop.clone());
-    let work = Work { metrics, stop: stop.clone(), reload, disks: &disks };
+    let work = DaemonParts { metrics, stop: stop.clone(), reload, disks: &disks };
     let ended = tokio::select! {
         ended = at_work(global, args, config, work) => ended,
         why = disks.abandoned(&stop) => Err(CliError::Io(why)),
@@ -93,15 +93,20 @@ async fn until_stopped(global: &Global, args: &RunArgs, config: Config) -> Resul
 }
 
 /// Parts of the daemon that exist before it opens its database.
-struct Work<'d> {
+struct DaemonParts<'d> {
     metrics: Metrics,
     stop: CancellationToken,
     reload: mpsc::Receiver<()>,
     disks: &'d Disks,
 }
 
-async fn at_work(global: &Global, args: &RunArgs, config: Config, work: Work<'_>) -> Result<u8, CliError> {
-    let Work { metrics, stop, reload, disks } = work;
+async fn at_work(
+    global: &Global,
+    args: &RunArgs,
+    config: Config,
+    work: DaemonParts<'_>,
+) -> Result<u8, CliError> {
+    let DaemonParts { metrics, stop, reload, disks } = work;
     let Some(store) = open_store_until(&stop, &config).await? else { return Ok(EXIT_DONE) };
     // before anything listens: a second daemon is told of the first, not of its port
     let claim = store.claim().await?;

@@ -85,7 +85,7 @@ pub(super) struct TorqueArgs {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum StageArg {
+pub(super) enum StageArg {
     /// Excitation stage
     Excitation,
     /// Friction stage
@@ -97,7 +97,7 @@ enum StageArg {
 }
 
 impl StageArg {
-    fn scope(self) -> RmsdScope {
+    pub(super) fn scope(self) -> RmsdScope {
         match self {
             Self::Excitation => RmsdScope::Stage(Stage::Excitation),
             Self::Friction => RmsdScope::Stage(Stage::Friction),
@@ -282,7 +282,7 @@ fn as_value(args: &TorqueArgs, replayed: &Replayed, joint: JointIndex) -> serde_
     let rows = chosen_rows(args, series, joint);
     let column = |of: &[f64]| rows.iter().map(|&row| of[row]).collect::<Vec<f64>>();
     let rmsd = series.rmsd(joint, args.stage.scope());
-    let mut value = super::identify::output::rmsd_value(&rmsd);
+    let mut value = json!(rmsd);
     value["robot"] = json!(replay.run.robot);
     value["run_id"] = json!(replay.run.run_id);
     value["cycle"] = json!(replay.cycle.cycle);

@@ -4,18 +4,17 @@ use clap::{ArgGroup, Args, ValueEnum};
 use serde_json::json;
 
 use super::context::{CliError, EXIT_DONE, Global, open_to_change, open_to_read, runtime};
-use super::identify::output::rmsd_value;
 use super::shared::output;
 use super::shared::selection::{NamedCandidate, named_runs, note_cycles, runs_of};
+use super::torque::StageArg;
 use crate::pipeline::stored::chosen_cycles::{
     CrossVerification, NotedCycle, RunCycles, StoredError, cross_verification,
 };
-use armwatch_model::analysis::{Estimator, RmsdScope, TorqueRmsd};
-use armwatch_model::run::Stage;
+use armwatch_model::analysis::{Estimator, TorqueRmsd};
 use armwatch_store::{RunRow, Store};
 
 /// Relative RMSD above which the thesis marks a figure: the parameters do not fit the recording.
-const MARKED_ABOVE: f64 = 0.10;
+pub(super) const MARKED_ABOVE: f64 = 0.10;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -55,18 +54,6 @@ pub(super) struct VerifyArgs {
     /// Write the figures into the database
     #[arg(long)]
     store: bool,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum StageArg {
-    /// Excitation stage
-    Excitation,
-    /// Friction stage
-    Friction,
-    /// Warming stage
-    Warming,
-    /// Whole cycle
-    All,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -212,7 +199,7 @@ fn as_text(
         }
         text.push_str(&format!("joint {joint}\n{}\n\n", output::table(&header, &rows)));
     }
-    let stage = scope(args.stage).name();
+    let stage = args.stage.scope().name();
     let unit = format!("{text}relative RMSD of the torque, stage {stage}");
     match args.rows {
         RowsArg::Moving => format!("{unit}, moving rows; * above 10 %: {marked}"),
@@ -229,18 +216,9 @@ fn is_marked(relative: f64) -> bool {
 }
 
 fn relative(args: &VerifyArgs, rmsd: &[TorqueRmsd], joint: usize) -> Option<f64> {
-    let found = rmsd.iter().find(|r| r.joint.number() == joint && r.scope == scope(args.stage))?;
+    let found = rmsd.iter().find(|r| r.joint.number() == joint && r.scope == args.stage.scope())?;
     let rows = if args.rows == RowsArg::Moving { found.moving_rows } else { found.all_rows };
     (rows.samples > 0).then_some(rows.relative)
-}
-
-fn scope(stage: StageArg) -> RmsdScope {
-    match stage {
-        StageArg::Excitation => RmsdScope::Stage(Stage::Excitation),
-        StageArg::Friction => RmsdScope::Stage(Stage::Friction),
-        StageArg::Warming => RmsdScope::Stage(Stage::Warming),
-        StageArg::All => RmsdScope::WholeCycle,
-    }
 }
 
 fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json::Value {
@@ -248,19 +226,17 @@ fn as_value(named: &NamedCandidate, verified: &CrossVerification) -> serde_json:
         .rmsd
         .iter()
         .map(|of| {
-            let mut value = rmsd_value(of);
+            let mut value = json!(of);
             value["marked"] = json!(of.moving_rows.samples > 0 && is_marked(of.moving_rows.relative));
             value
         })
         .collect();
-    let of_cycle = |of: &NotedCycle| json!({ "cycle": of.cycle, "reason": of.reason });
-    let passed_over: Vec<serde_json::Value> = verified.passed_over.iter().map(of_cycle).collect();
     json!({
         "parameters": named.name,
         "reference_run_id": named.run_id,
         "run_id": verified.run_id,
         "cycles": verified.by_cycle.len() + verified.joined_windows,
-        "passed_over": passed_over,
+        "passed_over": verified.passed_over,
         "rmsd": rmsd,
     })
 }

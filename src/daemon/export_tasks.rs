@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::archive;
 use super::file_schedule::{Closing, FileSchedule, NextAttempt};
-use super::places::{HANGING, Place, Places, SAID_AFTER, hangs_for, say_hanging};
+use super::places::{FilePlaces, HANGING, Place, SAID_AFTER, hangs_for, say_hanging};
 use super::turn::{Class, ReadMode, named_robot};
 use crate::metrics::{LiveFile, Queue};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Progress, Retry};
@@ -48,7 +48,7 @@ pub(super) enum Happened {
 }
 
 /// A settled file that is being read.
-struct Settled {
+struct SettledFile {
     path: PathBuf,
     robot: String,
     class: Class,
@@ -60,7 +60,7 @@ struct Settled {
     said: bool,
 }
 
-impl Settled {
+impl SettledFile {
     fn hangs(&self, now: Instant) -> bool {
         hangs_for(&self.access, HANGING, now)
     }
@@ -71,11 +71,11 @@ pub(super) struct ExportTasks {
     stop: CancellationToken,
     tasks: JoinSet<Closed>,
     /// Growing files being read.
-    places: Places,
+    places: FilePlaces,
     /// When the files that wait are counted again at the earliest.
     next_count: Instant,
     /// Settled files being read.
-    settled: HashMap<FileId, Settled>,
+    settled: HashMap<FileId, SettledFile>,
     progress: (mpsc::UnboundedSender<Progressed>, mpsc::UnboundedReceiver<Progressed>),
 }
 
@@ -85,7 +85,7 @@ impl ExportTasks {
         Self {
             stop,
             tasks: JoinSet::new(),
-            places: Places::default(),
+            places: FilePlaces::default(),
             next_count: Instant::now(),
             settled: HashMap::new(),
             progress: mpsc::unbounded_channel(),
@@ -102,7 +102,7 @@ impl ExportTasks {
     }
 
     /// Settled files being read that hold up others: one whose file system does not answer does not.
-    fn reading(&self, now: Instant) -> impl Iterator<Item = &Settled> {
+    fn reading(&self, now: Instant) -> impl Iterator<Item = &SettledFile> {
         self.settled.values().filter(move |of| !of.hangs(now))
     }
 
@@ -167,7 +167,7 @@ impl ExportTasks {
     /// Gives a settled export its place.
     pub(super) fn admit(&mut self, due: &NextAttempt, robot: &str, class: Class, access: FileAccess) {
         let (path, robot) = (due.path.clone(), robot.to_owned());
-        let settled = Settled { path, robot, class, access, is_admitting: true, said: false };
+        let settled = SettledFile { path, robot, class, access, is_admitting: true, said: false };
         self.settled.insert(due.file, settled);
     }
 

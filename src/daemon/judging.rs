@@ -9,7 +9,7 @@ use crate::pipeline::conclude::open_test::OpenConclusion;
 use crate::pipeline::context::{Pipeline, PipelineError};
 
 /// A test and what came of judging it.
-type Judged = (i64, Result<OpenConclusion, PipelineError>);
+type TestConclusion = (i64, Result<OpenConclusion, PipelineError>);
 
 /// Tests that wait to be judged, by the numbers of their runs. However many cycles come meanwhile, each is judged once
 /// by all of them.
@@ -18,7 +18,7 @@ pub struct OpenTests {
     due: BTreeSet<i64>,
     /// Those whose robot is to be concluded first.
     waiting: BTreeSet<i64>,
-    judging: JoinSet<Judged>,
+    judging: JoinSet<TestConclusion>,
 }
 
 impl OpenTests {
@@ -51,7 +51,7 @@ impl OpenTests {
         Some(judged.map_err(PipelineError::from).and_then(|judged| self.judged(judged)))
     }
 
-    fn judged(&mut self, (run_id, result): Judged) -> Result<Option<Concluded>, PipelineError> {
+    fn judged(&mut self, (run_id, result): TestConclusion) -> Result<Option<Concluded>, PipelineError> {
         match result {
             Ok(OpenConclusion::Drawn(concluded)) => Ok(Some(concluded)),
             Ok(OpenConclusion::Quiet) => Ok(None),

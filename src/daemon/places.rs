@@ -81,13 +81,13 @@ struct Holder {
 
 /// Growing files that are being read.
 #[derive(Debug, Default)]
-pub struct Places {
+pub struct FilePlaces {
     holders: HashMap<FileId, Holder>,
     /// That places are short was said.
     said_short: Option<usize>,
 }
 
-impl Places {
+impl FilePlaces {
     /// Whether one more file may be read, of `most`.
     #[must_use]
     pub fn has_free(&self, most: usize, now: Instant) -> bool {
@@ -226,14 +226,14 @@ mod tests {
     use armwatch_ingest::bytes::access::asking;
 
     struct Room {
-        places: Places,
+        places: FilePlaces,
         start: Instant,
         stop: CancellationToken,
     }
 
     impl Room {
         fn new() -> Self {
-            Self { places: Places::default(), start: Instant::now(), stop: CancellationToken::new() }
+            Self { places: FilePlaces::default(), start: Instant::now(), stop: CancellationToken::new() }
         }
 
         fn at(&self, seconds: f64) -> Instant {

@@ -14,7 +14,7 @@ pub(super) struct Process;
 
 impl Collector for Process {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> std::fmt::Result {
-        let Some(state) = State::read() else { return Ok(()) };
+        let Some(state) = ProcessState::read() else { return Ok(()) };
         encoder
             .encode_descriptor(
                 "process_cpu_seconds",
@@ -44,7 +44,7 @@ impl Collector for Process {
     }
 }
 
-struct State {
+struct ProcessState {
     cpu_s: f64,
     start_s: u64,
     threads: u64,
@@ -55,7 +55,7 @@ struct State {
     most_files: Option<u64>,
 }
 
-impl State {
+impl ProcessState {
     fn read() -> Option<Self> {
         let stat = fs::read_to_string("/proc/self/stat").ok()?;
         // the second field, the name of the program in parentheses, may have spaces
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn the_process_is_told_as_the_system_shows_it() {
-        let state = State::read().unwrap();
+        let state = ProcessState::read().unwrap();
         let status = fs::read_to_string("/proc/self/status").unwrap();
         let size = |name: &str| -> u64 {
             let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap();

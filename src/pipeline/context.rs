@@ -55,7 +55,7 @@ pub struct Pipeline {
 
 /// What the complete tests of a robot say of the one that is being written.
 #[derive(Debug)]
-pub(super) struct Usual {
+pub(super) struct RobotBaseline {
     /// The test that is being written.
     pub(super) run_id: i64,
     /// How often the robot's history had changed.
@@ -69,7 +69,7 @@ pub(super) struct Usual {
 }
 
 /// By the key of the robot.
-pub(super) type UsualByRobot = Arc<Mutex<HashMap<i64, Arc<Usual>>>>;
+pub(super) type UsualByRobot = Arc<Mutex<HashMap<i64, Arc<RobotBaseline>>>>;
 
 pub(super) type OpenRuns = Arc<Mutex<HashSet<i64>>>;
 

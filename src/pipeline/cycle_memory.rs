@@ -50,12 +50,12 @@ pub struct CycleMemory {
     /// The bound, bytes.
     most: usize,
     idle: Duration,
-    shared: Arc<Shared>,
+    shared: Arc<CycleMemoryShare>,
 }
 
 #[derive(Debug, Default)]
-struct Shared {
-    state: Mutex<State>,
+struct CycleMemoryShare {
+    state: Mutex<SharedCycles>,
     /// Fewer bytes are taken.
     freed: Condvar,
     /// The same, for analyses that wait.
@@ -63,9 +63,9 @@ struct Shared {
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct SharedCycles {
     next: u64,
-    exports: HashMap<u64, Export>,
+    exports: HashMap<u64, ExportMemory>,
     /// Bytes of cycles that are cut, and of their analyses that are not recorded.
     cut: usize,
     in_analysis: usize,
@@ -73,7 +73,7 @@ struct State {
 }
 
 #[derive(Debug)]
-struct Export {
+struct ExportMemory {
     bytes: usize,
     read_at: Instant,
     turn: Turn,
@@ -101,7 +101,7 @@ impl Turn {
     }
 }
 
-impl State {
+impl SharedCycles {
     fn bytes(&self) -> usize {
         self.cut + self.exports.values().map(|export| export.bytes).sum::<usize>()
     }
@@ -109,7 +109,7 @@ impl State {
     /// Whether another export that goes on comes first: one whose analyses are recorded, then one that has read more of its
     /// cycle, then the one that began first.
     fn is_behind(&self, own: u64, idle: Duration) -> bool {
-        let place = |id: u64, export: &Export| (export.turn.has_come(), export.bytes, u64::MAX - id);
+        let place = |id: u64, export: &ExportMemory| (export.turn.has_come(), export.bytes, u64::MAX - id);
         let Some(mine) = self.exports.get(&own).map(|export| place(own, export)) else { return false };
         self.exports.iter().any(|(id, other)| place(*id, other) > mine && other.read_at.elapsed() < idle)
     }
@@ -142,7 +142,7 @@ impl CycleMemory {
         let mut state = self.lock();
         let id = state.next;
         state.next += 1;
-        state.exports.insert(id, Export { bytes: 0, read_at: Instant::now(), turn });
+        state.exports.insert(id, ExportMemory { bytes: 0, read_at: Instant::now(), turn });
         OpenCycle { all: self.clone(), id }
     }
 
@@ -154,7 +154,7 @@ impl CycleMemory {
         HeldCycle { all: self.clone(), bytes, is_in_analysis: false }
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, SharedCycles> {
         self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -130,7 +130,7 @@ async fn candidate(
 }
 
 /// Checks of a run's windows that are to take the place of what is stored.
-pub(super) type Settled = (i64, Vec<(u32, ProductionCheck)>);
+pub(super) type NewChecks = (i64, Vec<(u32, ProductionCheck)>);
 
 /// What windows of a robot's production are to be held against by its whole history, where that is not stored yet,
 /// from stored factors: no export is read.
@@ -145,7 +145,7 @@ pub(super) async fn settle(
     store: &Store,
     robot_id: i64,
     estimator: Estimator,
-) -> Result<Vec<Settled>, PipelineError> {
+) -> Result<Vec<NewChecks>, PipelineError> {
     let estimator = estimator.of_factors();
     let windows = store.production_windows(robot_id, estimator).await?;
     let Some(from) = windows.iter().map(|window| window.started_at).min() else { return Ok(Vec::new()) };

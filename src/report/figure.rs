@@ -45,7 +45,7 @@ pub struct Panel {
     /// Lines and points, later ones on top.
     pub series: Vec<Series>,
     /// What happened at a value of the horizontal axis.
-    pub events: Vec<Event>,
+    pub events: Vec<FigureEvent>,
     /// A second, lower pair of axes on the same horizontal axis.
     pub strip: Option<Strip>,
 }
@@ -126,18 +126,18 @@ pub struct Standing {
 
 /// Something that happened at a value of the horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Event {
+pub struct FigureEvent {
     /// When, in values of the axis.
     pub at: f64,
     /// What it was.
-    pub kind: EventKind,
+    pub kind: FigureEventKind,
     /// What is shown of it to a reader who points at it.
     pub label: String,
 }
 
 /// What kind of thing happened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum EventKind {
+pub enum FigureEventKind {
     /// An alarm began.
     Alarm,
     /// Somebody worked on the arm.
@@ -219,7 +219,7 @@ pub enum Look {
     /// As a limit of this level.
     Limit(Level),
     /// As an event of this kind.
-    Event(EventKind),
+    Event(FigureEventKind),
 }
 
 /// Colours of series as light and dark pages have them, from the palette of Okabe and Ito (2008), which

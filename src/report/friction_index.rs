@@ -2,8 +2,8 @@
 //! joint, all with the same scale.
 
 use super::figure::{
-    Area, Band, ESTIMATED, Event, EventKind, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series,
-    Standing, XAxis, extent,
+    Area, Band, ESTIMATED, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, MEASURED, Mark,
+    Panel, Series, Standing, XAxis, extent,
 };
 use super::rmsd::event_keys;
 
@@ -33,7 +33,7 @@ pub struct IndexPanel {
     /// Its runs, oldest first.
     pub runs: Vec<IndexPoint>,
     /// What happened to it.
-    pub events: Vec<Event>,
+    pub events: Vec<FigureEvent>,
     /// Days between which an alarm was seen.
     pub alarms: Vec<[f64; 2]>,
 }
@@ -83,7 +83,7 @@ pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, s
 fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> Panel {
     // an index before work on the arm is of another baseline than one after it
     let repairs: Vec<f64> =
-        joint.events.iter().filter(|of| of.kind == EventKind::Repair).map(|of| of.at).collect();
+        joint.events.iter().filter(|of| of.kind == FigureEventKind::Repair).map(|of| of.at).collect();
     let stretches =
         || joint.runs.chunk_by(|a, b| !repairs.iter().any(|repair| a.day < *repair && *repair <= b.day));
     let interval = |run: &IndexPoint| [run.day, run.interval[0], run.interval[1]];
@@ -160,7 +160,7 @@ mod tests {
     fn joints_share_a_scale_that_shows_both_limits() {
         let mut worn = joint("joint 3", &[(20_000.0, 1.0, None), (20_001.0, 1.3, None)]);
         worn.alarms.push([20_000.5, 20_001.0]);
-        worn.events.push(Event { at: 20_000.5, kind: EventKind::Alarm, label: "drift".into() });
+        worn.events.push(FigureEvent { at: 20_000.5, kind: FigureEventKind::Alarm, label: "drift".into() });
         let quiet = joint("joint 1", &[(20_000.0, 1.0, None), (20_001.0, 1.001, None)]);
         let figure = index_figure(&[quiet.clone(), worn], LIMITS, "R01".into(), String::new());
         let ranges: Vec<_> = figure.panels.iter().map(|panel| panel.y_range).collect();
@@ -184,7 +184,11 @@ mod tests {
     fn the_line_breaks_where_work_began_a_new_baseline() {
         let mut repaired =
             joint("joint 3", &[(20_000.0, 1.3, None), (20_001.0, 1.0, None), (20_002.0, 1.0, None)]);
-        repaired.events.push(Event { at: 20_001.0, kind: EventKind::Repair, label: "gearbox".into() });
+        repaired.events.push(FigureEvent {
+            at: 20_001.0,
+            kind: FigureEventKind::Repair,
+            label: "gearbox".into(),
+        });
         let figure = index_figure(&[repaired], LIMITS, "R01".into(), String::new());
         let points = &figure.panels[0].series[1].points;
         assert_eq!((points.len(), points[1][0].is_nan(), points[2]), (4, true, [20_001.0, 1.0]));

@@ -3,7 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::figure::{
-    ESTIMATED, Event, EventKind, Figure, Key, Level, Limit, Look, Mark, Panel, Series, XAxis, YAxis, extent,
+    ESTIMATED, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, Mark, Panel, Series, XAxis,
+    YAxis, extent,
 };
 use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
 use armwatch_model::robot::JointIndex;
@@ -152,7 +153,7 @@ pub struct RunRmsd {
 pub fn run_rmsd_figure(
     runs: &[RunRmsd],
     limits: RmsdLimits,
-    events: &[(Option<JointIndex>, Event)],
+    events: &[(Option<JointIndex>, FigureEvent)],
     title: String,
     subtitle: String,
 ) -> Figure {
@@ -184,14 +185,14 @@ pub fn run_rmsd_figure(
 }
 
 /// Events of a joint and of the whole arm.
-pub(super) fn events_of(events: &[(Option<JointIndex>, Event)], joint: JointIndex) -> Vec<Event> {
+pub(super) fn events_of(events: &[(Option<JointIndex>, FigureEvent)], joint: JointIndex) -> Vec<FigureEvent> {
     let of_joint = events.iter().filter(|(of, _)| of.is_none_or(|of| of == joint));
     of_joint.map(|(_, event)| event.clone()).collect()
 }
 
 /// Entries of the legend for the kinds of events that there are.
-pub(super) fn event_keys(events: &[(Option<JointIndex>, Event)]) -> Vec<Key> {
-    let kinds = [(EventKind::Alarm, "an alarm began"), (EventKind::Repair, "maintenance")];
+pub(super) fn event_keys(events: &[(Option<JointIndex>, FigureEvent)]) -> Vec<Key> {
+    let kinds = [(FigureEventKind::Alarm, "an alarm began"), (FigureEventKind::Repair, "maintenance")];
     kinds
         .into_iter()
         .filter(|(kind, _)| events.iter().any(|(_, event)| event.kind == *kind))
@@ -258,8 +259,11 @@ mod tests {
     fn runs_of_all_joints_share_a_scale_and_the_marks_of_the_arm() {
         let run = |day, joint, relative| RunRmsd { day, joint: JointIndex::new(joint), relative };
         let runs = [run(0.0, 0, 0.02), run(0.0, 1, 0.3), run(1.0, 0, f64::NAN), run(1.0, 1, 0.2)];
-        let event = |kind| Event { at: 0.5, kind, label: String::new() };
-        let events = [(None, event(EventKind::Repair)), (Some(JointIndex::new(1)), event(EventKind::Alarm))];
+        let event = |kind| FigureEvent { at: 0.5, kind, label: String::new() };
+        let events = [
+            (None, event(FigureEventKind::Repair)),
+            (Some(JointIndex::new(1)), event(FigureEventKind::Alarm)),
+        ];
         let figure = run_rmsd_figure(&runs, LIMITS, &events, "R01".into(), String::new());
         let events: Vec<usize> = figure.panels.iter().map(|panel| panel.events.len()).collect();
         assert_eq!((events, figure.legend.len()), (vec![1, 2], 5));

@@ -8,7 +8,7 @@ pub(super) const LINE_WIDTH: usize = 110;
 
 /// A line of a function's body.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Line {
+pub(super) enum CodeLine {
     /// Heading of what follows.
     Title(String),
     /// A new variable and its value.
@@ -19,7 +19,7 @@ pub(super) enum Line {
 #[derive(Debug)]
 pub(super) struct Listing {
     /// Assignments in the order in which they are computed.
-    pub(super) lines: Vec<Line>,
+    pub(super) lines: Vec<CodeLine>,
     /// Value of each output.
     pub(super) outputs: Vec<String>,
     /// What it needs: places by joint.
@@ -81,10 +81,10 @@ pub(super) fn listing(
             None => continue,
         };
         if let Some(title) = title.take() {
-            found.lines.push(Line::Title(title.clone()));
+            found.lines.push(CodeLine::Title(title.clone()));
         }
         let (value, _) = writer.spelled(NodeId(at));
-        found.lines.push(Line::Assignment { name: name.clone(), value });
+        found.lines.push(CodeLine::Assignment { name: name.clone(), value });
         writer.names[at] = Some(name);
     }
     found.outputs = program.outputs.iter().map(|output| writer.output(*output)).collect();
@@ -261,7 +261,7 @@ mod tests {
         let outputs = vec![once.negated(), difference];
         let program = Program { joints: 3, graph, outputs, sections: Vec::new() };
         let found = listing(&program, &[], name);
-        let assigned = Line::Assignment { name: "t1".into(), value: "qd2 + qd3".into() };
+        let assigned = CodeLine::Assignment { name: "t1".into(), value: "qd2 + qd3".into() };
         assert_eq!(found.lines, [assigned]);
         assert_eq!(found.outputs, ["-(qd3 * (qd1 + t1) * qd1)", "qd1 - t1"]);
         assert_eq!(found.speeds, [true; 3]);

@@ -33,20 +33,20 @@ pub(super) struct Connections {
 #[derive(Debug, Default)]
 struct Open {
     next: u64,
-    by_number: HashMap<u64, Arc<Progress>>,
+    by_number: HashMap<u64, Arc<ConnectionPhase>>,
 }
 
 /// The place of a connection, until it is dropped.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct ConnectionPlace {
     connections: Connections,
     number: u64,
-    pub(super) progress: Arc<Progress>,
+    pub(super) progress: Arc<ConnectionPhase>,
 }
 
 /// How far a connection has come.
 #[derive(Debug)]
-pub(super) struct Progress {
+pub(super) struct ConnectionPhase {
     network: Network,
     began: Instant,
     /// When bytes were last read or written, ms since `began`.
@@ -59,7 +59,7 @@ pub(super) struct Progress {
 
 /// A request that waits for the daemon, until it is dropped.
 #[derive(Debug)]
-pub(super) struct Answering(Arc<Progress>);
+pub(super) struct Answering(Arc<ConnectionPhase>);
 
 impl Connections {
     /// None yet.
@@ -68,8 +68,8 @@ impl Connections {
     }
 
     /// Gives a new connection a place. If all places are taken, another connection ends.
-    pub(super) fn enter(&self, network: Network) -> Place {
-        let progress = Arc::new(Progress {
+    pub(super) fn enter(&self, network: Network) -> ConnectionPlace {
+        let progress = Arc::new(ConnectionPhase {
             network,
             began: self.began,
             moved_ms: AtomicU64::new(ms(self.began.elapsed())),
@@ -87,7 +87,7 @@ impl Connections {
         let number = open.next;
         open.next += 1;
         open.by_number.insert(number, Arc::clone(&progress));
-        Place { connections: self.clone(), number, progress }
+        ConnectionPlace { connections: self.clone(), number, progress }
     }
 }
 
@@ -113,14 +113,14 @@ impl Open {
     }
 }
 
-impl Drop for Place {
+impl Drop for ConnectionPlace {
     fn drop(&mut self) {
         let mut open = self.connections.open.lock().unwrap_or_else(PoisonError::into_inner);
         open.by_number.remove(&self.number);
     }
 }
 
-impl Progress {
+impl ConnectionPhase {
     /// Notes that bytes were read or written.
     pub(super) fn moved(&self) {
         self.moved_ms.store(ms(self.began.elapsed()), Ordering::Relaxed);
@@ -159,13 +159,13 @@ mod tests {
         Network::of(text.parse().unwrap())
     }
 
-    fn enter(connections: &Connections, text: &str, moved_ms: u64) -> Place {
+    fn enter(connections: &Connections, text: &str, moved_ms: u64) -> ConnectionPlace {
         let place = connections.enter(network(text));
         place.progress.moved_ms.store(moved_ms, Ordering::Relaxed);
         place
     }
 
-    fn is_open(place: &Place) -> bool {
+    fn is_open(place: &ConnectionPlace) -> bool {
         !place.progress.evicted.is_cancelled()
     }
 
@@ -179,7 +179,7 @@ mod tests {
     fn of_one_network_the_connection_that_stood_still_longest_gives_way() {
         let connections = old();
         // 300 addresses of one network
-        let held: Vec<Place> = (0..300)
+        let held: Vec<ConnectionPlace> = (0..300)
             .map(|number| enter(&connections, &format!("2001:db8::{number:x}"), 1000 + number))
             .collect();
         let open: Vec<usize> = (0..300).filter(|at| is_open(&held[*at])).collect();
@@ -200,9 +200,10 @@ mod tests {
     fn when_all_places_are_taken_the_largest_network_gives_way() {
         let connections = old();
         let watcher = enter(&connections, "10.9.9.9", 0);
-        let proxy: Vec<Place> = (1..CONNECTIONS).map(|_| enter(&connections, "127.0.0.1", 1000)).collect();
+        let proxy: Vec<ConnectionPlace> =
+            (1..CONNECTIONS).map(|_| enter(&connections, "127.0.0.1", 1000)).collect();
         assert!(proxy.iter().all(is_open), "programs of this machine may have all");
-        let newcomers: Vec<Place> =
+        let newcomers: Vec<ConnectionPlace> =
             (0..20).map(|number| enter(&connections, &format!("10.0.0.{number}"), 5)).collect();
         assert_eq!(proxy.iter().filter(|place| !is_open(place)).count(), 20);
         assert!(is_open(&watcher) && newcomers.iter().all(is_open), "no small network gives way");
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn a_request_that_waits_for_the_daemon_and_a_new_connection_are_spared() {
         let connections = old();
-        let mut held: Vec<Place> =
+        let mut held: Vec<ConnectionPlace> =
             (0..CONNECTIONS_OF_ONE as u64).map(|number| enter(&connections, "10.0.0.1", number)).collect();
         let answering = held[0].progress.answering();
         let new = connections.enter(network("10.0.0.1"));

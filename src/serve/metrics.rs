@@ -38,7 +38,7 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
     let reading = async {
         // said where it was met
         let store = shared.looking().await.ok()?;
-        Stored::read(store)
+        StoredFigures::read(store)
             .await
             .inspect_err(|error| tracing::warn!(%error, "metrics without those of the database"))
             .ok()
@@ -52,14 +52,14 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
         Some(_) => Some(readiness(&shared).await.obstacle.is_none()),
         None => None,
     };
-    let text =
-        written(&shared.metrics, Figures { stored, uploads }).map_err(|error| Refusal::internal(&error))?;
+    let text = written(&shared.metrics, MetricFigures { stored, uploads })
+        .map_err(|error| Refusal::internal(&error))?;
     Ok(([(CONTENT_TYPE, prometheus_text::CONTENT_TYPE)], text).into_response())
 }
 
 /// What the database says.
 #[derive(Debug)]
-struct Stored {
+struct StoredFigures {
     counts: Counts,
     health: Vec<FleetHealthRow>,
     to_conclude: usize,
@@ -71,7 +71,7 @@ struct Stored {
     size: Option<DatabaseSize>,
 }
 
-impl Stored {
+impl StoredFigures {
     async fn read(store: &Store) -> Result<Self, StoreError> {
         let mut anomalies: BTreeMap<(&str, &str), u64> = BTreeMap::new();
         for severity in ["critical", "info", "warning"] {
@@ -96,7 +96,7 @@ impl Stored {
     }
 }
 
-fn written(process: &Metrics, figures: Figures) -> Result<String, fmt::Error> {
+fn written(process: &Metrics, figures: MetricFigures) -> Result<String, fmt::Error> {
     let mut text = String::new();
     process.write(&mut text)?;
     let mut registry = Registry::default();
@@ -107,13 +107,13 @@ fn written(process: &Metrics, figures: Figures) -> Result<String, fmt::Error> {
 
 /// Figures of the program and of the database, of which there are none while it cannot be read.
 #[derive(Debug)]
-struct Figures {
-    stored: Option<Stored>,
+struct MetricFigures {
+    stored: Option<StoredFigures>,
     /// Whether uploads are taken, where they are on.
     uploads: Option<bool>,
 }
 
-impl Collector for Figures {
+impl Collector for MetricFigures {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
         let (to, stored) = (&mut encoder, self.stored.as_ref());
         let version = [("version", env!("CARGO_PKG_VERSION"))];
@@ -133,7 +133,7 @@ impl Collector for Figures {
     }
 }
 
-fn of_database(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
+fn of_database(to: &mut DescriptorEncoder<'_>, stored: &StoredFigures) -> fmt::Result {
     let Counts { robots, streaming_runs, complete_runs, quarantined_runs, cycles, .. } = stored.counts;
     let runs =
         [("complete", complete_runs), ("quarantined", quarantined_runs), ("streaming", streaming_runs)];
@@ -166,7 +166,7 @@ fn of_database(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
 }
 
 /// Name and help of a family with a figure of each joint, and where the figure stands.
-type Figure = (&'static str, &'static str, fn(&FleetHealthRow) -> Option<f64>);
+type JointFigure = (&'static str, &'static str, fn(&FleetHealthRow) -> Option<f64>);
 
 fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::Result {
     let joints: Vec<String> = health.iter().map(|row| row.joint.to_string()).collect();
@@ -181,7 +181,7 @@ fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::
                 .map(|status| ([joint, robot, ("status", status.name())], u32::from(row.status == status)))
         }),
     )?;
-    let of_joints: [Figure; 2] = [
+    let of_joints: [JointFigure; 2] = [
         (
             "armwatch_joint_friction_index_ratio",
             "Friction of the latest test at equal speed and warmth against the joint's baseline, 1 is unchanged.",
@@ -200,7 +200,7 @@ fn of_joints(to: &mut DescriptorEncoder<'_>, health: &[FleetHealthRow]) -> fmt::
     Ok(())
 }
 
-fn of_robots(to: &mut DescriptorEncoder<'_>, stored: &Stored) -> fmt::Result {
+fn of_robots(to: &mut DescriptorEncoder<'_>, stored: &StoredFigures) -> fmt::Result {
     let mut last: BTreeMap<&str, Timestamp> = BTreeMap::new();
     for row in &stored.health {
         if let Some(at) = row.last_result_at {
@@ -289,7 +289,7 @@ mod tests {
     fn labels_are_escaped_and_no_family_is_there_twice() {
         let process = Metrics::counting();
         process.cycle_stored(None);
-        let stored = Stored {
+        let stored = StoredFigures {
             counts: Counts { robots: 1, complete_runs: 2, ..Counts::default() },
             health: Vec::new(),
             to_conclude: 0,
@@ -316,7 +316,7 @@ mod tests {
             }],
             size: Some(DatabaseSize { database: 4096, log: 0 }),
         };
-        let text = written(&process, Figures { stored: Some(stored), uploads: Some(true) }).unwrap();
+        let text = written(&process, MetricFigures { stored: Some(stored), uploads: Some(true) }).unwrap();
         for line in [
             "armwatch_robot_quarantined_exports{robot=\"a\\\"b\\\\c\"} 3",
             "armwatch_robot_quarantined_exports{robot=\"d\\\\u{a}\\\\u{1b}[2J\\\\u{202e}\"} 4",
@@ -338,7 +338,8 @@ mod tests {
 
     #[test]
     fn without_the_database_the_process_still_tells_of_itself() {
-        let text = written(&Metrics::counting(), Figures { stored: None, uploads: Some(false) }).unwrap();
+        let text =
+            written(&Metrics::counting(), MetricFigures { stored: None, uploads: Some(false) }).unwrap();
         assert!(text.contains("\narmwatch_database_up 0\n"), "{text}");
         assert!(text.contains("armwatch_cycles_stored_total 0") && !text.contains("armwatch_runs"), "{text}");
     }

@@ -27,14 +27,14 @@ use super::shared::Shared;
         (name = "Daemon", description = "The program itself"),
     ),
     paths(metrics),
-    modifiers(&Token),
+    modifiers(&TokenScheme),
 )]
 struct General;
 
 /// How requests carry a token.
-struct Token;
+struct TokenScheme;
 
-impl Modify for Token {
+impl Modify for TokenScheme {
     fn modify(&self, document: &mut OpenApi) {
         let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
             "A token of serve.token_file or serve.token, with the scopes read, act and upload. A daemon without tokens \

@@ -17,7 +17,7 @@ const REMEMBERED: usize = 4096;
 
 /// Requests by network.
 #[derive(Debug)]
-pub(super) struct Rates {
+pub(super) struct RequestRates {
     per_second: f64,
     buckets: Mutex<HashMap<Network, Bucket>>,
 }
@@ -28,7 +28,7 @@ struct Bucket {
     at: Instant,
 }
 
-impl Rates {
+impl RequestRates {
     /// So many requests a second of each network; 0 is no bound.
     pub(super) fn new(per_second: f64) -> Self {
         Self { per_second, buckets: Mutex::default() }
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_network_has_its_rate_and_takes_none_of_the_others() {
-        let (rates, begun) = (Rates::new(10.0), Instant::now());
+        let (rates, begun) = (RequestRates::new(10.0), Instant::now());
         let one = network("10.0.0.1");
         for _ in 0..40 {
             assert_eq!(rates.count(one, begun), Ok(()));
@@ -79,12 +79,12 @@ mod tests {
         assert_eq!(rates.count(network("::ffff:10.0.0.2"), begun), Ok(()));
         assert_eq!(rates.count(one, begun + wait), Ok(()));
         assert!(rates.count(one, begun + wait).is_err());
-        assert!((0..1000).all(|_| Rates::new(0.0).count(one, begun).is_ok()));
+        assert!((0..1000).all(|_| RequestRates::new(0.0).count(one, begun).is_ok()));
     }
 
     #[test]
     fn a_network_is_one_client_and_silent_ones_are_forgotten() {
-        let (rates, begun) = (Rates::new(0.25), Instant::now());
+        let (rates, begun) = (RequestRates::new(0.25), Instant::now());
         assert!((0..20).all(|_| rates.count(network("2001:db8::1"), begun).is_ok()));
         assert!(rates.count(network("2001:db8::2"), begun).is_err());
         assert_eq!(rates.count(network("2001:db8:0:1::1"), begun), Ok(()));

@@ -11,7 +11,7 @@ use tokio_util::sync::CancellationToken;
 use super::access::Access;
 use super::answer::Refusal;
 use super::network::Proxies;
-use super::rates::Rates;
+use super::rates::RequestRates;
 use super::reserve::Reserve;
 use super::spool::Spool;
 use super::unread_answers::UnreadAnswers;
@@ -27,7 +27,7 @@ pub(super) struct Shared {
     pub(super) access: Access,
     pub(super) uploads: Option<Uploads>,
     /// Requests by network.
-    pub(super) rates: Rates,
+    pub(super) rates: RequestRates,
     /// Reverse proxies that name the client.
     pub(super) proxies: Proxies,
     /// Large answers that clients have not read yet.
@@ -98,16 +98,16 @@ pub struct Uploads {
     /// Held while a whole upload gets its name, so that of two under one name the second sees the first.
     pub(super) placing: tokio::sync::Mutex<()>,
     /// Uploads that got their name, the latest last.
-    pub(super) waiting: Mutex<VecDeque<Sent>>,
+    pub(super) waiting: Mutex<VecDeque<SentContent>>,
     /// Uploads that were not taken, since their content was here or stored already; the latest last.
-    pub(super) known: Mutex<VecDeque<Sent>>,
+    pub(super) known: Mutex<VecDeque<SentContent>>,
     /// Whether the last look at the spool found an obstacle.
     is_refusing: AtomicBool,
 }
 
 /// A content as it was sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Sent {
+pub(super) struct SentContent {
     name: String,
     hash: ContentHash,
 }
@@ -179,15 +179,15 @@ impl Uploads {
     }
 }
 
-fn latest(sent: &Mutex<VecDeque<Sent>>, name: &str) -> Option<ContentHash> {
+fn latest(sent: &Mutex<VecDeque<SentContent>>, name: &str) -> Option<ContentHash> {
     let sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
     sent.iter().rfind(|sent| sent.name == name).map(|sent| sent.hash)
 }
 
 /// Puts an upload last; the oldest goes where there are too many.
-fn remember(sent: &Mutex<VecDeque<Sent>>, name: &str, hash: ContentHash) {
+fn remember(sent: &Mutex<VecDeque<SentContent>>, name: &str, hash: ContentHash) {
     let mut sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
-    let new = Sent { name: name.to_owned(), hash };
+    let new = SentContent { name: name.to_owned(), hash };
     sent.retain(|sent| *sent != new);
     if sent.len() >= REMEMBERED {
         sent.pop_front();

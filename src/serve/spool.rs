@@ -50,16 +50,16 @@ pub struct Spool {
     most_of_one: usize,
     probes: Arc<AtomicU64>,
     /// Uploads that are not whole, as they were when they changed last.
-    standing: Arc<Mutex<HashMap<PathBuf, Standing>>>,
+    standing: Arc<Mutex<HashMap<PathBuf, UploadAge>>>,
 }
 
 /// Length and time of modification of an upload, and since when it has had them.
-type Standing = (u64, SystemTime, Instant);
+type UploadAge = (u64, SystemTime, Instant);
 
 /// An upload that is not whole. Its file is named `KEY.TOTAL.CLIENT`, so that total and client survive a restart. Earlier
 /// versions named it `KEY`.
 #[derive(Debug)]
-struct Partial {
+struct PartialUpload {
     path: PathBuf,
     /// The hash of name and content.
     key: String,
@@ -298,7 +298,7 @@ impl Spool {
     }
 
     /// Removes an upload, unless a request writes to it. Returns whether it did.
-    fn give_up(&self, partial: &Partial) -> io::Result<bool> {
+    fn give_up(&self, partial: &PartialUpload) -> io::Result<bool> {
         // held, so that no request claims it meanwhile
         let active = self.active();
         if active.contains_key(&partial.key) {
@@ -311,7 +311,7 @@ impl Spool {
     }
 
     /// Uploads that are not whole.
-    fn partials(&self) -> io::Result<Vec<Partial>> {
+    fn partials(&self) -> io::Result<Vec<PartialUpload>> {
         let entries = match fs::read_dir(self.folder.join(PARTIAL)) {
             Ok(entries) => entries,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -321,7 +321,7 @@ impl Spool {
         for entry in entries {
             let entry = entry?;
             match entry.metadata() {
-                Ok(metadata) => match Partial::of(entry.path(), &metadata) {
+                Ok(metadata) => match PartialUpload::of(entry.path(), &metadata) {
                     Some(partial) => partials.push(partial),
                     // of a process that was killed meanwhile
                     None if is_old(&metadata) => drop(fs::remove_file(entry.path())),
@@ -335,7 +335,7 @@ impl Spool {
         Ok(partials)
     }
 
-    fn partial(&self, key: &str) -> io::Result<Option<Partial>> {
+    fn partial(&self, key: &str) -> io::Result<Option<PartialUpload>> {
         Ok(self.partials()?.into_iter().find(|partial| partial.key == key))
     }
 
@@ -350,7 +350,7 @@ fn is_old(probe: &fs::Metadata) -> bool {
     age.is_some_and(|age| age > STALE_WHEN_SHORT)
 }
 
-impl Partial {
+impl PartialUpload {
     /// Reads the name of a file; `None` for a probe.
     fn of(path: PathBuf, metadata: &fs::Metadata) -> Option<Self> {
         let name = path.file_name()?.to_str()?;

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Instant, Sleep, sleep_until};
 
-use super::connections::Progress;
+use super::connections::ConnectionPhase;
 
 /// How long a client may read nothing of an answer.
 pub(super) const WRITE_STALL: Duration = Duration::from_secs(30);
@@ -23,7 +23,7 @@ const LEAST_RATE: f64 = 1024.0;
 #[derive(Debug)]
 pub(super) struct WatchedStream<S> {
     stream: S,
-    progress: Arc<Progress>,
+    progress: Arc<ConnectionPhase>,
     stall: Duration,
     /// How long the client may still be waited for.
     patience: Duration,
@@ -34,7 +34,7 @@ pub(super) struct WatchedStream<S> {
 
 impl<S> WatchedStream<S> {
     /// Watches a stream, whose client may read nothing for the time `stall`.
-    pub(super) fn new(stream: S, progress: Arc<Progress>, stall: Duration) -> Self {
+    pub(super) fn new(stream: S, progress: Arc<ConnectionPhase>, stall: Duration) -> Self {
         let timer = Box::pin(sleep_until(Instant::now()));
         Self { stream, progress, stall, patience: stall, blocked: None, timer }
     }

@@ -21,7 +21,7 @@ const ELAPSED_HOUR_DIGITS: usize = 6;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MomentFormat {
     text: String,
-    parts: Vec<Part>,
+    parts: Vec<DatePart>,
 }
 
 /// A date, a time of day or both, as a cell gives it.
@@ -34,7 +34,7 @@ pub struct Moment {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Part {
+enum DatePart {
     Literal(char),
     Blank,
     Number(Field),
@@ -74,7 +74,7 @@ impl Field {
 
 /// Numbers read so far.
 #[derive(Debug, Default)]
-struct Found {
+struct MomentFields {
     year: Option<i64>,
     month: Option<i64>,
     day: Option<i64>,
@@ -97,9 +97,9 @@ impl MomentFormat {
     pub fn new(text: &str) -> Result<Self, String> {
         let parts = parts(text)?;
         let format = Self { text: text.to_owned(), parts };
-        let has = |field| format.has(Part::Number(field));
+        let has = |field| format.has(DatePart::Number(field));
         let year = has(Field::Year) || has(Field::ShortYear);
-        let month = has(Field::Month) || format.has(Part::MonthName);
+        let month = has(Field::Month) || format.has(DatePart::MonthName);
         let whole_date = year && (month && has(Field::Day) || has(Field::DayOfYear));
         if !whole_date && (year || month || has(Field::Day) || has(Field::DayOfYear)) {
             return Err("gives part of a date; it must give year, month and day, or none of them".into());
@@ -107,7 +107,7 @@ impl MomentFormat {
         if let Some(twice) = format.repeated() {
             return Err(format!("gives {twice} twice"));
         }
-        if has(Field::Hour12) != format.has(Part::Meridiem) {
+        if has(Field::Hour12) != format.has(DatePart::Meridiem) {
             return Err(
                 "needs %I and %p together: hours from 1 to 12 do not tell morning from afternoon".into()
             );
@@ -127,19 +127,19 @@ impl MomentFormat {
     /// Whether it gives year, month and day.
     #[must_use]
     pub fn gives_date(&self) -> bool {
-        self.has(Part::Number(Field::Year)) || self.has(Part::Number(Field::ShortYear))
+        self.has(DatePart::Number(Field::Year)) || self.has(DatePart::Number(Field::ShortYear))
     }
 
     /// Whether it gives seconds, or decimals of them.
     #[must_use]
     pub fn gives_seconds(&self) -> bool {
-        self.has(Part::Number(Field::Second))
+        self.has(DatePart::Number(Field::Second))
     }
 
     /// After how many seconds a clock of this form begins anew; `None` with a date.
     #[must_use]
     pub fn period_s(&self) -> Option<f64> {
-        let has = |field| self.has(Part::Number(field));
+        let has = |field| self.has(DatePart::Number(field));
         match () {
             () if self.gives_date() => None,
             () if has(Field::Hour) || has(Field::Hour12) => Some(DAY as f64),
@@ -148,18 +148,18 @@ impl MomentFormat {
         }
     }
 
-    fn has(&self, part: Part) -> bool {
+    fn has(&self, part: DatePart) -> bool {
         self.parts.contains(&part)
     }
 
     fn repeated(&self) -> Option<&'static str> {
-        let name = |part: &Part| match part {
-            Part::Number(Field::Year | Field::ShortYear) => Some("the year"),
-            Part::Number(Field::Month) | Part::MonthName => Some("the month"),
-            Part::Number(Field::Day) => Some("the day"),
-            Part::Number(Field::Hour | Field::Hour12) => Some("the hour"),
-            Part::Number(Field::Minute) => Some("the minute"),
-            Part::Number(Field::Second) => Some("the second"),
+        let name = |part: &DatePart| match part {
+            DatePart::Number(Field::Year | Field::ShortYear) => Some("the year"),
+            DatePart::Number(Field::Month) | DatePart::MonthName => Some("the month"),
+            DatePart::Number(Field::Day) => Some("the day"),
+            DatePart::Number(Field::Hour | Field::Hour12) => Some("the hour"),
+            DatePart::Number(Field::Minute) => Some("the minute"),
+            DatePart::Number(Field::Second) => Some("the second"),
             _ => None,
         };
         let mut names: Vec<&str> = self.parts.iter().filter_map(name).collect();
@@ -172,41 +172,42 @@ impl MomentFormat {
     pub fn moment(&self, cell: &str) -> Option<Moment> {
         let dated = self.gives_date();
         let mut rest = cell.trim_matches(is_blank);
-        let mut found = Found::default();
+        let mut found = MomentFields::default();
         for (at, part) in self.parts.iter().enumerate() {
             let next = self.parts.get(at + 1);
             rest = match part {
-                Part::Literal(wanted) => literal(rest, *wanted)?,
-                Part::Blank => rest.trim_start_matches(is_blank),
-                Part::Number(field) => {
-                    let counts_on = *field == Field::Hour && !dated && matches!(next, Some(Part::Literal(_)));
+                DatePart::Literal(wanted) => literal(rest, *wanted)?,
+                DatePart::Blank => rest.trim_start_matches(is_blank),
+                DatePart::Number(field) => {
+                    let counts_on =
+                        *field == Field::Hour && !dated && matches!(next, Some(DatePart::Literal(_)));
                     let most = if counts_on { ELAPSED_HOUR_DIGITS } else { field.digits() };
                     let (number, rest) = number(rest, most)?;
                     found.take(*field, number, self)?;
                     rest
                 }
-                Part::MonthName => {
+                DatePart::MonthName => {
                     let (month, rest) = names::month(rest)?;
                     found.month = Some(month);
                     rest
                 }
-                Part::Weekday => names::skip_word(rest)?,
-                Part::Meridiem => {
+                DatePart::Weekday => names::skip_word(rest)?,
+                DatePart::Meridiem => {
                     let (is_afternoon, rest) = names::meridiem(rest)?;
                     found.is_afternoon = Some(is_afternoon);
                     rest
                 }
-                Part::Offset => {
+                DatePart::Offset => {
                     let (offset, rest) = offset(rest.trim_start_matches(is_blank))?;
                     found.offset = Some(offset);
                     rest
                 }
-                Part::Fraction => {
+                DatePart::Fraction => {
                     let (nanosecond, rest) = fraction(rest)?;
                     found.nanosecond = nanosecond;
                     rest
                 }
-                Part::Subsecond => {
+                DatePart::Subsecond => {
                     let (nanosecond, rest) = subsecond(rest)?;
                     found.nanosecond = nanosecond;
                     rest
@@ -217,10 +218,10 @@ impl MomentFormat {
     }
 }
 
-impl Found {
+impl MomentFields {
     /// Takes a number; `None` where it is none of its field.
     fn take(&mut self, field: Field, number: i64, format: &MomentFormat) -> Option<()> {
-        let (dated, has_hour) = (format.gives_date(), format.has(Part::Number(Field::Hour)));
+        let (dated, has_hour) = (format.gives_date(), format.has(DatePart::Number(Field::Hour)));
         let (slot, range) = match field {
             Field::Year => (&mut self.year, 1..=9999),
             // as strptime: from 69 on, the last century
@@ -372,7 +373,7 @@ fn offset(text: &str) -> Option<(i64, &str)> {
 }
 
 /// The parts of a format.
-fn parts(text: &str) -> Result<Vec<Part>, String> {
+fn parts(text: &str) -> Result<Vec<DatePart>, String> {
     let mut parts = Vec::new();
     let mut chars = text.chars().peekable();
     while let Some(c) = chars.next() {
@@ -385,16 +386,16 @@ fn parts(text: &str) -> Result<Vec<Part>, String> {
                 let conversion = chars.next().ok_or("ends with a %")?;
                 add(&mut parts, conversion, has_mark)?;
             }
-            c if is_blank(c) => parts.push(Part::Blank),
-            c => parts.push(Part::Literal(c)),
+            c if is_blank(c) => parts.push(DatePart::Blank),
+            c => parts.push(DatePart::Literal(c)),
         }
     }
     Ok(with_optional_fraction(parts))
 }
 
-fn add(parts: &mut Vec<Part>, conversion: char, has_mark: bool) -> Result<(), String> {
-    let number = Part::Number;
-    let colon = Part::Literal(':');
+fn add(parts: &mut Vec<DatePart>, conversion: char, has_mark: bool) -> Result<(), String> {
+    let number = DatePart::Number;
+    let colon = DatePart::Literal(':');
     let clock = [number(Field::Hour), colon, number(Field::Minute)];
     match conversion {
         'Y' => parts.push(number(Field::Year)),
@@ -402,31 +403,31 @@ fn add(parts: &mut Vec<Part>, conversion: char, has_mark: bool) -> Result<(), St
         'm' => parts.push(number(Field::Month)),
         'd' | 'e' => parts.push(number(Field::Day)),
         'j' => parts.push(number(Field::DayOfYear)),
-        'b' | 'B' | 'h' => parts.push(Part::MonthName),
-        'a' | 'A' => parts.push(Part::Weekday),
+        'b' | 'B' | 'h' => parts.push(DatePart::MonthName),
+        'a' | 'A' => parts.push(DatePart::Weekday),
         'H' | 'k' => parts.push(number(Field::Hour)),
         'I' | 'l' => parts.push(number(Field::Hour12)),
         'M' => parts.push(number(Field::Minute)),
         'S' => parts.push(number(Field::Second)),
-        'p' | 'P' => parts.push(Part::Meridiem),
-        'z' => parts.push(Part::Offset),
-        'f' | 'N' if has_mark => parts.push(Part::Fraction),
+        'p' | 'P' => parts.push(DatePart::Meridiem),
+        'z' => parts.push(DatePart::Offset),
+        'f' | 'N' if has_mark => parts.push(DatePart::Fraction),
         'f' | 'N' => match parts.last() {
             // a point and its decimals are one part, since both may be absent
-            Some(Part::Literal('.' | ',')) => {
+            Some(DatePart::Literal('.' | ',')) => {
                 parts.pop();
-                parts.push(Part::Fraction);
+                parts.push(DatePart::Fraction);
             }
-            _ => parts.push(Part::Subsecond),
+            _ => parts.push(DatePart::Subsecond),
         },
         'T' => parts.extend(clock.into_iter().chain([colon, number(Field::Second)])),
         'R' => parts.extend(clock),
         'F' => {
-            let dash = Part::Literal('-');
+            let dash = DatePart::Literal('-');
             parts.extend([number(Field::Year), dash, number(Field::Month), dash, number(Field::Day)]);
         }
-        'n' | 't' => parts.push(Part::Blank),
-        '%' => parts.push(Part::Literal('%')),
+        'n' | 't' => parts.push(DatePart::Blank),
+        '%' => parts.push(DatePart::Literal('%')),
         'x' | 'X' | 'c' | 'r' | 'D' => {
             return Err(format!(
                 "has %{conversion}, whose order of day and month depends on the country; write the order, as in %d/%m/%Y or \
@@ -443,16 +444,18 @@ fn add(parts: &mut Vec<Part>, conversion: char, has_mark: bool) -> Result<(), St
 }
 
 /// Lets decimals follow the seconds wherever the format says nothing else about them.
-fn with_optional_fraction(parts: Vec<Part>) -> Vec<Part> {
+fn with_optional_fraction(parts: Vec<DatePart>) -> Vec<DatePart> {
     let mut with = Vec::with_capacity(parts.len() + 1);
     let mut rest = parts.into_iter().peekable();
     while let Some(part) = rest.next() {
         with.push(part);
-        let says_more =
-            matches!(rest.peek(), Some(Part::Fraction | Part::Subsecond | Part::Literal('.' | ',')));
-        let is_sub_by_colon = matches!(rest.peek(), Some(Part::Literal(':')));
-        if part == Part::Number(Field::Second) && !says_more && !is_sub_by_colon {
-            with.push(Part::Fraction);
+        let says_more = matches!(
+            rest.peek(),
+            Some(DatePart::Fraction | DatePart::Subsecond | DatePart::Literal('.' | ','))
+        );
+        let is_sub_by_colon = matches!(rest.peek(), Some(DatePart::Literal(':')));
+        if part == DatePart::Number(Field::Second) && !says_more && !is_sub_by_colon {
+            with.push(DatePart::Fraction);
         }
     }
     with

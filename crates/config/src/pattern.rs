@@ -24,7 +24,7 @@ impl fmt::Display for FilePatterns {
 
 /// Whether `pattern` matches the whole of `name`.
 pub(super) fn matches(pattern: &str, name: &str) -> bool {
-    let name: Vec<_> = composed(name).chars().map(Piece::One).collect();
+    let name: Vec<_> = composed(name).chars().map(PatternPiece::One).collect();
     meet(&pieces(pattern), &name)
 }
 
@@ -34,7 +34,7 @@ pub(super) fn covers(wide: &str, narrow: &str) -> bool {
     // whatever the narrow pattern's star may stand for.
     let narrow: Vec<_> = pieces(narrow)
         .into_iter()
-        .map(|piece| if piece == Piece::Any { Piece::Unwritable } else { piece })
+        .map(|piece| if piece == PatternPiece::Any { PatternPiece::Unwritable } else { piece })
         .collect();
     meet(&pieces(wide), &narrow)
 }
@@ -45,24 +45,27 @@ pub(super) fn overlap(a: &str, b: &str) -> bool {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Piece {
+enum PatternPiece {
     Any,
     One(char),
     Unwritable,
 }
 
-fn pieces(pattern: &str) -> Vec<Piece> {
-    composed(pattern).chars().map(|c| if c == '*' { Piece::Any } else { Piece::One(c) }).collect()
+fn pieces(pattern: &str) -> Vec<PatternPiece> {
+    composed(pattern)
+        .chars()
+        .map(|c| if c == '*' { PatternPiece::Any } else { PatternPiece::One(c) })
+        .collect()
 }
 
 /// Whether two sequences have a text in common: `reachable[i][j]` says that the first `i` and `j`
 /// pieces have.
-fn meet(a: &[Piece], b: &[Piece]) -> bool {
+fn meet(a: &[PatternPiece], b: &[PatternPiece]) -> bool {
     let mut reachable = vec![vec![false; b.len() + 1]; a.len() + 1];
     for i in 0..=a.len() {
         for j in 0..=b.len() {
-            let star_a = i > 0 && a[i - 1] == Piece::Any;
-            let star_b = j > 0 && b[j - 1] == Piece::Any;
+            let star_a = i > 0 && a[i - 1] == PatternPiece::Any;
+            let star_b = j > 0 && b[j - 1] == PatternPiece::Any;
             let without_a = i > 0 && reachable[i - 1][j];
             let without_b = j > 0 && reachable[i][j - 1];
             // A star may end here, or take in the other side's last piece.

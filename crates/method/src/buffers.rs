@@ -20,11 +20,11 @@ const MARGIN: usize = 8;
 
 /// Channels that were given back, shared by all that work on an export; those of the default are given back to the system.
 #[derive(Debug, Clone, Default)]
-pub struct Buffers(Option<Arc<Mutex<Waiting>>>);
+pub struct Buffers(Option<Arc<Mutex<WaitingChannels>>>);
 
 /// Channels that wait to be taken.
 #[derive(Debug, Default)]
-struct Waiting {
+struct WaitingChannels {
     channels: Vec<Vec<f64>>,
     /// Numbers that they have room for.
     numbers: usize,
@@ -91,7 +91,7 @@ impl Buffers {
         Vec::with_capacity(length + length / MARGIN)
     }
 
-    fn waiting(&self) -> Option<MutexGuard<'_, Waiting>> {
+    fn waiting(&self) -> Option<MutexGuard<'_, WaitingChannels>> {
         Some(self.0.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }

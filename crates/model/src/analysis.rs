@@ -416,12 +416,6 @@ pub struct WarmUpFit {
 }
 
 impl WarmUpFit {
-    /// Whether the value at `minute` is extrapolated.
-    #[must_use]
-    pub fn extrapolates(&self, minute: f64) -> bool {
-        !(self.record[0]..=self.record[1]).contains(&minute)
-    }
-
     /// Whether the warm friction `a` lies beyond the record: at its end the slow part still makes more
     /// than two standard errors of `a` and 1 % of it.
     #[must_use]

@@ -10,7 +10,7 @@ use nix::fcntl::OFlag;
 use super::engine::host_lock::HostLock;
 use super::engine::{Dialect, EnginePool};
 use super::error::StoreError;
-use super::inode_lock::{InodeLock, Taken};
+use super::inode_lock::{InodeLock, LockOutcome};
 use super::partial;
 use crate::handle::Store;
 
@@ -22,16 +22,16 @@ const PRIVATE: u32 = 0o600;
 /// connection.
 #[derive(Debug)]
 pub struct DaemonClaim {
-    _held: Held,
+    _held: HeldClaim,
 }
 
 #[derive(Debug)]
-enum Held {
+enum HeldClaim {
     File { _locked: File, _inode: Option<InodeLock> },
     Server(HostLock, EnginePool),
 }
 
-impl Drop for Held {
+impl Drop for HeldClaim {
     fn drop(&mut self) {
         if let Self::Server(lock, writer) = self {
             lock.leave(writer);
@@ -58,7 +58,7 @@ impl Store {
                     let host = self.own_host.place().host().to_owned();
                     return Err(StoreError::HostAtWork { path: self.path.to_path_buf(), host });
                 }
-                Ok(DaemonClaim { _held: Held::Server(lock.clone(), self.writer.clone()) })
+                Ok(DaemonClaim { _held: HeldClaim::Server(lock.clone(), self.writer.clone()) })
             }
         }
     }
@@ -119,10 +119,10 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
         Err(TryLockError::Error(error)) => return Err(failed(error)),
     }
     let inode = match InodeLock::take(database) {
-        Taken::Held(lock) => Some(lock),
+        LockOutcome::Held(lock) => Some(lock),
         // it opened the file by another name
-        Taken::ByDaemon => return Err(StoreError::Claimed { path: database.into(), process: None }),
-        Taken::Unavailable => {
+        LockOutcome::ByDaemon => return Err(StoreError::Claimed { path: database.into(), process: None }),
+        LockOutcome::Unavailable => {
             tracing::warn!(
                 database = %database.display(),
                 "the database file cannot be locked; a second daemon by another name of the file would not be noticed"
@@ -131,7 +131,7 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
         }
     };
     leave_number(&file);
-    Ok(DaemonClaim { _held: Held::File { _locked: file, _inode: inode } })
+    Ok(DaemonClaim { _held: HeldClaim::File { _locked: file, _inode: inode } })
 }
 
 /// True if a daemon in another process has claimed the database.

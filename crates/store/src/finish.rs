@@ -6,7 +6,8 @@ use std::sync::Arc;
 use jiff::Timestamp;
 
 use super::error::StoreError;
-use super::ledger::runs::{Owner, RunTotals};
+use super::ledger::run_progress::{self, RunTotals};
+use super::ledger::runs::Owner;
 use super::ledger::{identity, quarantine, runs};
 use super::results::run_analysis;
 use super::robot::history;
@@ -134,7 +135,7 @@ impl FinishTransaction {
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
     pub async fn complete(&mut self, totals: RunTotals) -> Result<(), StoreError> {
-        let result = runs::mark_complete(&mut *self.transaction, self.run_id, totals).await;
+        let result = run_progress::mark_complete(&mut *self.transaction, self.run_id, totals).await;
         self.checked(result)?;
         let superseded = match self.kept {
             Some(old) => supersession::set_aside(&mut *self.transaction, self.run_id, old).await,

@@ -23,7 +23,7 @@ pub(super) struct InodeLock(Arc<File>);
 
 /// Result of taking the lock.
 #[derive(Debug)]
-pub(super) enum Taken {
+pub(super) enum LockOutcome {
     Held(InodeLock),
     /// A daemon has it.
     ByDaemon,
@@ -32,12 +32,12 @@ pub(super) enum Taken {
 }
 
 impl InodeLock {
-    pub(super) fn take(database: &Path) -> Taken {
-        let Ok(file) = descriptor::of(database) else { return Taken::Unavailable };
+    pub(super) fn take(database: &Path) -> LockOutcome {
+        let Ok(file) = descriptor::of(database) else { return LockOutcome::Unavailable };
         match fcntl(&*file, FcntlArg::F_OFD_SETLK(&byte(libc::F_WRLCK))) {
-            Ok(_) => Taken::Held(Self(file)),
-            Err(Errno::EAGAIN | Errno::EACCES) if is_write_locked(&file) => Taken::ByDaemon,
-            Err(_) => Taken::Unavailable,
+            Ok(_) => LockOutcome::Held(Self(file)),
+            Err(Errno::EAGAIN | Errno::EACCES) if is_write_locked(&file) => LockOutcome::ByDaemon,
+            Err(_) => LockOutcome::Unavailable,
         }
     }
 

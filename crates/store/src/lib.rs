@@ -65,7 +65,8 @@ pub use ledger::attempts::{Attempt, AttemptOn, QUIET_START, Work, wait_for_quiet
 pub use ledger::blocked::{Block, BlockedFile};
 pub use ledger::quarantine::{Dismissal, ExportFault, FaultState, QuarantineRow};
 pub use ledger::resume::{ReadSoFar, StoredPoint};
-pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart, RunTotals};
+pub use ledger::run_progress::RunTotals;
+pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart};
 pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
 pub use lists::ListFilter;
 pub use models::{ModelParameter, StoredModel, description_hash};

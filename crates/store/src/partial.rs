@@ -103,9 +103,9 @@ pub(super) fn remove_left(target: &Path) {
         // a service may not see the processes of other users
         let sees_writer = geteuid().is_root() || metadata.uid() == geteuid().as_raw();
         let is_left = match partial.writer {
-            Writer::Gone => sees_writer || is_old,
-            Writer::AtWork => false,
-            Writer::Unknown => is_old,
+            CopyWriter::Gone => sees_writer || is_old,
+            CopyWriter::AtWork => false,
+            CopyWriter::Unknown => is_old,
         };
         let partial = folder.join(partial.name);
         if is_left && metadata.is_file() && may_be_ours(&partial) {
@@ -118,11 +118,11 @@ pub(super) fn remove_left(target: &Path) {
 struct Named<'n> {
     /// Without an end of [`BESIDE`].
     name: &'n str,
-    writer: Writer,
+    writer: CopyWriter,
 }
 
 #[derive(Debug, PartialEq, Eq)]
-enum Writer {
+enum CopyWriter {
     AtWork,
     Gone,
     Unknown,
@@ -135,7 +135,7 @@ fn partial_in<'n>(file: &'n OsStr, target: Option<&OsStr>) -> Option<Named<'n>> 
     let rest = name.strip_suffix(PARTIAL)?;
     // name of the first version
     if Some(OsStr::new(rest)) == target {
-        return Some(Named { name, writer: Writer::Unknown });
+        return Some(Named { name, writer: CopyWriter::Unknown });
     }
     let (copy, mark) = rest.rsplit_once('.')?;
     let marks: Vec<&str> = mark.split('-').collect();
@@ -144,10 +144,10 @@ fn partial_in<'n>(file: &'n OsStr, target: Option<&OsStr>) -> Option<Named<'n>> 
         [machine, process, at] if is_number(process) && is_number(at) && is_machine(machine) => {
             match machine == *MACHINE {
                 true => writer_of(process, at.parse().ok()?),
-                false => Writer::Unknown,
+                false => CopyWriter::Unknown,
             }
         }
-        [process, at] if is_number(process) && is_number(at) => Writer::Unknown,
+        [process, at] if is_number(process) && is_number(at) => CopyWriter::Unknown,
         _ => return None,
     };
     (!copy.is_empty()).then_some(Named { name, writer })
@@ -157,15 +157,15 @@ fn is_machine(text: &str) -> bool {
     text.len() == MACHINE.len() && text.bytes().all(|of| of.is_ascii_hexdigit())
 }
 
-fn writer_of(process: &str, at: i128) -> Writer {
+fn writer_of(process: &str, at: i128) -> CopyWriter {
     if process == std::process::id().to_string() {
         // an earlier process had the same number
-        return if at < *STARTED { Writer::Gone } else { Writer::AtWork };
+        return if at < *STARTED { CopyWriter::Gone } else { CopyWriter::AtWork };
     }
     match Path::new("/proc/self").exists() {
-        true if Path::new("/proc").join(process).exists() => Writer::Unknown,
-        true => Writer::Gone,
-        false => Writer::Unknown,
+        true if Path::new("/proc").join(process).exists() => CopyWriter::Unknown,
+        true => CopyWriter::Gone,
+        false => CopyWriter::Unknown,
     }
 }
 
@@ -192,13 +192,13 @@ mod tests {
         let gone = 1 << 30;
         let target = Some(OsStr::new("copy.db"));
         for (name, writer) in [
-            (format!("other.db.{machine}-{own}-{later}.partial"), Some(Writer::AtWork)),
-            (format!("other.db.{machine}-{own}-7.partial-journal"), Some(Writer::Gone)),
-            (format!("other.db.{machine}-{gone}-{later}.partial-wal"), Some(Writer::Gone)),
-            (format!("other.db.{machine}-1-{later}.partial"), Some(Writer::Unknown)),
-            (format!("other.db.0badcafe-{gone}-{later}.partial"), Some(Writer::Unknown)),
-            ("other.db.7-1789.partial".into(), Some(Writer::Unknown)),
-            ("copy.db.partial".into(), Some(Writer::Unknown)),
+            (format!("other.db.{machine}-{own}-{later}.partial"), Some(CopyWriter::AtWork)),
+            (format!("other.db.{machine}-{own}-7.partial-journal"), Some(CopyWriter::Gone)),
+            (format!("other.db.{machine}-{gone}-{later}.partial-wal"), Some(CopyWriter::Gone)),
+            (format!("other.db.{machine}-1-{later}.partial"), Some(CopyWriter::Unknown)),
+            (format!("other.db.0badcafe-{gone}-{later}.partial"), Some(CopyWriter::Unknown)),
+            ("other.db.7-1789.partial".into(), Some(CopyWriter::Unknown)),
+            ("copy.db.partial".into(), Some(CopyWriter::Unknown)),
             ("other.db.partial".into(), None),
             ("film.mp4.partial".into(), None),
             ("notes.2026-11.txt".into(), None),

@@ -172,7 +172,7 @@ impl Asking<'_> {
         abandoned: &Arc<AtomicBool>,
         answer: impl FnOnce(&Connection) -> Result<T, rusqlite::Error>,
     ) -> Result<T, SqlError> {
-        let schema = Schema::read(connection).map_err(|error| self.broken(&error))?;
+        let schema = KnownSchema::read(connection).map_err(|error| self.broken(&error))?;
         if let Some(taken) = names.with.iter().find(|name| schema.is_taken(name)) {
             return Err(SqlError::Forbidden(format!(
                 "the database uses the name {taken} itself; give the table of WITH another name"
@@ -270,14 +270,14 @@ impl Asking<'_> {
 }
 
 /// What the database has, in small letters.
-struct Schema {
+struct KnownSchema {
     views: BTreeSet<String>,
     /// Names after WITH inside views, for which SQLite asks as it does for views.
     inside: BTreeSet<String>,
     tables: BTreeSet<String>,
 }
 
-impl Schema {
+impl KnownSchema {
     fn read(connection: &Connection) -> Result<Self, rusqlite::Error> {
         // SQLite declares these tables when they are named first, which it asks the authoriser as if they were made
         connection.query_row("SELECT count(*) FROM json_each('[]'), json_tree('[]')", [], |_| Ok(()))?;

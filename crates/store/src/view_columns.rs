@@ -65,7 +65,7 @@ pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
         .iter()
         .flat_map(|view| (1..).zip(&view.columns).map(|(place, column)| (view.name.as_str(), place, column)))
         .collect();
-    let stored: Vec<Stored> = sqlx::query_as(
+    let stored: Vec<StoredColumns> = sqlx::query_as(
         "SELECT view_name, position, column_name, type, unit, null_when, meaning FROM view_column
          ORDER BY view_name, position",
     )
@@ -98,13 +98,13 @@ pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
     transaction.commit().await
 }
 
-struct Stored {
+struct StoredColumns {
     view_name: String,
     position: i64,
     column: ViewColumn,
 }
 
-impl FromRow<'_, EngineRow> for Stored {
+impl FromRow<'_, EngineRow> for StoredColumns {
     fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             view_name: row.try_get("view_name")?,

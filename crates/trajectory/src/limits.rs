@@ -77,7 +77,7 @@ pub struct TorqueLimits {
 
 /// A value and when it is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Moment {
+pub struct TimedValue {
     /// The value.
     pub value: f64,
     /// Time from the start, s.
@@ -88,15 +88,15 @@ pub struct Moment {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Extremes {
     /// Lowest position, rad (m).
-    pub low: Moment,
+    pub low: TimedValue,
     /// Highest position.
-    pub high: Moment,
+    pub high: TimedValue,
     /// Velocity of the largest magnitude, rad/s (m/s).
-    pub speed: Moment,
+    pub speed: TimedValue,
     /// Acceleration of the largest magnitude, rad/s² (m/s²).
-    pub acceleration: Moment,
+    pub acceleration: TimedValue,
     /// Jerk of the largest magnitude, rad/s³ (m/s³).
-    pub jerk: Moment,
+    pub jerk: TimedValue,
     /// Instants at which the motion was looked at.
     pub instants: usize,
 }
@@ -118,10 +118,10 @@ pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
         let time = k as f64 / instants as f64 / series.base_frequency;
         (time, state_at(&own, time)[0], jerk_at(&own, 0, time))
     });
-    let start = Moment { value: 0.0, time: 0.0 };
+    let start = TimedValue { value: 0.0, time: 0.0 };
     let mut found = Extremes {
-        low: Moment { value: f64::INFINITY, time: 0.0 },
-        high: Moment { value: f64::NEG_INFINITY, time: 0.0 },
+        low: TimedValue { value: f64::INFINITY, time: 0.0 },
+        high: TimedValue { value: f64::NEG_INFINITY, time: 0.0 },
         speed: start,
         acceleration: start,
         jerk: start,
@@ -129,19 +129,19 @@ pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
     };
     for (time, [q, qd, qdd], jerk) in states {
         if q < found.low.value {
-            found.low = Moment { value: q, time };
+            found.low = TimedValue { value: q, time };
         }
         if q > found.high.value {
-            found.high = Moment { value: q, time };
+            found.high = TimedValue { value: q, time };
         }
         if qd.abs() > found.speed.value.abs() {
-            found.speed = Moment { value: qd, time };
+            found.speed = TimedValue { value: qd, time };
         }
         if qdd.abs() > found.acceleration.value.abs() {
-            found.acceleration = Moment { value: qdd, time };
+            found.acceleration = TimedValue { value: qdd, time };
         }
         if jerk.abs() > found.jerk.value.abs() {
-            found.jerk = Moment { value: jerk, time };
+            found.jerk = TimedValue { value: jerk, time };
         }
     }
     found
@@ -226,12 +226,12 @@ pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach
         let found = extremes(series, index.index());
         let harmonics = series.a.get(index.index()).map_or(0, Vec::len);
         let margin = between_instants(harmonics, found.instants);
-        let off_middle = |moment: Moment| Moment {
+        let off_middle = |moment: TimedValue| TimedValue {
             value: limits.middle() + margin * (moment.value - limits.middle()),
             time: moment.time,
         };
-        let widened = |moment: Moment| Moment { value: margin * moment.value, time: moment.time };
-        let signed = |limit: f64, of: Moment| limit.copysign(of.value);
+        let widened = |moment: TimedValue| TimedValue { value: margin * moment.value, time: moment.time };
+        let signed = |limit: f64, of: TimedValue| limit.copysign(of.value);
         let checks = [
             (Limited::LowestPosition, off_middle(found.low), limits.position_min, -1.0),
             (Limited::HighestPosition, off_middle(found.high), limits.position_max, 1.0),
@@ -246,7 +246,7 @@ pub fn broken_by_series(robot: &Robot, series: &FourierExcitation) -> Vec<Breach
         let jerk = limits
             .jerk
             .map(|jerk| (Limited::Jerk, widened(found.jerk), signed(jerk, found.jerk), found.jerk.value));
-        for (quantity, Moment { value, time }, limit, side) in checks.into_iter().chain(jerk) {
+        for (quantity, TimedValue { value, time }, limit, side) in checks.into_iter().chain(jerk) {
             // what is not a number is broken too
             let inside = (value - limit) * side.signum() <= 0.0;
             if !inside {
@@ -320,8 +320,8 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
             }
         };
         let own = at_times(&motion.times, positions);
-        let below = |m: &Moment| limits.position_min - m.value;
-        let above = |m: &Moment| m.value - limits.position_max;
+        let below = |m: &TimedValue| limits.position_min - m.value;
+        let above = |m: &TimedValue| m.value - limits.position_max;
         let jerks = limits.jerk.map(|limit| {
             let derived = match (&motion.accelerations, &motion.velocities) {
                 (Some(accelerations), _) => {
@@ -362,17 +362,17 @@ pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {
     check
 }
 
-fn at_times(times: &[f64], values: &[f64]) -> Vec<Moment> {
-    times.iter().zip(values).map(|(&time, &value)| Moment { value, time }).collect()
+fn at_times(times: &[f64], values: &[f64]) -> Vec<TimedValue> {
+    times.iter().zip(values).map(|(&time, &value)| TimedValue { value, time }).collect()
 }
 
 /// The worst moment of a quantity, if it breaks its limit; `excess` is positive where it does.
 fn worst(
     joint: JointIndex,
     quantity: Limited,
-    moments: &[Moment],
-    excess: impl Fn(&Moment) -> f64,
-    limit: impl Fn(&Moment) -> f64,
+    moments: &[TimedValue],
+    excess: impl Fn(&TimedValue) -> f64,
+    limit: impl Fn(&TimedValue) -> f64,
 ) -> Option<Breach> {
     let since = moments.iter().find(|m| excess(m) > 0.0 || m.value.is_nan())?.time;
     let worst = moments.iter().max_by(|a, b| excess(a).total_cmp(&excess(b)))?;
@@ -389,23 +389,26 @@ fn rows_aside(times: &[f64], enough_s: f64) -> Option<usize> {
 }
 
 /// Central differences; half a step in each of two values over twice the interval.
-fn differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<Moment>> {
+fn differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<TimedValue>> {
     let rows = rows_aside(times, 0.5 * step / (ROUNDING_SHARE * limit))?;
     let slope = |k: usize| {
         let (before, after) = (k - rows, k + rows);
-        Moment { value: (values[after] - values[before]) / (times[after] - times[before]), time: times[k] }
+        TimedValue {
+            value: (values[after] - values[before]) / (times[after] - times[before]),
+            time: times[k],
+        }
     };
     Some((rows..times.len().saturating_sub(rows)).map(slope).collect())
 }
 
 /// Second central differences; half a step in each value, twice that of the middle, over the squared interval.
-fn second_differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<Moment>> {
+fn second_differences(times: &[f64], values: &[f64], step: f64, limit: f64) -> Option<Vec<TimedValue>> {
     let rows = rows_aside(times, (2.0 * step / (ROUNDING_SHARE * limit)).sqrt())?;
     let curvature = |k: usize| {
         let (before, after) = (k - rows, k + rows);
         let (first, second) = (times[k] - times[before], times[after] - times[k]);
         let slopes = [(values[k] - values[before]) / first, (values[after] - values[k]) / second];
-        Moment { value: 2.0 * (slopes[1] - slopes[0]) / (first + second), time: times[k] }
+        TimedValue { value: 2.0 * (slopes[1] - slopes[0]) / (first + second), time: times[k] }
     };
     Some((rows..times.len().saturating_sub(rows)).map(curvature).collect())
 }

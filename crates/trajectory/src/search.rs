@@ -51,7 +51,7 @@ const HOPELESS: f64 = 1e3;
 
 /// How long is searched.
 #[derive(Debug, Clone, Copy)]
-pub enum Budget {
+pub enum SearchBudget {
     /// So many starts.
     Starts(u64),
     /// Starts are begun until then.
@@ -60,7 +60,7 @@ pub enum Budget {
 
 /// How a search stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Progress {
+pub struct SearchProgress {
     /// Starts that are done.
     pub starts: u64,
     /// The best value so far.
@@ -69,7 +69,7 @@ pub struct Progress {
 
 /// What a search found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct SearchResult {
     /// The best series, inside all limits of the motion.
     pub series: FourierExcitation,
     /// Its start, from 0.
@@ -84,7 +84,7 @@ pub struct Found {
 
 /// What one start came to.
 #[derive(Clone)]
-struct Outcome {
+struct StartOutcome {
     start: u64,
     numbers: Vec<f64>,
     value: f64,
@@ -109,22 +109,22 @@ pub struct Earlier {
 pub fn search(
     problem: &SearchProblem<'_>,
     seed: u64,
-    budget: Budget,
+    budget: SearchBudget,
     threads: usize,
     earlier: Option<&Earlier>,
-    progress: &(dyn Fn(Progress) + Sync),
-) -> Option<Found> {
+    progress: &(dyn Fn(SearchProgress) + Sync),
+) -> Option<SearchResult> {
     let first = earlier.map_or(0, |earlier| earlier.values.len() as u64);
     let (next, evaluations) = (AtomicU64::new(first), AtomicU64::new(0));
-    let done: Mutex<Vec<Outcome>> = Mutex::new(Vec::new());
+    let done: Mutex<Vec<StartOutcome>> = Mutex::new(Vec::new());
     // what is taken is done, so that the starts are those from 0 on without a gap
     let taken = || match budget {
-        Budget::Starts(starts) => {
+        SearchBudget::Starts(starts) => {
             Some(next.fetch_add(1, Ordering::Relaxed)).filter(|start| *start < first + starts)
         }
-        Budget::Until(end) if Instant::now() < end => Some(next.fetch_add(1, Ordering::Relaxed)),
+        SearchBudget::Until(end) if Instant::now() < end => Some(next.fetch_add(1, Ordering::Relaxed)),
         // the first is done whatever it takes: nothing is no answer
-        Budget::Until(_) => {
+        SearchBudget::Until(_) => {
             next.compare_exchange(first, first + 1, Ordering::Relaxed, Ordering::Relaxed).ok()
         }
     };
@@ -135,7 +135,7 @@ pub fn search(
             let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
             done.push(outcome);
             let best = done.iter().map(|outcome| outcome.value).fold(f64::INFINITY, f64::min);
-            progress(Progress { starts: done.len() as u64, best });
+            progress(SearchProgress { starts: done.len() as u64, best });
         }
     };
     on_threads(threads, work);
@@ -145,7 +145,7 @@ pub fn search(
     done.sort_by(|a, b| a.value.total_cmp(&b.value));
     done.truncate(FINALISTS);
 
-    let (next, last): (_, Mutex<Vec<Outcome>>) = (AtomicU64::new(0), Mutex::new(Vec::new()));
+    let (next, last): (_, Mutex<Vec<StartOutcome>>) = (AtomicU64::new(0), Mutex::new(Vec::new()));
     let finish = || {
         while let Some(finalist) = done.get(next.fetch_add(1, Ordering::Relaxed) as usize) {
             let numbers = finalist.numbers.clone();
@@ -154,12 +154,12 @@ pub fn search(
             let mut last = last.lock().unwrap_or_else(PoisonError::into_inner);
             last.push(better);
             let best = last.iter().map(|outcome| outcome.value).fold(done[0].value, f64::min);
-            progress(Progress { starts: values.len() as u64, best });
+            progress(SearchProgress { starts: values.len() as u64, best });
         }
     };
     on_threads(threads, finish);
     let last = last.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let before = earlier.map(|earlier| Outcome {
+    let before = earlier.map(|earlier| StartOutcome {
         start: earlier.best_start,
         numbers: Vec::new(),
         value: problem.value(&earlier.series).map_or(f64::INFINITY, f64::exp),
@@ -169,7 +169,7 @@ pub fn search(
     let best = all.min_by(|a, b| a.value.total_cmp(&b.value).then(a.start.cmp(&b.start)))?;
     let (values_before, evaluations_before) =
         earlier.map_or((&[][..], 0), |earlier| (&earlier.values[..], earlier.evaluations));
-    best.value.is_finite().then_some(Found {
+    best.value.is_finite().then_some(SearchResult {
         series: best.series,
         best_start: best.start,
         value: best.value,
@@ -195,7 +195,7 @@ fn improved(
     mut numbers: Vec<f64>,
     stages: &[(Strictness, u64)],
     evaluations: &AtomicU64,
-) -> Outcome {
+) -> StartOutcome {
     for &(strictness, iterations) in stages {
         let smooth = Smooth { problem, strictness, evaluations };
         let solver = Lbfgs::new()
@@ -210,7 +210,7 @@ fn improved(
     }
     let series = problem.within_limits(problem.series(&numbers));
     let value = problem.value(&series).map_or(f64::INFINITY, f64::exp);
-    Outcome { start, numbers, value, series }
+    StartOutcome { start, numbers, value, series }
 }
 
 /// Numbers that stand for a random series.
@@ -305,7 +305,7 @@ mod tests {
         };
         let problem = SearchProblem::new(&robot, &base, settings).expect("a problem");
         let run = |seed: u64, starts: u64, threads: usize| {
-            search(&problem, seed, Budget::Starts(starts), threads, None, &|_| ()).expect("a series")
+            search(&problem, seed, SearchBudget::Starts(starts), threads, None, &|_| ()).expect("a series")
         };
         let one = run(5, 2, 1);
         assert_eq!(one, run(5, 2, 2));
@@ -321,7 +321,8 @@ mod tests {
         let speed = extremes(&one.series, 0).speed.value.abs() / robot.joints[0].limits.velocity;
         assert!((0.89..=0.95).contains(&speed), "{speed}");
         // time that has passed still gives one start
-        let past = search(&problem, 5, Budget::Until(Instant::now()), 2, None, &|_| ()).expect("a series");
+        let past =
+            search(&problem, 5, SearchBudget::Until(Instant::now()), 2, None, &|_| ()).expect("a series");
         assert_eq!(past.values.len(), 1);
         assert_eq!(past.values[0], one.values[0]);
         // going on with the second start is trying it; the first one's series stays unless it is beaten
@@ -331,7 +332,7 @@ mod tests {
             values: past.values.clone(),
             evaluations: past.evaluations,
         };
-        let on = search(&problem, 5, Budget::Starts(1), 1, Some(&earlier), &|_| ()).expect("a series");
+        let on = search(&problem, 5, SearchBudget::Starts(1), 1, Some(&earlier), &|_| ()).expect("a series");
         assert_eq!(on.values, one.values);
         assert!((on.value / best - 1.0).abs() < 1e-9 && on.evaluations > past.evaluations, "{on:?}");
     }

@@ -91,7 +91,7 @@ impl Setup {
 
 /// What a turn took.
 #[derive(Debug, Clone, Copy)]
-struct Turn {
+struct RoundTimes {
     wall_s: f64,
     /// Of all daemons.
     daemons_cpu_s: f64,
@@ -119,7 +119,7 @@ pub(crate) fn daemons(global: &Global, args: &DaemonsArgs) -> Result<u8, CliErro
     let origin = simulated(&folder.join("origin"), args.cycles, RATE_HZ)?;
     let runtime = runtime()?;
     let setups = [Setup::File, Setup::Server(1), Setup::Server(args.daemons)];
-    let mut turns: Vec<(Setup, Vec<Turn>)> = setups.map(|setup| (setup, Vec::new())).into();
+    let mut turns: Vec<(Setup, Vec<RoundTimes>)> = setups.map(|setup| (setup, Vec::new())).into();
     let [claim_ms, release_ms] = runtime.block_on(async {
         // the schema is there before daemons start together
         let store = Store::open(&address).await?;
@@ -193,7 +193,7 @@ async fn take(
     address: &Path,
     server: Option<&Store>,
     exports: &Exports,
-) -> Result<Turn, CliError> {
+) -> Result<RoundTimes, CliError> {
     let file = folder.join("armwatch.db");
     let database = if server.is_some() { address } else { &file };
     let of_file = match server {
@@ -235,7 +235,7 @@ async fn take(
     if let Some(store) = of_file {
         store.close().await?;
     }
-    Ok(Turn { wall_s, daemons_cpu_s, others_cpu_s })
+    Ok(RoundTimes { wall_s, daemons_cpu_s, others_cpu_s })
 }
 
 fn start(
@@ -295,16 +295,16 @@ async fn claim_times(store: &Store) -> Result<[f64; 2], CliError> {
 }
 
 /// Medians of the turns of a setup: exports a minute, and processor times for each export, s.
-struct Figures {
+struct TurnMedians {
     title: String,
     exports_a_min: f64,
     cpu_s: f64,
     others_cpu_s: Option<f64>,
 }
 
-impl Figures {
-    fn new(setup: Setup, turns: &[Turn], exports: u32) -> Self {
-        let of = |value: &dyn Fn(&Turn) -> Option<f64>| {
+impl TurnMedians {
+    fn new(setup: Setup, turns: &[RoundTimes], exports: u32) -> Self {
+        let of = |value: &dyn Fn(&RoundTimes) -> Option<f64>| {
             median(&turns.iter().filter_map(value).collect::<Vec<_>>())
         };
         let each = f64::from(exports);
@@ -320,18 +320,18 @@ impl Figures {
 fn report(
     global: &Global,
     args: &DaemonsArgs,
-    turns: &[(Setup, Vec<Turn>)],
+    turns: &[(Setup, Vec<RoundTimes>)],
     [claim_ms, release_ms]: [f64; 2],
 ) {
-    let figures: Vec<Figures> =
-        turns.iter().map(|(setup, turns)| Figures::new(*setup, turns, args.exports)).collect();
+    let figures: Vec<TurnMedians> =
+        turns.iter().map(|(setup, turns)| TurnMedians::new(*setup, turns, args.exports)).collect();
     let [file, one, several] = &figures[..] else { return };
     let ratio = several.exports_a_min / one.exports_a_min;
     let cpu_ratio = one.cpu_s / file.cpu_s;
-    let all_cpu_s = |of: &Figures| of.cpu_s + of.others_cpu_s.unwrap_or(0.0);
+    let all_cpu_s = |of: &TurnMedians| of.cpu_s + of.others_cpu_s.unwrap_or(0.0);
     let cpu_growth = all_cpu_s(several) / all_cpu_s(one) - 1.0;
     if global.json {
-        let row = |figures: &Figures| -> Value {
+        let row = |figures: &TurnMedians| -> Value {
             json!({
                 "setup": figures.title, "exports_per_min": figures.exports_a_min,
                 "cpu_per_export_s": figures.cpu_s, "others_cpu_per_export_s": figures.others_cpu_s,

@@ -67,7 +67,7 @@ pub(crate) struct HistoryArgs {
 }
 
 /// A question and how long its answer took.
-struct Asked {
+struct TimedQuestion {
     collection: &'static str,
     question: String,
     first: Duration,
@@ -98,7 +98,7 @@ pub(crate) fn history(global: &Global, args: &HistoryArgs) -> Result<u8, CliErro
 }
 
 /// The shipped queries about the first robot.
-async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<Asked>, CliError> {
+async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<TimedQuestion>, CliError> {
     let robot = "S001";
     // one test a day
     let began = FIRST_START.parse::<Timestamp>().map_err(|error| CliError::Internal(error.to_string()))?;
@@ -113,16 +113,16 @@ async fn of_queries(store: &Store, size: SyntheticSize) -> Result<Vec<Asked>, Cl
             times.push(began.elapsed());
         }
         let (first, then) = (times[0], times[times.len() - 1]);
-        asked.push(Asked { collection: query.collection, question: query.name, first, then });
+        asked.push(TimedQuestion { collection: query.collection, question: query.name, first, then });
     }
     Ok(asked)
 }
 
 /// What a conclusion asks of the database, and what else takes time in it.
-struct Conclusion {
-    asked: Vec<Asked>,
+struct ConclusionCost {
+    asked: Vec<TimedQuestion>,
     /// Those of tests, and those of ordinary work.
-    detectors: [Asked; 2],
+    detectors: [TimedQuestion; 2],
     /// All questions of the slowest conclusion after the first.
     slowest: Duration,
     /// Logs of ordinary work that were judged, the first time and then.
@@ -134,7 +134,7 @@ struct Conclusion {
 }
 
 /// The questions of a conclusion of the first robot, in its order, and its detectors.
-async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
+async fn of_conclusion(store: &Store) -> Result<ConclusionCost, PipelineError> {
     let names = [
         "latest warm friction",
         "friction of the first and latest tests",
@@ -182,7 +182,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         lap(6);
         times[5] = times[5].saturating_sub(found.computing);
         times[6] = times[6].saturating_sub(logs.computing);
-        turns.push(Turn {
+        turns.push(TimedConclusion {
             times,
             detectors: [found.computing, logs.computing],
             logs: logs.runs,
@@ -191,11 +191,11 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
         });
     }
     let first = turns.remove(0);
-    turns.sort_by_key(Turn::asking);
+    turns.sort_by_key(TimedConclusion::asking);
     let slowest = turns[turns.len() - 1].asking();
     let then = turns.swap_remove(turns.len() / 2);
     let asked = names.into_iter().zip(first.times.into_iter().zip(then.times));
-    let row = |(name, (first, then)): (&str, (Duration, Duration))| Asked {
+    let row = |(name, (first, then)): (&str, (Duration, Duration))| TimedQuestion {
         collection: "conclusion",
         question: name.into(),
         first,
@@ -203,7 +203,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
     };
     let detectors = [("detectors of tests", 0), ("detectors of ordinary work", 1)]
         .map(|(name, of)| row((name, (first.detectors[of], then.detectors[of]))));
-    Ok(Conclusion {
+    Ok(ConclusionCost {
         asked: asked.map(row).collect(),
         detectors,
         slowest,
@@ -214,7 +214,7 @@ async fn of_conclusion(store: &Store) -> Result<Conclusion, PipelineError> {
 }
 
 /// One conclusion: times of its questions and of its detectors (of tests and of ordinary work), and how much they had.
-struct Turn {
+struct TimedConclusion {
     times: [Duration; 7],
     detectors: [Duration; 2],
     logs: usize,
@@ -222,7 +222,7 @@ struct Turn {
     judged: usize,
 }
 
-impl Turn {
+impl TimedConclusion {
     /// Time of all questions.
     fn asking(&self) -> Duration {
         self.times.iter().sum()
@@ -234,24 +234,25 @@ fn report(
     size: SyntheticSize,
     made: Duration,
     bytes: u64,
-    conclusion: &Conclusion,
-    mut queries: Vec<Asked>,
+    conclusion: &ConclusionCost,
+    mut queries: Vec<TimedQuestion>,
 ) {
     let ms = |time: Duration| (time.as_secs_f64() * 1e5).round() / 100.0;
-    let Conclusion { asked: conclusion, detectors, slowest, logs: judged_logs, recomputed, judged } =
+    let ConclusionCost { asked: conclusion, detectors, slowest, logs: judged_logs, recomputed, judged } =
         conclusion;
-    let together = |of: fn(&Asked) -> Duration| ms(conclusion.iter().map(of).sum());
+    let together = |of: fn(&TimedQuestion) -> Duration| ms(conclusion.iter().map(of).sum());
     let (first, then) = (together(|asked| asked.first), together(|asked| asked.then));
     queries.sort_by_key(|asked| asked.then);
     // the time that 95 of 100 do not exceed
-    let p95 =
-        |of: &[&Asked]| of.get((of.len() * 95).div_ceil(100).saturating_sub(1)).map(|asked| ms(asked.then));
-    let all: Vec<&Asked> = queries.iter().collect();
+    let p95 = |of: &[&TimedQuestion]| {
+        of.get((of.len() * 95).div_ceil(100).saturating_sub(1)).map(|asked| ms(asked.then))
+    };
+    let all: Vec<&TimedQuestion> = queries.iter().collect();
     let SyntheticSize { robots, runs, cycles, logs } = size;
     let joint_cycles = 6 * u64::from(robots) * u64::from(runs) * u64::from(cycles);
     if global.json {
-        let rows = |asked: &[Asked]| -> Vec<_> {
-            let row = |of: &Asked| json!({"collection": of.collection, "question": of.question, "first_ms": ms(of.first), "then_ms": ms(of.then)});
+        let rows = |asked: &[TimedQuestion]| -> Vec<_> {
+            let row = |of: &TimedQuestion| json!({"collection": of.collection, "question": of.question, "first_ms": ms(of.first), "then_ms": ms(of.then)});
             asked.iter().map(row).collect()
         };
         return output::json(&json!({
@@ -267,8 +268,9 @@ fn report(
         bytes as f64 / 1e6,
         made.as_secs_f64()
     ));
-    let row =
-        |of: &Asked| vec![of.question.clone(), format!("{:.1}", ms(of.first)), format!("{:.1}", ms(of.then))];
+    let row = |of: &TimedQuestion| {
+        vec![of.question.clone(), format!("{:.1}", ms(of.first)), format!("{:.1}", ms(of.then))]
+    };
     let mut rows: Vec<Vec<String>> = conclusion.iter().map(row).collect();
     rows.push(vec!["together".into(), format!("{first:.1}"), format!("{then:.1}")]);
     rows.extend(detectors.iter().map(row));
@@ -289,7 +291,8 @@ fn report(
     let number = |p95: Option<f64>| p95.map_or_else(|| "-".to_owned(), |p95| format!("{p95:.1}"));
     let mut rows = Vec::new();
     for collection in ["questions", "dashboards", "Grafana"] {
-        let of: Vec<&Asked> = all.iter().copied().filter(|asked| asked.collection == collection).collect();
+        let of: Vec<&TimedQuestion> =
+            all.iter().copied().filter(|asked| asked.collection == collection).collect();
         rows.push(vec![collection.to_owned(), of.len().to_string(), number(p95(&of))]);
     }
     rows.push(vec!["all".into(), all.len().to_string(), number(p95(&all))]);

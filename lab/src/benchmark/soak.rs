@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::child_daemon::ChildDaemon;
-use super::soak_writers::{Pace, Writers, Written};
+use super::soak_writers::{Pace, Writers, WrittenTest};
 use crate::context::Global;
 use armwatch::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, runtime};
 use armwatch::cli::shared::output;
@@ -83,15 +83,15 @@ fn minutes(text: &str) -> Result<f64, String> {
 }
 
 /// A figure over time: when, in minutes since the start, and what.
-type Series = Vec<(f64, f64)>;
+type SoakSeries = Vec<(f64, f64)>;
 
 /// What was seen.
 #[derive(Default)]
-struct Seen {
-    memory_mb: Series,
-    handles: Series,
-    stored_s: Series,
-    concluded_s: Series,
+struct SoakObservations {
+    memory_mb: SoakSeries,
+    handles: SoakSeries,
+    stored_s: SoakSeries,
+    concluded_s: SoakSeries,
 }
 
 pub(crate) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliError> {
@@ -102,13 +102,13 @@ pub(crate) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliError> {
     let mut writers = Writers::new(folder.path(), folder.path().join("inbox"), pace)?;
     let seen = runtime()?.block_on(watched(global, folder.path(), &mut writers, args.minutes))?;
     let figures = [
-        Figure::new("memory, MB", "memory_mb", seen.memory_mb, args.minutes),
-        Figure::new("open files", "handles", seen.handles, args.minutes),
-        Figure::new("until stored, s", "stored_s", seen.stored_s, args.minutes),
-        Figure::new("until concluded, s", "concluded_s", seen.concluded_s, args.minutes),
+        SoakFigure::new("memory, MB", "memory_mb", seen.memory_mb, args.minutes),
+        SoakFigure::new("open files", "handles", seen.handles, args.minutes),
+        SoakFigure::new("until stored, s", "stored_s", seen.stored_s, args.minutes),
+        SoakFigure::new("until concluded, s", "concluded_s", seen.concluded_s, args.minutes),
     ];
     report(global, args, &writers, &figures);
-    let is_well = figures.iter().all(|figure| matches!(figure.verdict, Verdict::Flat | Verdict::Falls));
+    let is_well = figures.iter().all(|figure| matches!(figure.verdict, Steadiness::Flat | Steadiness::Falls));
     Ok(if is_well { EXIT_DONE } else { EXIT_FOUND })
 }
 
@@ -118,7 +118,7 @@ async fn watched(
     folder: &Path,
     writers: &mut Writers,
     minutes: f64,
-) -> Result<Seen, CliError> {
+) -> Result<SoakObservations, CliError> {
     // the database is there before it is asked
     let database = folder.join("armwatch.db");
     Store::open(&database).await?.close().await?;
@@ -126,7 +126,7 @@ async fn watched(
     let mut daemon = ChildDaemon::start(global, &folder)?;
     let store = Store::open_existing(&database).await?;
     let store = store.ok_or_else(|| CliError::Internal("the database is gone".into()))?;
-    let (began, mut seen, mut waiting) = (Instant::now(), Seen::default(), Waiting::default());
+    let (began, mut seen, mut waiting) = (Instant::now(), SoakObservations::default(), Backlog::default());
     let (mut next_look, mut next_asked) = (began, began);
     let length = Duration::from_secs_f64(60.0 * minutes);
     while began.elapsed() < length || (!waiting.is_empty() && began.elapsed() < length + LAST_TESTS) {
@@ -162,17 +162,17 @@ async fn watched(
 
 /// Tests that are written and not yet stored, and those that are stored and not yet concluded from.
 #[derive(Default)]
-struct Waiting {
-    stored: Vec<Written>,
-    concluded: Vec<Written>,
+struct Backlog {
+    stored: Vec<WrittenTest>,
+    concluded: Vec<WrittenTest>,
 }
 
-impl Waiting {
+impl Backlog {
     fn is_empty(&self) -> bool {
         self.stored.is_empty() && self.concluded.is_empty()
     }
 
-    async fn look(&mut self, store: &Store, seen: &mut Seen, now: f64) -> Result<(), StoreError> {
+    async fn look(&mut self, store: &Store, seen: &mut SoakObservations, now: f64) -> Result<(), StoreError> {
         let mut kept = Vec::new();
         for written in self.stored.drain(..) {
             if store.is_complete(&written.name).await? {
@@ -197,14 +197,14 @@ impl Waiting {
 
 /// Whether a figure stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Verdict {
+enum Steadiness {
     Flat,
     Grows,
     Falls,
     Undecided,
 }
 
-impl Verdict {
+impl Steadiness {
     const fn name(self) -> &'static str {
         match self {
             Self::Flat => "flat",
@@ -216,20 +216,21 @@ impl Verdict {
 }
 
 /// A figure over time with its slope an hour.
-struct Figure {
+struct SoakFigure {
     title: &'static str,
     key: &'static str,
-    series: Series,
+    series: SoakSeries,
     slope: Option<MedianSlope>,
-    verdict: Verdict,
+    verdict: Steadiness,
 }
 
-impl Figure {
-    fn new(title: &'static str, key: &'static str, series: Series, minutes: f64) -> Self {
-        let counted: Series = series.iter().copied().filter(|(at, _)| *at >= FIRST_SHARE * minutes).collect();
+impl SoakFigure {
+    fn new(title: &'static str, key: &'static str, series: SoakSeries, minutes: f64) -> Self {
+        let counted: SoakSeries =
+            series.iter().copied().filter(|(at, _)| *at >= FIRST_SHARE * minutes).collect();
         let slope = median_slope(&parts(&counted, FIRST_SHARE * minutes, minutes), LEVEL);
         let typical = median(&values(&counted)).unwrap_or(0.0);
-        let verdict = slope.map_or(Verdict::Undecided, |slope| {
+        let verdict = slope.map_or(Steadiness::Undecided, |slope| {
             let span = minutes * (1.0 - FIRST_SHARE);
             verdict(slope.interval.map(|end| end * span), FLAT * typical)
         });
@@ -249,24 +250,24 @@ impl Figure {
 }
 
 /// What the interval of a change says, where one of less than `flat` is none.
-fn verdict([low, high]: [f64; 2], flat: f64) -> Verdict {
+fn verdict([low, high]: [f64; 2], flat: f64) -> Steadiness {
     if low.abs() <= flat && high.abs() <= flat {
-        Verdict::Flat
+        Steadiness::Flat
     } else if low > 0.0 {
-        Verdict::Grows
+        Steadiness::Grows
     } else if high < 0.0 {
-        Verdict::Falls
+        Steadiness::Falls
     } else {
-        Verdict::Undecided
+        Steadiness::Undecided
     }
 }
 
-fn values(series: &Series) -> Vec<f64> {
+fn values(series: &SoakSeries) -> Vec<f64> {
     series.iter().map(|(_, value)| *value).collect()
 }
 
 /// Middle and median of each part of the time that has values.
-fn parts(series: &Series, from: f64, to: f64) -> Series {
+fn parts(series: &SoakSeries, from: f64, to: f64) -> SoakSeries {
     let width = (to - from) / PARTS as f64;
     let part = |place: usize| {
         let begins = from + place as f64 * width;
@@ -276,7 +277,7 @@ fn parts(series: &Series, from: f64, to: f64) -> Series {
     (0..PARTS).filter_map(part).collect()
 }
 
-fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure]) {
+fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[SoakFigure]) {
     let speed = writers.recorded_s / (60.0 * args.minutes) / f64::from(args.robots);
     let tests = writers.tests();
     if global.json {
@@ -335,7 +336,7 @@ fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[Figure
 }
 
 /// The value that this share does not exceed.
-fn quantile(series: &Series, share: f64) -> Option<f64> {
+fn quantile(series: &SoakSeries, share: f64) -> Option<f64> {
     let mut values = values(series);
     values.sort_unstable_by(f64::total_cmp);
     let place = (share * values.len() as f64).ceil() as usize;
@@ -348,34 +349,34 @@ mod tests {
 
     #[test]
     fn a_figure_is_flat_grows_falls_or_is_undecided() {
-        assert_eq!(verdict([-1.0, 1.5], 2.0), Verdict::Flat);
-        assert_eq!(verdict([0.5, 1.5], 2.0), Verdict::Flat);
-        assert_eq!(verdict([0.5, 2.5], 2.0), Verdict::Grows);
-        assert_eq!(verdict([-2.5, -0.1], 2.0), Verdict::Falls);
-        assert_eq!(verdict([-2.5, 0.1], 2.0), Verdict::Undecided);
+        assert_eq!(verdict([-1.0, 1.5], 2.0), Steadiness::Flat);
+        assert_eq!(verdict([0.5, 1.5], 2.0), Steadiness::Flat);
+        assert_eq!(verdict([0.5, 2.5], 2.0), Steadiness::Grows);
+        assert_eq!(verdict([-2.5, -0.1], 2.0), Steadiness::Falls);
+        assert_eq!(verdict([-2.5, 0.1], 2.0), Steadiness::Undecided);
     }
 
     #[test]
     fn the_first_quarter_does_not_count_and_growth_after_it_does() {
-        let series = |rise: f64| -> Series {
+        let series = |rise: f64| -> SoakSeries {
             let value = |place: i32| {
                 let at = f64::from(place) / 60.0;
                 (at, if at < 2.0 { 20.0 * at } else { 40.0 + rise * at + f64::from(place % 3) })
             };
             (0..600).map(value).collect()
         };
-        let still = Figure::new("memory", "memory_mb", series(0.0), 10.0);
-        assert_eq!(still.verdict, Verdict::Flat, "{:?}", still.slope);
-        let leak = Figure::new("memory", "memory_mb", series(1.0), 10.0);
-        assert_eq!(leak.verdict, Verdict::Grows);
+        let still = SoakFigure::new("memory", "memory_mb", series(0.0), 10.0);
+        assert_eq!(still.verdict, Steadiness::Flat, "{:?}", still.slope);
+        let leak = SoakFigure::new("memory", "memory_mb", series(1.0), 10.0);
+        assert_eq!(leak.verdict, Steadiness::Grows);
         let slope = leak.slope.expect("a slope");
         assert!((slope.value - 60.0).abs() < 6.0, "{slope:?}");
-        assert_eq!(Figure::new("memory", "memory_mb", Vec::new(), 10.0).verdict, Verdict::Undecided);
+        assert_eq!(SoakFigure::new("memory", "memory_mb", Vec::new(), 10.0).verdict, Steadiness::Undecided);
     }
 
     #[test]
     fn quantiles_are_values_that_were_seen() {
-        let series: Series = (1..=200).map(|value| (0.0, f64::from(value))).collect();
+        let series: SoakSeries = (1..=200).map(|value| (0.0, f64::from(value))).collect();
         assert_eq!(quantile(&series, 0.99), Some(198.0));
         assert_eq!(quantile(&Vec::new(), 0.99), None);
     }

@@ -20,7 +20,7 @@ const FIRST_START: &str = "2026-01-05T08:47:00Z";
 const KEPT_EXPORTS: usize = 50;
 
 /// A simulated test.
-struct Origin {
+struct SimulatedTest {
     header: Vec<u8>,
     first_row: String,
     others: Vec<u8>,
@@ -28,7 +28,7 @@ struct Origin {
 }
 
 /// A test that is written to its end.
-pub(super) struct Written {
+pub(super) struct WrittenTest {
     /// Name of its file.
     pub(super) name: String,
     /// When it was marked as ended.
@@ -38,8 +38,8 @@ pub(super) struct Written {
 /// Robots at work.
 pub(super) struct Writers {
     inbox: PathBuf,
-    origins: Vec<Origin>,
-    robots: Vec<Robot>,
+    origins: Vec<SimulatedTest>,
+    robots: Vec<SoakRobot>,
     speed: f64,
     /// When they began, at the first call of [`Writers::write`].
     began: Option<Instant>,
@@ -47,7 +47,7 @@ pub(super) struct Writers {
     pub(super) recorded_s: f64,
 }
 
-struct Robot {
+struct SoakRobot {
     name: String,
     tests: u32,
     /// When the next test begins: with the end of the one before at the robot's speed, not when that was noticed.
@@ -99,7 +99,7 @@ impl Writers {
             origins.push(origin(&made.export, pace.rate_hz)?);
         }
         std::fs::create_dir_all(&inbox).map_err(|error| named(&inbox, &error))?;
-        let robot = |number| Robot {
+        let robot = |number| SoakRobot {
             name: format!("R{number:02}"),
             tests: 0,
             next: None,
@@ -123,7 +123,7 @@ impl Writers {
     }
 
     /// Lets every robot write what it has recorded by now; the tests that came to their end.
-    pub(super) fn write(&mut self) -> Result<Vec<Written>, CliError> {
+    pub(super) fn write(&mut self) -> Result<Vec<WrittenTest>, CliError> {
         let began = *self.began.get_or_insert_with(Instant::now);
         let mut written = Vec::new();
         for place in 0..self.robots.len() {
@@ -150,7 +150,7 @@ impl Writers {
             std::fs::write(&mark, "").map_err(|error| named(Path::new(&mark), &error))?;
             self.recorded_s += open.recorded.as_secs_f64();
             let name = open.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            written.push(Written { name, at: Instant::now() });
+            written.push(WrittenTest { name, at: Instant::now() });
             robot.lying.push_back(open.path);
             if robot.lying.len() > KEPT_EXPORTS
                 && let Some(oldest) = robot.lying.pop_front()
@@ -188,13 +188,13 @@ impl Writers {
     }
 }
 
-fn origin(export: &Path, rate_hz: f64) -> Result<Origin, CliError> {
+fn origin(export: &Path, rate_hz: f64) -> Result<SimulatedTest, CliError> {
     let text = std::fs::read_to_string(export).map_err(|error| named(export, &error))?;
     let parts = text.split_once('\n').and_then(|(header, rows)| Some((header, rows.split_once('\n')?)));
     let (header, (first_row, others)) =
         parts.ok_or_else(|| CliError::Internal(format!("{}: no rows", export.display())))?;
     let rows = 1 + others.lines().count();
-    Ok(Origin {
+    Ok(SimulatedTest {
         header: format!("{header}\n").into_bytes(),
         first_row: first_row.to_owned(),
         others: others.as_bytes().to_vec(),

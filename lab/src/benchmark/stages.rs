@@ -72,7 +72,7 @@ pub(crate) struct StagesArgs {
 
 /// What a stage took.
 #[derive(Debug)]
-struct Stage {
+struct StageTiming {
     name: &'static str,
     cpu_s: f64,
     reference_cpu_s: Option<f64>,
@@ -102,8 +102,8 @@ pub(crate) fn stages(global: &Global, args: &StagesArgs) -> Result<u8, CliError>
     Ok(EXIT_DONE)
 }
 
-fn report(global: &Global, rows: usize, stages: &[Stage]) {
-    let rate = |stage: &Stage| stage.flops.map(|flops| flops / stage.cpu_s / 1e9);
+fn report(global: &Global, rows: usize, stages: &[StageTiming]) {
+    let rate = |stage: &StageTiming| stage.flops.map(|flops| flops / stage.cpu_s / 1e9);
     if global.json {
         let stages: Vec<_> = stages
             .iter()
@@ -119,7 +119,7 @@ fn report(global: &Global, rows: usize, stages: &[Stage]) {
     let number = |value: Option<f64>, decimals: usize| {
         value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
     };
-    let line = |of: &Stage| {
+    let line = |of: &StageTiming| {
         vec![
             of.name.to_owned(),
             number(Some(of.cpu_s), 4),
@@ -134,7 +134,12 @@ fn report(global: &Global, rows: usize, stages: &[Stage]) {
 }
 
 /// From bytes to channels in SI.
-fn of_reading(export: &Path, layout: &Layout, robot: &Robot, rounds: u32) -> Result<Vec<Stage>, CliError> {
+fn of_reading(
+    export: &Path,
+    layout: &Layout,
+    robot: &Robot,
+    rounds: u32,
+) -> Result<Vec<StageTiming>, CliError> {
     let read_rows = || -> Result<usize, Rejection> {
         let bytes = source::open(export)?;
         let mut rows = 0;
@@ -145,7 +150,7 @@ fn of_reading(export: &Path, layout: &Layout, robot: &Robot, rounds: u32) -> Res
     };
     read_rows().map_err(not_read)?;
     read_with_polars(export).map_err(|error| CliError::Usage(error.to_string()))?;
-    let stage = |name, cpu_s, reference_cpu_s| Stage { name, cpu_s, reference_cpu_s, flops: None };
+    let stage = |name, cpu_s, reference_cpu_s| StageTiming { name, cpu_s, reference_cpu_s, flops: None };
     Ok(vec![
         stage("hash of the file", least(rounds, || fingerprint(export)), None),
         stage(
@@ -157,7 +162,7 @@ fn of_reading(export: &Path, layout: &Layout, robot: &Robot, rounds: u32) -> Res
 }
 
 /// From channels to the results of a cycle.
-fn of_analysis(method: &Method, cycle: &Cycle, rounds: u32) -> Result<Vec<Stage>, CliError> {
+fn of_analysis(method: &Method, cycle: &Cycle, rounds: u32) -> Result<Vec<StageTiming>, CliError> {
     let (robot, samples) = (&method.robot, &cycle.samples);
     let n = robot.joint_count();
     let kept = &method.base.kept_columns;
@@ -169,7 +174,7 @@ fn of_analysis(method: &Method, cycle: &Cycle, rounds: u32) -> Result<Vec<Stage>
     let observed: Vec<usize> = filtered.observed_rows().collect();
     let mut found = Vec::new();
     let mut add = |name, cpu_s, reference_cpu_s, flops| {
-        found.push(Stage { name, cpu_s, reference_cpu_s, flops });
+        found.push(StageTiming { name, cpu_s, reference_cpu_s, flops });
     };
 
     let (rows, channels) = (samples.rows() as f64, 3 * n);

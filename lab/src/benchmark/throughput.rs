@@ -71,7 +71,7 @@ pub(crate) struct PlainReadArgs {
 
 /// What a child process cost.
 #[derive(Debug, Clone, Copy)]
-struct Cost {
+struct ProcessCost {
     wall_s: f64,
     /// Processor time of all threads, user and system, s; zero where the system does not tell.
     cpu_s: f64,
@@ -106,7 +106,7 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
     let bytes = std::fs::metadata(&export).map_err(|error| named(&export, &error))?.len();
     let read = ["benchmark".into(), "plain-read".into(), export.clone()];
     let rows = run(&reader, &read)?.1;
-    let (mut plain, mut ingest): (Vec<Cost>, Vec<Cost>) = (Vec::new(), Vec::new());
+    let (mut plain, mut ingest): (Vec<ProcessCost>, Vec<ProcessCost>) = (Vec::new(), Vec::new());
     for round in 0..args.rounds {
         plain.push(run(&reader, &read)?.0);
         let database = folder.join(format!("{round}.db"));
@@ -117,14 +117,14 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
     let ratio = ingest.wall_s / plain.wall_s;
     let cpu_ratio = Some(ingest.cpu_s / plain.cpu_s).filter(|ratio| ratio.is_finite());
     if global.json {
-        let cost = |cost: Cost| json!({"wall_s": cost.wall_s, "cpu_s": cost.cpu_s, "rows_per_s": rows as f64 / cost.wall_s, "peak_mb": cost.peak_mb});
+        let cost = |cost: ProcessCost| json!({"wall_s": cost.wall_s, "cpu_s": cost.cpu_s, "rows_per_s": rows as f64 / cost.wall_s, "peak_mb": cost.peak_mb});
         output::json(&json!({
             "rows": rows, "bytes": bytes, "rounds": args.rounds, "ratio": ratio, "cpu_ratio": cpu_ratio,
             "polars": cost(plain), "ingest": cost(ingest),
         }));
         return Ok(EXIT_DONE);
     }
-    let line = |what: &str, cost: Cost| {
+    let line = |what: &str, cost: ProcessCost| {
         let rows_per_s = rows as f64 / cost.wall_s;
         vec![
             what.into(),
@@ -152,7 +152,7 @@ fn small_files(global: &Global, files: u32, any_processor: bool, folder: &Path) 
         let database = folder.join(format!("{count}.db"));
         costs.push((count, run(&child, &["ingest".into(), exports, "--db".into(), database])?.0));
     }
-    let per_file = |(count, cost): &(u32, Cost)| cost.wall_s / f64::from(*count);
+    let per_file = |(count, cost): &(u32, ProcessCost)| cost.wall_s / f64::from(*count);
     let growth = per_file(&costs[1]) / per_file(&costs[0]);
     if global.json {
         let costs = costs.iter().map(|entry| {
@@ -201,7 +201,7 @@ struct Child<'a> {
 }
 
 /// Runs a program with `arguments` and quiet logs. Returns its cost and what it printed.
-fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliError> {
+fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(ProcessCost, String), CliError> {
     let mut command = Command::new(child.program);
     command.arg("-q").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
     if child.any_processor {
@@ -243,7 +243,7 @@ fn run(child: &Child<'_>, arguments: &[PathBuf]) -> Result<(Cost, String), CliEr
         let what: Vec<String> = arguments.iter().map(|part| part.display().to_string()).collect();
         return Err(CliError::Io(format!("armwatch {}: {ended}\n{text}", what.join(" "))));
     }
-    Ok((Cost { wall_s, cpu_s, peak_mb }, text))
+    Ok((ProcessCost { wall_s, cpu_s, peak_mb }, text))
 }
 
 /// Memory of a process by a field of its `/proc/PID/status`, MB: `VmRSS:` is resident now, `VmHWM:` at most so far; `None`
@@ -256,12 +256,15 @@ pub(super) fn memory_mb(status: &Path, field: &str) -> Option<f64> {
 }
 
 /// The shortest times, and the largest memory of all turns.
-fn best(costs: &[Cost]) -> Cost {
-    costs.iter().fold(Cost { wall_s: f64::INFINITY, cpu_s: f64::INFINITY, peak_mb: 0.0 }, |best, cost| Cost {
-        wall_s: best.wall_s.min(cost.wall_s),
-        cpu_s: best.cpu_s.min(cost.cpu_s),
-        peak_mb: best.peak_mb.max(cost.peak_mb),
-    })
+fn best(costs: &[ProcessCost]) -> ProcessCost {
+    costs.iter().fold(
+        ProcessCost { wall_s: f64::INFINITY, cpu_s: f64::INFINITY, peak_mb: 0.0 },
+        |best, cost| ProcessCost {
+            wall_s: best.wall_s.min(cost.wall_s),
+            cpu_s: best.cpu_s.min(cost.cpu_s),
+            peak_mb: best.peak_mb.max(cost.peak_mb),
+        },
+    )
 }
 
 pub(super) fn simulated(folder: &Path, cycles: u32, rate_hz: f64) -> Result<PathBuf, CliError> {

@@ -111,7 +111,7 @@ impl JointTraits {
 
 /// When and how a robot is tested.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Program {
+pub(super) struct TestProgram {
     pub(super) cycles: usize,
     pub(super) cycle_min: f64,
     pub(super) tests_a_week: usize,
@@ -134,13 +134,13 @@ pub(super) struct Hall {
 
 /// A robot.
 #[derive(Debug)]
-pub(super) struct Arm<'a> {
+pub(super) struct LabArm<'a> {
     pub(super) design: &'a Design,
     /// Parameters in natural order, and the base parameters of these.
     pub(super) phi: Vec<f64>,
     pub(super) theta: DVector<f64>,
     pub(super) joints: Vec<JointTraits>,
-    pub(super) program: Program,
+    pub(super) program: TestProgram,
     pub(super) hall: Hall,
     /// Degrees of freedom of its noise, where that has heavy tails.
     pub(super) tails: Option<f64>,
@@ -155,7 +155,7 @@ pub(super) struct Arm<'a> {
     pub(super) leaks: Vec<DVector<f64>>,
 }
 
-impl<'a> Arm<'a> {
+impl<'a> LabArm<'a> {
     pub(super) fn draw(design: &'a Design, draws: &mut Draws) -> Self {
         let n = design.robot.joint_count();
         let spread: Vec<f64> = (0..n).map(|_| 1.0 + 0.03 * draws.normal()).collect();
@@ -185,7 +185,7 @@ impl<'a> Arm<'a> {
             phi,
             theta,
             joints,
-            program: Program {
+            program: TestProgram {
                 cycles: draws.whole(6, 24),
                 cycle_min: draws.between(0.5, 3.0),
                 tests_a_week: draws.whole(1, 7),

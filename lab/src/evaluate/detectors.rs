@@ -16,7 +16,7 @@ const CUSUM_LIMIT: f64 = 5.0;
 
 /// Something that judges histories.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Detector {
+pub enum HistoryDetector {
     /// [`detect`] with the settings that are shipped.
     Armwatch,
     /// An alarm of every joint in every run.
@@ -31,7 +31,7 @@ pub enum Detector {
 
 /// An anomaly that was a warning or critical in one run at least.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Alarm {
+pub struct LabAlarm {
     /// Its kind.
     pub kind: AnomalyKind,
     /// The joint that it names; `None` where it is the whole arm's.
@@ -50,7 +50,7 @@ pub struct Alarm {
     pub value: f64,
 }
 
-impl Alarm {
+impl LabAlarm {
     /// Of a simple detector, which says of no change more than that it is there.
     fn simple(joint: JointIndex, first: usize) -> Self {
         Self {
@@ -66,7 +66,7 @@ impl Alarm {
     }
 }
 
-impl Detector {
+impl HistoryDetector {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Armwatch, Self::Always, Self::Never, Self::ThreeSigma, Self::Cusum];
 
@@ -83,7 +83,7 @@ impl Detector {
     }
 
     /// Its alarms over a history.
-    pub(super) fn alarms(self, history: &[RunSummary]) -> Vec<Alarm> {
+    pub(super) fn alarms(self, history: &[RunSummary]) -> Vec<LabAlarm> {
         match self {
             Self::Armwatch => of_program(history),
             Self::Always => always(history),
@@ -94,13 +94,13 @@ impl Detector {
     }
 }
 
-fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
+fn of_program(history: &[RunSummary]) -> Vec<LabAlarm> {
     let place = |run_id: i64| history.iter().position(|run| run.run_id == run_id).unwrap_or(0);
     detect(history, &DetectSettings::default())
         .anomalies
         .iter()
         .filter(|anomaly| anomaly.peak_severity >= Severity::Warning)
-        .map(|anomaly| Alarm {
+        .map(|anomaly| LabAlarm {
             kind: anomaly.kind,
             joint: anomaly.joint,
             first: place(anomaly.first_run_id),
@@ -114,16 +114,16 @@ fn of_program(history: &[RunSummary]) -> Vec<Alarm> {
 }
 
 /// Each an alarm of its own.
-fn always(history: &[RunSummary]) -> Vec<Alarm> {
+fn always(history: &[RunSummary]) -> Vec<LabAlarm> {
     let all = history
         .iter()
         .enumerate()
         .flat_map(|(place, run)| run.joints.iter().map(move |of| (place, of.joint)));
-    all.map(|(place, joint)| Alarm::simple(joint, place)).collect()
+    all.map(|(place, joint)| LabAlarm::simple(joint, place)).collect()
 }
 
 /// Alarms of a rule on the friction index of each joint. Joints begin anew with each epoch.
-fn by_joint(history: &[RunSummary], rule: impl Fn(&[f64]) -> Vec<bool>) -> Vec<Alarm> {
+fn by_joint(history: &[RunSummary], rule: impl Fn(&[f64]) -> Vec<bool>) -> Vec<LabAlarm> {
     let joints = history.iter().map(|run| run.joints.len()).max().unwrap_or(0);
     let mut found = Vec::new();
     for joint in 0..joints {
@@ -144,8 +144,8 @@ fn by_joint(history: &[RunSummary], rule: impl Fn(&[f64]) -> Vec<bool>) -> Vec<A
     found
 }
 
-fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<Alarm> {
-    let mut found: Vec<Alarm> = Vec::new();
+fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<LabAlarm> {
+    let mut found: Vec<LabAlarm> = Vec::new();
     let mut quiet = QUIET_RUNS;
     for (&(place, _), &out) in runs.iter().zip(out) {
         if !out {
@@ -154,7 +154,7 @@ fn episodes(runs: &[(usize, f64)], out: &[bool], joint: JointIndex) -> Vec<Alarm
         }
         match found.last_mut().filter(|_| quiet < QUIET_RUNS) {
             Some(open) => open.last = place,
-            None => found.push(Alarm::simple(joint, place)),
+            None => found.push(LabAlarm::simple(joint, place)),
         }
         quiet = 0;
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::arm::{Arm, covariance, residual_nm};
+use super::arm::{LabArm, covariance, residual_nm};
 use super::design::{STATES, body};
 use super::draws::Draws;
 use super::scenario::Scenario;
@@ -77,7 +77,7 @@ impl Event {
     pub(super) fn draw(
         scenario: Scenario,
         given: Option<f64>,
-        arm: &mut Arm<'_>,
+        arm: &mut LabArm<'_>,
         runs: usize,
         draws: &mut Draws,
     ) -> Self {
@@ -127,7 +127,7 @@ impl Event {
     }
 
     /// Least squares on the changed torques.
-    fn change_parameters(&mut self, arm: &Arm<'_>, draws: &mut Draws) {
+    fn change_parameters(&mut self, arm: &LabArm<'_>, draws: &mut Draws) {
         use Scenario as S;
         let design = arm.design;
         let n = arm.joints.len();

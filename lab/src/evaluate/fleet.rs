@@ -3,13 +3,13 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use super::arm::Arm;
+use super::arm::LabArm;
 use super::design::Design;
-use super::detectors::Detector;
+use super::detectors::HistoryDetector;
 use super::draws::Draws;
 use super::history::{History, history};
 use super::scenario::Scenario;
-use super::score::{Outcome, ScenarioScore, Truth, macro_f1, outcome};
+use super::score::{RobotOutcome, ScenarioScore, Truth, macro_f1, outcome};
 use armwatch_method::NumericsError;
 
 /// Designs of arms in a fleet; robots of one design differ by their unit.
@@ -38,7 +38,7 @@ pub struct FleetSettings {
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorScore {
     /// The detector.
-    pub detector: Detector,
+    pub detector: HistoryDetector,
     /// One entry a scenario.
     pub scenarios: Vec<ScenarioScore>,
     /// See [`macro_f1`].
@@ -60,7 +60,7 @@ pub fn evaluate(
         .collect::<Result<Vec<Design>, NumericsError>>()?;
     let total = settings.robots * settings.scenarios.len();
     let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, Vec<Outcome>)>> = Mutex::new(Vec::with_capacity(total));
+    let done: Mutex<Vec<(usize, Vec<RobotOutcome>)>> = Mutex::new(Vec::with_capacity(total));
     std::thread::scope(|scope| {
         for _ in 0..settings.threads.max(1) {
             scope.spawn(|| {
@@ -78,11 +78,11 @@ pub fn evaluate(
     });
     let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(number, _)| *number);
-    Ok(Detector::ALL
+    Ok(HistoryDetector::ALL
         .into_iter()
         .enumerate()
         .map(|(place, detector)| {
-            let all: Vec<&Outcome> = done.iter().map(|(_, of)| &of[place]).collect();
+            let all: Vec<&RobotOutcome> = done.iter().map(|(_, of)| &of[place]).collect();
             DetectorScore::of(detector, &settings.scenarios, &all)
         })
         .collect())
@@ -91,9 +91,9 @@ pub fn evaluate(
 impl DetectorScore {
     /// Of the outcomes of robots to which any of `scenarios` happened.
     #[must_use]
-    pub fn of(detector: Detector, scenarios: &[Scenario], all: &[&Outcome]) -> Self {
+    pub fn of(detector: HistoryDetector, scenarios: &[Scenario], all: &[&RobotOutcome]) -> Self {
         let of = |scenario: Scenario| {
-            let own: Vec<&Outcome> = all.iter().copied().filter(|of| of.scenario == scenario).collect();
+            let own: Vec<&RobotOutcome> = all.iter().copied().filter(|of| of.scenario == scenario).collect();
             ScenarioScore::of(scenario, &own)
         };
         Self {
@@ -105,14 +105,14 @@ impl DetectorScore {
 }
 
 /// One robot under all detectors.
-fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<Outcome> {
+fn robot(settings: &FleetSettings, designs: &[Design], number: usize) -> Vec<RobotOutcome> {
     let history = drawn(settings, designs, number);
     let truth = Truth::from(&history);
-    let of = |detector: Detector| {
+    let of = |detector: HistoryDetector| {
         let first_said = |place: usize| detector.alarms(&history.runs[..=place]);
         outcome(&truth, &detector.alarms(&history.runs), first_said)
     };
-    Detector::ALL.map(of).to_vec()
+    HistoryDetector::ALL.map(of).to_vec()
 }
 
 /// The history of robot `number`, all scenarios after each other.
@@ -128,13 +128,13 @@ pub(super) fn drawn_arm<'a>(
     settings: &FleetSettings,
     designs: &'a [Design],
     number: usize,
-) -> (Arm<'a>, Draws) {
+) -> (LabArm<'a>, Draws) {
     let scenario = settings.scenarios[number / settings.robots.max(1)];
     // a scenario's robots are the same whichever others are asked for
     let own = Scenario::ALL.iter().position(|of| *of == scenario).unwrap_or(0);
     let unit = number % settings.robots.max(1);
     let stream = FIRST_ROBOT * (1 + own as u64) + unit as u64;
     let mut draws = Draws::new(settings.seed, stream);
-    let arm = Arm::draw(&designs[unit % designs.len()], &mut draws);
+    let arm = LabArm::draw(&designs[unit % designs.len()], &mut draws);
     (arm, draws)
 }

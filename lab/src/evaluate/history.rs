@@ -5,7 +5,7 @@ use std::sync::Arc;
 use jiff::{SignedDuration, Timestamp};
 use nalgebra::DVector;
 
-use super::arm::{Arm, covariance, residual_nm};
+use super::arm::{LabArm, covariance, residual_nm};
 use super::draws::Draws;
 use super::event::{BASELINE_RUNS, Event};
 use super::friction_index::{TestFriction, friction_indices};
@@ -45,7 +45,7 @@ pub(super) struct History {
 }
 
 /// Rest and hall of one test.
-struct Moment {
+struct TestConditions {
     day: f64,
     rest_h: f64,
     hall_k: f64,
@@ -55,7 +55,7 @@ struct Moment {
 /// Draws a robot of this design, what happens to it, and the tests of `years` years. `size` takes the place of the
 /// event's drawn one.
 pub(super) fn history(
-    mut arm: Arm<'_>,
+    mut arm: LabArm<'_>,
     scenario: Scenario,
     size: Option<f64>,
     years: f64,
@@ -82,9 +82,9 @@ pub(super) fn history(
     History { runs, event, years }
 }
 
-fn moments(arm: &Arm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<Moment> {
+fn moments(arm: &LabArm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<TestConditions> {
     let gap = 7.0 / arm.program.tests_a_week as f64;
-    let mut found: Vec<Moment> = Vec::new();
+    let mut found: Vec<TestConditions> = Vec::new();
     let (mut daily, mut regime, mut day) = (0.0, 0.0, 0.0);
     let until = years * YEAR_DAYS;
     while day < until {
@@ -104,7 +104,7 @@ fn moments(arm: &Arm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<M
         let whole = if cut { draws.whole(2, arm.program.cycles) } else { arm.program.cycles };
         let cycles = if event.scenario.is_check(found.len()) { 1 } else { whole };
         if !draws.happens(LEFT_OUT) {
-            found.push(Moment { day, rest_h, hall_k: season + daily + regime, cycles });
+            found.push(TestConditions { day, rest_h, hall_k: season + daily + regime, cycles });
         }
         day += gap;
     }
@@ -112,7 +112,12 @@ fn moments(arm: &Arm<'_>, event: &Event, years: f64, draws: &mut Draws) -> Vec<M
 }
 
 /// Friction of every cycle, in logarithms over that of the warm joint.
-fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws) -> Vec<TestFriction> {
+fn frictions(
+    arm: &LabArm<'_>,
+    event: &Event,
+    moments: &[TestConditions],
+    draws: &mut Draws,
+) -> Vec<TestFriction> {
     let n = arm.joints.len();
     let mut walks = vec![0.0; n];
     let last = moments.len();
@@ -170,7 +175,7 @@ fn frictions(arm: &Arm<'_>, event: &Event, moments: &[Moment], draws: &mut Draws
 
 impl Event {
     /// What it adds to the logarithm of a joint's friction in a whole run, of `last` runs.
-    fn level(&self, arm: &Arm<'_>, joint: usize, run: usize, last: usize) -> f64 {
+    fn level(&self, arm: &LabArm<'_>, joint: usize, run: usize, last: usize) -> f64 {
         if run < self.onset {
             return 0.0;
         }
@@ -219,11 +224,11 @@ impl Event {
 }
 
 /// A kept inertial parameter: its place, what it is, and the standard parameters that it stands for.
-type Terms = (usize, ParameterId, Vec<(f64, ParameterId)>);
+type InertialTerm = (usize, ParameterId, Vec<(f64, ParameterId)>);
 
 /// What is identified: the kept inertial parameters with their places and terms, and the covariance since the event.
 struct Identified {
-    terms: Vec<Terms>,
+    terms: Vec<InertialTerm>,
     changed: Option<nalgebra::DMatrix<f64>>,
     /// What a test tells of the answers of parameters to faults of channels.
     response: Arc<ChannelResponse>,
@@ -231,7 +236,7 @@ struct Identified {
 
 /// Answers of the parameters to faults of channels, as the least squares of [`Event`] have them, each number wrong by some
 /// percent: a program takes them from recorded positions and identified parameters.
-fn response(arm: &Arm<'_>, draws: &mut Draws) -> ChannelResponse {
+fn response(arm: &LabArm<'_>, draws: &mut Draws) -> ChannelResponse {
     let design = arm.design;
     let n = arm.joints.len();
     let deviations: Vec<f64> = arm.joints.iter().map(residual_nm).collect();
@@ -280,7 +285,7 @@ fn only(rows: &[nalgebra::DMatrix<f64>], joint: usize, torque: DVector<f64>) -> 
     all
 }
 
-fn ids(arm: &Arm<'_>) -> Vec<Terms> {
+fn ids(arm: &LabArm<'_>) -> Vec<InertialTerm> {
     let base = &arm.design.base;
     base.kept
         .iter()
@@ -294,7 +299,7 @@ fn ids(arm: &Arm<'_>) -> Vec<Terms> {
         .collect()
 }
 
-fn changed_covariance(arm: &Arm<'_>, event: &Event) -> Option<nalgebra::DMatrix<f64>> {
+fn changed_covariance(arm: &LabArm<'_>, event: &Event) -> Option<nalgebra::DMatrix<f64>> {
     let is_noisy = event.scenario == Scenario::TorqueNoise;
     is_noisy.then(|| {
         let deviations: Vec<f64> = arm
@@ -309,10 +314,10 @@ fn changed_covariance(arm: &Arm<'_>, event: &Event) -> Option<nalgebra::DMatrix<
 
 #[expect(clippy::too_many_arguments, reason = "one robot's parts, each drawn once for all runs")]
 fn summary(
-    arm: &Arm<'_>,
+    arm: &LabArm<'_>,
     event: &Event,
     run: usize,
-    moment: &Moment,
+    moment: &TestConditions,
     test: &TestFriction,
     indices: &[Estimate],
     identified: &Identified,
@@ -369,10 +374,10 @@ const LEFT_OF_WARMING: [f64; 2] = [0.3, 1.5];
 /// lasts, the worse it is fitted: a cold joint most of all. Friction that varies from one cycle to the next is in the
 /// parameters of each. A push adds to one cycle.
 fn whole_cycles(
-    arm: &Arm<'_>,
+    arm: &LabArm<'_>,
     event: &Event,
     run: usize,
-    moment: &Moment,
+    moment: &TestConditions,
     test: &TestFriction,
     mut draws: Draws,
 ) -> Vec<CycleRmsd> {
@@ -401,7 +406,7 @@ fn whole_cycles(
 }
 
 fn joint_summary(
-    arm: &Arm<'_>,
+    arm: &LabArm<'_>,
     event: &Event,
     has: bool,
     j: usize,
@@ -448,7 +453,7 @@ fn joint_summary(
 }
 
 fn parameters(
-    arm: &Arm<'_>,
+    arm: &LabArm<'_>,
     event: &Event,
     has: bool,
     test: &TestFriction,

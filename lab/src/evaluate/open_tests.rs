@@ -1,7 +1,7 @@
 //! What the tests of a fleet show after each of their cycles, as if they were still being written. The figures of a
 //! fleet have no parameters by cycle, so friction alone is judged.
 
-use super::arm::Arm;
+use super::arm::LabArm;
 use super::design::Design;
 use super::draws::Draws;
 use super::history::{History, history};
@@ -18,7 +18,7 @@ fn fleet(scenario: Scenario, robots: u64, years: f64) -> Vec<History> {
     (0..robots)
         .map(|robot| {
             let mut draws = Draws::new(9, 1000 + robot);
-            let arm = Arm::draw(&designs[usize::try_from(robot % DESIGNS).expect("few")], &mut draws);
+            let arm = LabArm::draw(&designs[usize::try_from(robot % DESIGNS).expect("few")], &mut draws);
             history(arm, scenario, None, years, &mut draws)
         })
         .collect()

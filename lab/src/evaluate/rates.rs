@@ -215,14 +215,14 @@ fn stream(kind: usize, series: usize) -> u64 {
 }
 
 /// An autoregression of order one; its noise has variance one.
-struct Series<'a> {
+struct Autoregression<'a> {
     correlation: f64,
     freedom: Option<f64>,
     state: f64,
     draws: &'a mut Draws,
 }
 
-impl<'a> Series<'a> {
+impl<'a> Autoregression<'a> {
     fn new(correlation: f64, freedom: Option<f64>, draws: &'a mut Draws) -> Self {
         let state = draws.noise(freedom) / (1.0 - correlation * correlation).sqrt();
         Self { correlation, freedom, state, draws }
@@ -236,7 +236,7 @@ impl<'a> Series<'a> {
 
 /// Alarms of one series in a year.
 fn alarms(kind: &RealisedRate, draws: &mut Draws) -> usize {
-    let mut series = Series::new(kind.correlation, kind.freedom, draws);
+    let mut series = Autoregression::new(kind.correlation, kind.freedom, draws);
     let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), VALUES_PER_YEAR as f64 / kind.asked);
     (0..kind.learnt).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
     monitor.restart();
@@ -245,7 +245,7 @@ fn alarms(kind: &RealisedRate, draws: &mut Draws) -> usize {
 
 /// Values until an alarm of one series whose noise has shifted after the values that it was learnt from.
 fn delay(kind: &Delay, draws: &mut Draws) -> usize {
-    let mut series = Series::new(kind.correlation, kind.freedom, draws);
+    let mut series = Autoregression::new(kind.correlation, kind.freedom, draws);
     let mut monitor = Monitor::new(Prior::vague(PRIOR_SCALE), kind.run_length);
     (0..kind.learnt).for_each(|_| _ = monitor.add(series.next(0.0), 0.0));
     monitor.restart();

@@ -79,7 +79,7 @@ enum Roads {
 }
 
 /// One row of the table of scenarios.
-struct Row {
+struct ScenarioRow {
     scenario: Scenario,
     name: &'static str,
     kind: Option<AnomalyKind>,
@@ -90,15 +90,15 @@ struct Row {
 /// Size of wear of a part of friction.
 const PART_BY_TEST: &str = "rise of the part with every test, fraction";
 
-const ROWS: [Row; 30] = {
+const ROWS: [ScenarioRow; 30] = {
     const fn row(
         scenario: Scenario,
         name: &'static str,
         kind: Option<AnomalyKind>,
         size: &'static str,
         roads: Roads,
-    ) -> Row {
-        Row { scenario, name, kind, size, roads }
+    ) -> ScenarioRow {
+        ScenarioRow { scenario, name, kind, size, roads }
     }
     use AnomalyKind::{Accuracy, Drift, Oscillation, Payload, Sensor, Step, Thermal};
     use Roads::{Both, Exports, Figures};
@@ -184,7 +184,7 @@ impl Scenario {
         all
     };
 
-    fn row(self) -> &'static Row {
+    fn row(self) -> &'static ScenarioRow {
         // the table has a row for each, which a test holds
         ROWS.iter().find(|row| row.scenario == self).unwrap_or(&ROWS[0])
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use jiff::Timestamp;
 
-use super::detectors::Alarm;
+use super::detectors::LabAlarm;
 use super::event::{Event, named_joint};
 use super::history::History;
 use super::scenario::Scenario;
@@ -19,7 +19,7 @@ const MOST: f64 = 0.95;
 
 /// What became of one robot under one detector.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct RobotOutcome {
     /// What happened to it.
     pub scenario: Scenario,
     /// Years that it was watched.
@@ -27,7 +27,7 @@ pub struct Outcome {
     /// Kinds of its false alarms: all of a robot without an event, else those before the event.
     pub false_alarms: Vec<AnomalyKind>,
     /// The first alarm since the event, where there was an event and an alarm.
-    pub found: Option<Found>,
+    pub found: Option<FirstAlarm>,
     /// Kinds of further alarms since the event, of other joints or kinds than the right one.
     pub further: Vec<AnomalyKind>,
     /// Alarms of the right joint and kind since the event, but for the first.
@@ -38,7 +38,7 @@ pub struct Outcome {
 
 /// The first alarm since an event.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct FirstAlarm {
     /// Tests from the first that had the event until the alarm; 0 is the same test.
     pub delay_runs: usize,
     /// Days between these tests.
@@ -83,8 +83,12 @@ impl From<&History> for Truth {
 }
 
 /// Judges the alarms of a history. `first_said` gives the alarms of the tests up to a place.
-pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Vec<Alarm>) -> Outcome {
-    let mut found = Outcome {
+pub fn outcome(
+    truth: &Truth,
+    alarms: &[LabAlarm],
+    first_said: impl Fn(usize) -> Vec<LabAlarm>,
+) -> RobotOutcome {
+    let mut found = RobotOutcome {
         scenario: truth.scenario,
         years: truth.years,
         false_alarms: Vec::new(),
@@ -100,15 +104,15 @@ pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Ve
     let joint = named_joint(truth.scenario, truth.joint);
     let before = alarms.iter().filter(|alarm| alarm.first < truth.onset);
     found.false_alarms = before.map(|alarm| alarm.kind).collect();
-    let since: Vec<&Alarm> = alarms.iter().filter(|alarm| alarm.first >= truth.onset).collect();
-    let is_right = |alarm: &Alarm| alarm.kind == kind && alarm.joint == joint;
+    let since: Vec<&LabAlarm> = alarms.iter().filter(|alarm| alarm.first >= truth.onset).collect();
+    let is_right = |alarm: &LabAlarm| alarm.kind == kind && alarm.joint == joint;
     found.repeated = since.iter().filter(|alarm| is_right(alarm)).count().saturating_sub(1);
     found.further = since.iter().filter(|alarm| !is_right(alarm)).map(|alarm| alarm.kind).collect();
     let Some(first) = foremost(since.iter().copied()) else { return found };
     let said = first_said(first.first);
     let said = foremost(said.iter().filter(|alarm| alarm.first >= truth.onset && alarm.last == first.first));
     let start = |place: usize| truth.starts[place];
-    found.found = Some(Found {
+    found.found = Some(FirstAlarm {
         delay_runs: first.first - truth.onset,
         delay_days: start(first.first).duration_since(start(truth.onset)).as_secs_f64() / 86_400.0,
         kind: first.kind,
@@ -119,8 +123,8 @@ pub fn outcome(truth: &Truth, alarms: &[Alarm], first_said: impl Fn(usize) -> Ve
     found
 }
 
-/// See [`Found::is_right_figure`].
-fn is_right_figure(truth: &Truth, alarm: &Alarm) -> Option<bool> {
+/// See [`FirstAlarm::is_right_figure`].
+fn is_right_figure(truth: &Truth, alarm: &LabAlarm) -> Option<bool> {
     if Some(alarm.kind) != truth.scenario.kind() {
         return None;
     }
@@ -141,7 +145,7 @@ fn is_right_figure(truth: &Truth, alarm: &Alarm) -> Option<bool> {
 
 /// The alarm that a person would read first: of the earliest test, then the most severe, then the one with the best
 /// odds.
-fn foremost<'a>(alarms: impl Iterator<Item = &'a Alarm>) -> Option<&'a Alarm> {
+fn foremost<'a>(alarms: impl Iterator<Item = &'a LabAlarm>) -> Option<&'a LabAlarm> {
     alarms.min_by(|a, b| {
         a.first.cmp(&b.first).then(b.severity.cmp(&a.severity)).then(b.odds.total_cmp(&a.odds))
     })
@@ -168,7 +172,7 @@ pub struct ScenarioScore {
     pub right_kind: usize,
     /// See [`Self::right_joint`].
     pub right_first_kind: usize,
-    /// Of those with an alarm that has a figure to be right in, see [`Found::is_right_figure`]: right ones and all.
+    /// Of those with an alarm that has a figure to be right in, see [`FirstAlarm::is_right_figure`]: right ones and all.
     pub right_figure: (usize, usize),
     /// Delay in tests within which 95 % of all robots have an alarm; infinite where fewer ever have one.
     pub most_delay_runs: f64,
@@ -205,13 +209,13 @@ const SIZE_BINS: usize = 6;
 impl ScenarioScore {
     /// Of the outcomes of one scenario.
     #[must_use]
-    pub fn of(scenario: Scenario, outcomes: &[&Outcome]) -> Self {
-        let found: Vec<&Found> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
-        let count = |of: &dyn Fn(&Found) -> bool| found.iter().filter(|found| of(found)).count();
-        let delays = |of: fn(&Found) -> f64| {
+    pub fn of(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Self {
+        let found: Vec<&FirstAlarm> = outcomes.iter().filter_map(|of| of.found.as_ref()).collect();
+        let count = |of: &dyn Fn(&FirstAlarm) -> bool| found.iter().filter(|found| of(found)).count();
+        let delays = |of: fn(&FirstAlarm) -> f64| {
             median(&found.iter().map(|found| of(found)).collect::<Vec<f64>>()).unwrap_or(f64::NAN)
         };
-        let by_kind = |of: fn(&Outcome) -> &[AnomalyKind]| {
+        let by_kind = |of: fn(&RobotOutcome) -> &[AnomalyKind]| {
             let mut counts = BTreeMap::new();
             for kind in outcomes.iter().flat_map(|outcome| of(outcome)) {
                 *counts.entry(kind.name()).or_default() += 1;
@@ -268,21 +272,21 @@ impl ScenarioScore {
     }
 }
 
-fn most_delay(outcomes: &[&Outcome]) -> f64 {
-    let delay = |of: &&Outcome| of.found.map_or(f64::INFINITY, |found| found.delay_runs as f64);
+fn most_delay(outcomes: &[&RobotOutcome]) -> f64 {
+    let delay = |of: &&RobotOutcome| of.found.map_or(f64::INFINITY, |found| found.delay_runs as f64);
     let mut delays: Vec<f64> = outcomes.iter().map(delay).collect();
     delays.sort_by(f64::total_cmp);
     let place = (MOST * delays.len() as f64).ceil() as usize;
     delays.get(place.saturating_sub(1)).copied().unwrap_or(f64::NAN)
 }
 
-fn by_size(scenario: Scenario, outcomes: &[&Outcome]) -> Vec<SizeBin> {
-    let magnitude = |of: &Outcome| match scenario {
+fn by_size(scenario: Scenario, outcomes: &[&RobotOutcome]) -> Vec<SizeBin> {
+    let magnitude = |of: &RobotOutcome| match scenario {
         // a factor: as far from one as its inverse
         Scenario::WarmUp | Scenario::Lubricant => of.size.ln().abs().exp(),
         _ => of.size.abs(),
     };
-    let mut sorted: Vec<&Outcome> = outcomes.to_vec();
+    let mut sorted: Vec<&RobotOutcome> = outcomes.to_vec();
     sorted.sort_by(|a, b| magnitude(a).total_cmp(&magnitude(b)));
     sorted
         .chunks(sorted.len().div_ceil(SIZE_BINS).max(1))
@@ -331,11 +335,11 @@ pub fn share_95(of: usize, all: usize) -> [f64; 2] {
 /// event and one that is said to be another kind count against its own kind; a robot without an event that has an alarm
 /// counts against the kind of its first alarm. Not a number without events.
 #[must_use]
-pub fn macro_f1(outcomes: &[&Outcome]) -> f64 {
+pub fn macro_f1(outcomes: &[&RobotOutcome]) -> f64 {
     let mut scores = Vec::new();
     for kind in AnomalyKind::ALL {
-        let truth = |of: &Outcome| of.scenario.kind() == Some(kind);
-        let said = |of: &Outcome| match of.scenario.kind() {
+        let truth = |of: &RobotOutcome| of.scenario.kind() == Some(kind);
+        let said = |of: &RobotOutcome| match of.scenario.kind() {
             Some(_) => of.found.map(|found| found.kind) == Some(kind),
             None => of.false_alarms.first() == Some(&kind),
         };
@@ -378,8 +382,8 @@ mod tests {
             of.found.iter_mut().for_each(|found| found.delay_runs = delay_runs);
             of
         };
-        let mut all: Vec<Outcome> = (0..20).map(found).collect();
-        let delay = |all: &[Outcome]| most_delay(&all.iter().collect::<Vec<_>>());
+        let mut all: Vec<RobotOutcome> = (0..20).map(found).collect();
+        let delay = |all: &[RobotOutcome]| most_delay(&all.iter().collect::<Vec<_>>());
         assert!((delay(&all) - 18.0).abs() < 1e-12);
         all[0] = robot(Scenario::Wear, None);
         assert!((delay(&all) - 19.0).abs() < 1e-12);
@@ -387,8 +391,8 @@ mod tests {
         assert_eq!(delay(&all), f64::INFINITY);
     }
 
-    fn robot(scenario: Scenario, said: Option<AnomalyKind>) -> Outcome {
-        let found = said.map(|kind| Found {
+    fn robot(scenario: Scenario, said: Option<AnomalyKind>) -> RobotOutcome {
+        let found = said.map(|kind| FirstAlarm {
             delay_runs: 1,
             delay_days: 2.0,
             kind,
@@ -398,7 +402,15 @@ mod tests {
         });
         let found = found.filter(|_| scenario.kind().is_some());
         let false_alarms = if scenario.kind().is_none() { said.into_iter().collect() } else { Vec::new() };
-        Outcome { scenario, years: 1.0, false_alarms, found, further: Vec::new(), repeated: 0, size: 0.1 }
+        RobotOutcome {
+            scenario,
+            years: 1.0,
+            false_alarms,
+            found,
+            further: Vec::new(),
+            repeated: 0,
+            size: 0.1,
+        }
     }
 
     #[test]
@@ -411,7 +423,7 @@ mod tests {
             robot(Scenario::Healthy, Some(AnomalyKind::Drift)),
         ];
         // drift: 1 of 2 that happened, 3 named: 2/5; oscillation: 1 of 2, 1 named: 2/3
-        let f1 = macro_f1(&all.iter().collect::<Vec<&Outcome>>());
+        let f1 = macro_f1(&all.iter().collect::<Vec<&RobotOutcome>>());
         assert!((f1 - 0.5 * (2.0 / 5.0 + 2.0 / 3.0)).abs() < 1e-12, "{f1}");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::arm::Arm;
+use super::arm::LabArm;
 use super::design::Design;
 use super::draws::Draws;
 use super::event::{BASELINE_RUNS, Event};
@@ -41,7 +41,7 @@ fn levels(history: &History) -> (f64, f64) {
 fn gains_of_all_torques_together_are_a_gain_of_all_parameters() {
     let designs = designs(1);
     let mut draws = Draws::new(5, 77);
-    let mut arm = Arm::draw(&designs[0], &mut draws);
+    let mut arm = LabArm::draw(&designs[0], &mut draws);
     let mut sum = arm.theta.clone() * 0.0;
     for joint in 0..arm.joints.len() {
         let mut event = loop {
@@ -63,7 +63,7 @@ fn a_load_moves_only_parameters_that_have_terms_of_the_last_link() {
     let designs = designs(4);
     for (number, design) in designs.iter().enumerate() {
         let mut draws = Draws::new(5, 100 + number as u64);
-        let mut arm = Arm::draw(design, &mut draws);
+        let mut arm = LabArm::draw(design, &mut draws);
         let event = Event::draw(Scenario::Payload, None, &mut arm, 60, &mut draws);
         let last = arm.joints.len() - 1;
         let base = &design.base;
@@ -185,7 +185,7 @@ fn healthy_robots_stay_within_the_rate() {
 /// every test since is expected to show, and scatter and walk of the joint. It compares the mean of `since` tests with that of
 /// `before` tests. Starts of tests have the usual warmth but for what takes it to each of `starts`, coldnesses of the joint's
 /// heat capacities that are a standard deviation away.
-fn knowable(arm: &Arm<'_>, event: &Event, starts: &[Vec<f64>], [since, before]: [f64; 2]) -> f64 {
+fn knowable(arm: &LabArm<'_>, event: &Event, starts: &[Vec<f64>], [since, before]: [f64; 2]) -> f64 {
     let (joint, program) = (&arm.joints[event.joint], arm.program);
     let cold = joint.coldness(program.rest_h);
     let curve = |slow: f64, cold: &[f64]| {
@@ -219,7 +219,7 @@ fn about_half_of_doubled_time_constants_can_be_known() {
     let known = |warmth_error: f64, before: f64| {
         let is_known = |number: &usize| {
             let mut draws = Draws::new(11, (1 << 32) + *number as u64);
-            let mut arm = Arm::draw(&designs[number % designs.len()], &mut draws);
+            let mut arm = LabArm::draw(&designs[number % designs.len()], &mut draws);
             let tests = (26.0 * arm.program.tests_a_week as f64) as usize;
             let event = Event::draw(Scenario::WarmUp, Some(2.0), &mut arm, tests, &mut draws);
             let cold = arm.joints[event.joint].coldness(arm.program.rest_h);

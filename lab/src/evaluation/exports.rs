@@ -8,11 +8,11 @@ use std::time::Duration;
 use jiff::Timestamp;
 use tokio_util::sync::CancellationToken;
 
-use crate::evaluate::detectors::{Alarm, Detector};
+use crate::evaluate::detectors::{HistoryDetector, LabAlarm};
 use crate::evaluate::fleet::DetectorScore;
 use crate::evaluate::recorded::{FRICTION_FORMS, JointUnit, RecordedRobot};
 use crate::evaluate::scenario::Scenario;
-use crate::evaluate::score::{Outcome, Truth, outcome};
+use crate::evaluate::score::{RobotOutcome, Truth, outcome};
 use armwatch::cli::context::{CliError, open_store, runtime};
 use armwatch::pipeline::context::{Pipeline, Retry};
 use armwatch_config::Config;
@@ -61,7 +61,7 @@ pub(super) fn evaluate_exports(
 ) -> Result<DetectorScore, CliError> {
     let total = settings.robots * settings.scenarios.len();
     let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, Result<Outcome, CliError>)>> = Mutex::new(Vec::with_capacity(total));
+    let done: Mutex<Vec<(usize, Result<RobotOutcome, CliError>)>> = Mutex::new(Vec::with_capacity(total));
     std::thread::scope(|scope| {
         for _ in 0..settings.threads.max(1) {
             scope.spawn(|| {
@@ -83,13 +83,13 @@ pub(super) fn evaluate_exports(
     });
     let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(number, _)| *number);
-    let outcomes = done.into_iter().map(|(_, of)| of).collect::<Result<Vec<Outcome>, CliError>>()?;
-    let all: Vec<&Outcome> = outcomes.iter().collect();
-    Ok(DetectorScore::of(Detector::Armwatch, &settings.scenarios, &all))
+    let outcomes = done.into_iter().map(|(_, of)| of).collect::<Result<Vec<RobotOutcome>, CliError>>()?;
+    let all: Vec<&RobotOutcome> = outcomes.iter().collect();
+    Ok(DetectorScore::of(HistoryDetector::Armwatch, &settings.scenarios, &all))
 }
 
 /// One robot, tested a day after the other.
-fn robot(settings: &ExportSettings, number: usize) -> Result<Outcome, CliError> {
+fn robot(settings: &ExportSettings, number: usize) -> Result<RobotOutcome, CliError> {
     let scenario = settings.scenarios[number / settings.robots.max(1)];
     let size = settings.sizes.iter().find(|(of, _)| *of == scenario).map(|(_, size)| *size);
     let mut config = Config::shipped()?;
@@ -124,11 +124,11 @@ async fn watch(
     drawn: &RecordedRobot,
     simulated: &SimulationSettings,
     folder: &Path,
-) -> Result<Outcome, CliError> {
+) -> Result<RobotOutcome, CliError> {
     let stop = CancellationToken::new();
     let mut starts = Vec::new();
     // alarms after each test, as they stood then
-    let mut said: Vec<Vec<Alarm>> = Vec::new();
+    let mut said: Vec<Vec<LabAlarm>> = Vec::new();
     let check = SimulationSettings { cycles: 1, warming_s: 0.0, ..simulated.clone() };
     for run in 0..simulated.runs {
         let settings = if drawn.scenario.is_check(run as usize) { &check } else { simulated };
@@ -158,15 +158,15 @@ async fn watch(
 }
 
 /// Alarms of the only robot of a database, in the places of tests that began at `starts`.
-async fn alarms(store: &Store, starts: &[Timestamp]) -> Result<Vec<Alarm>, CliError> {
+async fn alarms(store: &Store, starts: &[Timestamp]) -> Result<Vec<LabAlarm>, CliError> {
     let rows = store.anomalies_after(0).await?;
     Ok(rows.iter().filter(|row| row.severity >= Severity::Warning).map(|row| alarm(row, starts)).collect())
 }
 
-fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> Alarm {
+fn alarm(row: &AnomalyRow, starts: &[Timestamp]) -> LabAlarm {
     let place = |at: Timestamp| starts.iter().rposition(|start| *start <= at).unwrap_or(0);
     let first = place(row.first_seen_at);
-    Alarm {
+    LabAlarm {
         kind: row.kind,
         joint: row.joint,
         first,

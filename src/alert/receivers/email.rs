@@ -9,7 +9,7 @@ use lettre::{AsyncSmtpTransport, AsyncTransport, Tokio1Executor};
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::secret;
-use armwatch_config::receivers::{EmailSettings, Encryption};
+use armwatch_config::receivers::{EmailSettings, Encryption, ServerSettings};
 
 /// Header that filters of mail programs find.
 const KEY_HEADER: &str = "X-Armwatch-Key";
@@ -28,7 +28,7 @@ impl Email {
         };
         let from = mailbox(&settings.from)?;
         let to = settings.to.iter().map(mailbox).collect::<Result<Vec<_>, _>>()?;
-        if let Some((_, password)) = &settings.login {
+        if let Some((_, password)) = &settings.server.login {
             secret::read(password).map_err(Unusable)?;
         }
         let email = Self { settings: settings.clone(), from, to };
@@ -38,18 +38,18 @@ impl Email {
 
     fn encryption(&self) -> Result<Tls, Unusable> {
         let unusable = |error: lettre::transport::smtp::Error| Unusable(format!("TLS: {error}"));
-        if self.settings.encryption == Encryption::None {
+        if self.settings.server.encryption == Encryption::None {
             return Ok(Tls::None);
         }
-        let mut parameters = TlsParameters::builder(self.settings.host.clone());
-        if let Some(path) = &self.settings.ca_file {
+        let mut parameters = TlsParameters::builder(self.settings.server.host.clone());
+        if let Some(path) = &self.settings.server.ca_file {
             let pem = std::fs::read(path).map_err(|error| {
                 Unusable(format!("{}: {error}; name a file of PEM certificates", path.display()))
             })?;
             parameters = parameters.add_root_certificate(Certificate::from_pem(&pem).map_err(unusable)?);
         }
         let parameters = parameters.build_rustls().map_err(unusable)?;
-        Ok(match self.settings.encryption {
+        Ok(match self.settings.server.encryption {
             Encryption::Tls => Tls::Wrapper(parameters),
             _ => Tls::Required(parameters),
         })
@@ -58,12 +58,12 @@ impl Email {
     async fn mail(&self, message: &Message) -> Result<(), SendError> {
         let mail = self.write(message).map_err(SendError::refused)?;
         let tls = self.encryption().map_err(|error| SendError::unreached(error.to_string()))?;
-        let EmailSettings { host, port, timeout, .. } = &self.settings;
+        let ServerSettings { host, port, timeout, .. } = &self.settings.server;
         let mut transport = AsyncSmtpTransport::<Tokio1Executor>::builder_dangerous(host)
             .port(*port)
             .tls(tls)
             .timeout(Some(*timeout));
-        if let Some((user, password)) = &self.settings.login {
+        if let Some((user, password)) = &self.settings.server.login {
             let password = secret::read(password).map_err(SendError::unreached)?;
             transport = transport.credentials(Credentials::new(user.clone(), password));
         }

@@ -13,7 +13,7 @@ use rumqttc::{
 use crate::alert::message::Message;
 use crate::alert::receiver::{Receiver, SendError, Sending, Unusable};
 use crate::alert::{secret, tls};
-use armwatch_config::receivers::{Encryption, MqttSettings};
+use armwatch_config::receivers::{Encryption, MqttSettings, ServerSettings};
 use armwatch_model::text;
 
 /// Requests that wait for the connection: the one message, and one more.
@@ -33,23 +33,23 @@ pub(super) struct Mqtt {
 
 impl Mqtt {
     pub(super) fn new(settings: &MqttSettings) -> Result<Self, Unusable> {
-        if let Some((_, password)) = &settings.login {
+        if let Some((_, password)) = &settings.server.login {
             secret::read(password).map_err(Unusable)?;
         }
-        let transport = match settings.encryption {
+        let transport = match settings.server.encryption {
             Encryption::None => Transport::Tcp,
-            _ => Transport::Tls(TlsConfiguration::Rustls(tls::client(settings.ca_file.as_deref())?)),
+            _ => Transport::Tls(TlsConfiguration::Rustls(tls::client(settings.server.ca_file.as_deref())?)),
         };
         Ok(Self { settings: settings.clone(), transport })
     }
 
     async fn publish(&self, message: &Message) -> Result<(), SendError> {
-        let MqttSettings { host, port, timeout, .. } = &self.settings;
+        let ServerSettings { host, port, timeout, .. } = &self.settings.server;
         // two connections of one name would end each other
         let name = format!("armwatch-{}-{}", message.origin.identity, message.route);
         let mut options = MqttOptions::new(name, (host.as_str(), *port));
         options.set_transport(self.transport.clone());
-        if let Some((user, password)) = &self.settings.login {
+        if let Some((user, password)) = &self.settings.server.login {
             let password = secret::read(password).map_err(SendError::unreached)?;
             options.set_credentials(user.clone(), password);
         }

@@ -15,7 +15,7 @@ pub(super) const RESOLVE: AlarmAction = AlarmAction::Resolve;
 pub(super) const FALSE_ALARM: AlarmAction = AlarmAction::FalseAlarm;
 
 /// Which anomalies, who says so, and why.
-pub(super) struct Deed<'a> {
+pub(super) struct AlarmCommand<'a> {
     pub(super) ids: &'a [i64],
     pub(super) by: Option<&'a str>,
     pub(super) why: Option<&'a str>,
@@ -30,7 +30,7 @@ pub(super) fn days_after(now: Timestamp, days: i64) -> Result<Timestamp, CliErro
 pub(super) async fn shelve(
     global: &Global,
     store: &Store,
-    deed: &Deed<'_>,
+    deed: &AlarmCommand<'_>,
     until: Timestamp,
     now: Timestamp,
 ) -> Result<u8, CliError> {
@@ -47,7 +47,7 @@ pub(super) async fn shelve(
 pub(super) async fn act(
     global: &Global,
     store: &Store,
-    deed: &Deed<'_>,
+    deed: &AlarmCommand<'_>,
     action: AlarmAction,
 ) -> Result<u8, CliError> {
     let by = deed.by.map_or_else(user, str::to_owned);

@@ -3,7 +3,7 @@
 use clap::{ArgGroup, Args, Subcommand};
 use jiff::Timestamp;
 
-use super::act::{self, Deed};
+use super::act::{self, AlarmCommand};
 use super::list::{self, Wanted};
 use super::quantities::quantities;
 use super::show;
@@ -205,8 +205,8 @@ pub(in crate::cli) fn alerts(global: &Global, args: &AlertsArgs) -> Result<u8, C
     })
 }
 
-fn deed(args: &DeedArgs) -> Deed<'_> {
-    Deed { ids: &args.ids, by: args.by.as_deref(), why: args.why.as_deref() }
+fn deed(args: &DeedArgs) -> AlarmCommand<'_> {
+    AlarmCommand { ids: &args.ids, by: args.by.as_deref(), why: args.why.as_deref() }
 }
 
 #[cfg(test)]

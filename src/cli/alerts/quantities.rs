@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::cli::context::{EXIT_DONE, Global};
 use crate::cli::shared::output;
-use armwatch_model::anomaly::quantity::{Direction, Quantity};
+use armwatch_model::anomaly::quantity::{FaultDirection, Quantity};
 use armwatch_model::run::RunKind;
 
 #[derive(Serialize)]
@@ -12,7 +12,7 @@ struct QuantityJson {
     quantity: Quantity,
     unit: Option<&'static str>,
     history: RunKind,
-    direction: Direction,
+    direction: FaultDirection,
     label: &'static str,
 }
 

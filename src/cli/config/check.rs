@@ -1,6 +1,6 @@
 //! `armwatch config check`.
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_USAGE, Global};
 use crate::cli::shared::output;
@@ -19,7 +19,6 @@ pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
             }
             let remarks: Vec<_> = found.missing.iter().chain(&found.remarks).collect();
             if global.json {
-                let remarks: Vec<_> = remarks.into_iter().map(as_value).collect();
                 let settings = summary(&config);
                 output::json(&json!({
                     "origin": origin.to_string(), "problems": [], "warnings": remarks,
@@ -38,7 +37,7 @@ pub(in crate::cli) fn check(global: &Global) -> Result<u8, CliError> {
 fn refuse(global: &Global, problems: &[ConfigProblem]) -> u8 {
     for problem in problems {
         if global.json {
-            output::json(&as_value(problem));
+            output::json(problem);
         } else {
             output::line(&problem.to_string());
         }
@@ -46,11 +45,4 @@ fn refuse(global: &Global, problems: &[ConfigProblem]) -> u8 {
     let count = problems.len();
     output::print_hint(&format!("armwatch: {}", output::counted(count, "problem")));
     EXIT_USAGE
-}
-
-fn as_value(problem: &ConfigProblem) -> Value {
-    json!({
-        "file": problem.file, "line": problem.line, "column": problem.column, "key": problem.key,
-        "value": problem.value, "problem": problem.problem, "hint": problem.hint,
-    })
 }

@@ -20,8 +20,8 @@ use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::fleet::{self, Arm, CYCLES, Folders};
-use super::verdict::{Alarm, Verdict, day, planted_in};
+use super::fleet::{self, CYCLES, DemoArm, DemoFolders};
+use super::verdict::{DemoVerdict, FoundAlarm, day, planted_in};
 use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
@@ -76,9 +76,9 @@ pub(in crate::cli) struct DemoArgs {
 
 /// The demo at work.
 struct Demo {
-    fleet: Vec<Arm>,
+    fleet: Vec<DemoArm>,
     /// Arm and number of each test.
-    tests: Vec<(Arm, u32)>,
+    tests: Vec<(DemoArm, u32)>,
     /// The demo's own folder.
     folder: PathBuf,
     database: PathBuf,
@@ -119,7 +119,7 @@ pub(in crate::cli) fn demo(global: &Global, args: &DemoArgs) -> Result<u8, CliEr
         ended: AtomicUsize::new(0),
         folder,
     });
-    let folders = Folders { made: demo.folder.join("made"), truth: demo.folder.join("truth"), inbox };
+    let folders = DemoFolders { made: demo.folder.join("made"), truth: demo.folder.join("truth"), inbox };
     runtime()?.block_on(async {
         let stop = daemon::stop_on_signal().map_err(|error| CliError::Internal(error.to_string()))?;
         let store = open_store(&config).await?;
@@ -258,7 +258,7 @@ impl Demo {
         output::line("");
     }
 
-    fn planted(&self) -> impl Iterator<Item = (&Arm, &fleet::Planted)> {
+    fn planted(&self) -> impl Iterator<Item = (&DemoArm, &fleet::Planted)> {
         self.fleet.iter().filter_map(|arm| Some((arm, arm.planted.as_ref()?)))
     }
 
@@ -270,7 +270,7 @@ impl Demo {
         stop: &CancellationToken,
         room: &Arc<Semaphore>,
         writer: JoinHandle<Result<(), CliError>>,
-    ) -> Result<Option<Verdict>, CliError> {
+    ) -> Result<Option<DemoVerdict>, CliError> {
         let done = stop.child_token();
         let writing = tokio::spawn({
             let done = done.clone();
@@ -336,7 +336,7 @@ impl Demo {
 
     /// Waits until every export has its outcome and conclusions are drawn, and says what was found; `None` if `done` comes
     /// before.
-    async fn judge(&self, store: &Store, done: &CancellationToken) -> Result<Option<Verdict>, CliError> {
+    async fn judge(&self, store: &Store, done: &CancellationToken) -> Result<Option<DemoVerdict>, CliError> {
         while self.ended.load(Ordering::Relaxed) < self.tests.len() || !store.stale_robots().await?.is_empty()
         {
             tokio::select! {
@@ -349,16 +349,17 @@ impl Demo {
         Ok(Some(verdict))
     }
 
-    async fn verdict(&self, store: &Store) -> Result<Verdict, StoreError> {
-        let anomalies: Vec<Alarm> = store.anomalies_after(0).await?.iter().map(Alarm::from).collect();
-        Ok(Verdict::new(&self.fleet, &anomalies, &tests_stored(store).await?))
+    async fn verdict(&self, store: &Store) -> Result<DemoVerdict, StoreError> {
+        let anomalies: Vec<FoundAlarm> =
+            store.anomalies_after(0).await?.iter().map(FoundAlarm::from).collect();
+        Ok(DemoVerdict::new(&self.fleet, &anomalies, &tests_stored(store).await?))
     }
 
     fn show_outcome(&self, path: &Path, outcome: &Outcome) {
         let name = text::of_file_name(path);
         match outcome {
             Outcome::Stored(run) => {
-                let of_test = |(arm, test): &&(Arm, u32)| {
+                let of_test = |(arm, test): &&(DemoArm, u32)| {
                     let start = arm.start(*test).map(|at| at.strftime("%Y%m%d_%H%M").to_string());
                     start.is_some_and(|start| name.starts_with(&format!("{}_{start}", arm.name)))
                 };
@@ -401,9 +402,9 @@ impl Demo {
         struct AlarmJson<'a> {
             event: &'static str,
             #[serde(flatten)]
-            alarm: &'a Alarm,
+            alarm: &'a FoundAlarm,
         }
-        for alarm in concluded.new_anomalies.iter().map(Alarm::from) {
+        for alarm in concluded.new_anomalies.iter().map(FoundAlarm::from) {
             if self.as_json {
                 output::json(&AlarmJson { event: "alarm", alarm: &alarm });
             } else {
@@ -412,7 +413,7 @@ impl Demo {
         }
     }
 
-    fn show_alarm(&self, alarm: &Alarm) {
+    fn show_alarm(&self, alarm: &FoundAlarm) {
         let day = day(alarm.first_seen_at);
         let place = match planted_in(&self.fleet, alarm) {
             Some((arm, planted)) => {
@@ -438,7 +439,7 @@ impl Demo {
     }
 
     /// The comparison, and how to go on.
-    fn show_verdict(&self, verdict: &Verdict) {
+    fn show_verdict(&self, verdict: &DemoVerdict) {
         if self.as_json {
             let mut value = verdict.as_value();
             value["folder"] = self.folder.to_string_lossy().into();

@@ -70,7 +70,7 @@ impl Planted {
 
 /// One of the demo's arms.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Arm {
+pub(super) struct DemoArm {
     pub(super) name: &'static str,
     /// Midnight of the day before the first one, UTC.
     day_zero: Timestamp,
@@ -81,7 +81,7 @@ pub(super) struct Arm {
     pub(super) planted: Option<Planted>,
 }
 
-impl Arm {
+impl DemoArm {
     pub(super) fn tests(&self) -> u32 {
         u32::try_from(self.days.len()).unwrap_or(u32::MAX)
     }
@@ -117,13 +117,13 @@ impl Arm {
 
 /// The arms: five tests each to learn, unless the fault shows without; then the fault, and time for it to be found.
 /// They are tested from `first_day` on.
-pub(super) fn fleet(first_day: Date) -> Result<Vec<Arm>, jiff::Error> {
+pub(super) fn fleet(first_day: Date) -> Result<Vec<DemoArm>, jiff::Error> {
     let day_zero = first_day.yesterday()?.to_zoned(TimeZone::UTC)?.timestamp();
     let joint = |number: usize| Some(JointIndex::new(number - 1));
     let planted = |kind: FaultKind, joint: Option<JointIndex>, start_run: u32, found_as: AnomalyKind| {
         Some(Planted { fault: Fault { kind, joint, start_run, last_run: None }, kind: found_as })
     };
-    let arm = |name, minutes: i64, days, planted| Arm {
+    let arm = |name, minutes: i64, days, planted| DemoArm {
         name,
         day_zero,
         time: SignedDuration::from_mins(8 * 60 + 47 + minutes),
@@ -150,8 +150,8 @@ pub(super) fn latest_first_day(now: Timestamp) -> Result<Date, jiff::Error> {
 }
 
 /// Arm and number of every test, in the order of their starts.
-pub(super) fn schedule(fleet: &[Arm]) -> Vec<(Arm, u32)> {
-    let mut tests: Vec<(Arm, u32)> =
+pub(super) fn schedule(fleet: &[DemoArm]) -> Vec<(DemoArm, u32)> {
+    let mut tests: Vec<(DemoArm, u32)> =
         fleet.iter().flat_map(|arm| (1..=arm.tests()).map(|test| (arm.clone(), test))).collect();
     tests.sort_by_key(|(arm, test)| arm.start(*test));
     tests
@@ -159,7 +159,7 @@ pub(super) fn schedule(fleet: &[Arm]) -> Vec<(Arm, u32)> {
 
 /// Where exports are made and put.
 #[derive(Debug, Clone)]
-pub(super) struct Folders {
+pub(super) struct DemoFolders {
     /// Exports that are not finished.
     pub(super) made: PathBuf,
     /// Truth files.
@@ -173,8 +173,8 @@ pub(super) struct Folders {
 /// is closed.
 pub(super) fn write_exports(
     robot: Robot,
-    tests: Vec<(Arm, u32)>,
-    folders: Folders,
+    tests: Vec<(DemoArm, u32)>,
+    folders: DemoFolders,
     seed: u64,
     room: Arc<Semaphore>,
 ) -> JoinHandle<Result<(), CliError>> {
@@ -217,7 +217,7 @@ fn append_slowly(from: &Path, to: &Path) -> std::io::Result<()> {
     std::fs::remove_file(from)
 }
 
-fn beyond_calendar(arm: &Arm) -> CliError {
+fn beyond_calendar(arm: &DemoArm) -> CliError {
     CliError::Internal(format!("the tests of {} are beyond the calendar", arm.name))
 }
 
@@ -232,7 +232,7 @@ fn as_cli_error(error: SimulateError) -> CliError {
 mod tests {
     use super::*;
 
-    fn arms() -> Vec<Arm> {
+    fn arms() -> Vec<DemoArm> {
         fleet(jiff::civil::date(2026, 1, 5)).unwrap()
     }
 

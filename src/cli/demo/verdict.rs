@@ -6,7 +6,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::fleet::{Arm, Planted};
+use super::fleet::{DemoArm, Planted};
 use crate::cli::shared::output;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 use armwatch_model::robot::JointIndex;
@@ -14,7 +14,7 @@ use armwatch_store::AnomalyRow;
 
 /// An anomaly, as far as the comparison needs it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(super) struct Alarm {
+pub(super) struct FoundAlarm {
     pub(super) anomaly_id: i64,
     pub(super) robot: String,
     /// `None` where the cause is the whole arm's.
@@ -26,7 +26,7 @@ pub(super) struct Alarm {
     pub(super) message: String,
 }
 
-impl From<&AnomalyRow> for Alarm {
+impl From<&AnomalyRow> for FoundAlarm {
     fn from(row: &AnomalyRow) -> Self {
         Self {
             anomaly_id: row.anomaly_id,
@@ -40,7 +40,7 @@ impl From<&AnomalyRow> for Alarm {
     }
 }
 
-impl Alarm {
+impl FoundAlarm {
     /// Whether somebody has to look: `info` is worth knowing only.
     pub(super) fn is_alarm(&self) -> bool {
         self.severity >= Severity::Warning
@@ -49,36 +49,36 @@ impl Alarm {
 
 /// What became of a planted fault.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Answer {
-    arm: Arm,
+pub(super) struct PlantedOutcome {
+    arm: DemoArm,
     planted: Planted,
     /// Tests with the fault that are stored.
     tests_with_it: u32,
     /// The alarm on its arm and joint since it was planted: of the right kind, else the first one.
-    alarm: Option<Alarm>,
+    alarm: Option<FoundAlarm>,
 }
 
 /// All planted faults and all alarms.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Verdict {
-    answers: Vec<Answer>,
+pub(super) struct DemoVerdict {
+    answers: Vec<PlantedOutcome>,
     /// Alarms where nothing was planted.
-    further: Vec<Alarm>,
+    further: Vec<FoundAlarm>,
 }
 
 /// The fault that an anomaly can come from: planted in its arm and joint, and not after it.
-pub(super) fn planted_in<'f>(fleet: &'f [Arm], row: &Alarm) -> Option<(&'f Arm, &'f Planted)> {
+pub(super) fn planted_in<'f>(fleet: &'f [DemoArm], row: &FoundAlarm) -> Option<(&'f DemoArm, &'f Planted)> {
     let arm = fleet.iter().find(|arm| arm.name == row.robot)?;
     let planted = arm.planted.as_ref()?;
     let since = arm.start(planted.test())?;
     (planted.fault.joint == row.joint && row.first_seen_at >= since).then_some((arm, planted))
 }
 
-impl Verdict {
+impl DemoVerdict {
     /// Compares `fleet` with `anomalies`; `stored` counts the stored tests of each arm.
-    pub(super) fn new(fleet: &[Arm], anomalies: &[Alarm], stored: &HashMap<String, u32>) -> Self {
-        let alarms: Vec<&Alarm> = anomalies.iter().filter(|alarm| alarm.is_alarm()).collect();
-        let answer = |arm: &Arm| {
+    pub(super) fn new(fleet: &[DemoArm], anomalies: &[FoundAlarm], stored: &HashMap<String, u32>) -> Self {
+        let alarms: Vec<&FoundAlarm> = anomalies.iter().filter(|alarm| alarm.is_alarm()).collect();
+        let answer = |arm: &DemoArm| {
             let planted = arm.planted?;
             let of_arm = alarms.iter().filter(|row| {
                 row.robot == arm.name && planted_in(fleet, row).is_some_and(|(_, of)| *of == planted)
@@ -86,10 +86,10 @@ impl Verdict {
             let alarm = of_arm.min_by_key(|row| (row.kind != planted.kind, row.first_seen_at));
             let tests_with_it =
                 stored.get(arm.name).map_or(0, |count| (count + 1).saturating_sub(planted.test()));
-            Some(Answer { arm: arm.clone(), planted, tests_with_it, alarm: alarm.copied().cloned() })
+            Some(PlantedOutcome { arm: arm.clone(), planted, tests_with_it, alarm: alarm.copied().cloned() })
         };
-        let answers: Vec<Answer> = fleet.iter().filter_map(answer).collect();
-        let known = |row: &Alarm| {
+        let answers: Vec<PlantedOutcome> = fleet.iter().filter_map(answer).collect();
+        let known = |row: &FoundAlarm| {
             answers
                 .iter()
                 .any(|answer| answer.alarm.as_ref().is_some_and(|alarm| alarm.anomaly_id == row.anomaly_id))
@@ -100,7 +100,7 @@ impl Verdict {
 
     /// Whether every fault was found with its joint and kind, and nothing else.
     pub(super) fn is_right(&self) -> bool {
-        self.further.is_empty() && self.answers.iter().all(Answer::is_right)
+        self.further.is_empty() && self.answers.iter().all(PlantedOutcome::is_right)
     }
 
     /// Number of an alarm to look at.
@@ -111,7 +111,7 @@ impl Verdict {
     pub(super) fn print(&self) {
         let header =
             ["robot", "joint", "planted", "from test", "found", "joint", "severity", "test", "tests later"];
-        let rows: Vec<Vec<String>> = self.answers.iter().map(Answer::cells).collect();
+        let rows: Vec<Vec<String>> = self.answers.iter().map(PlantedOutcome::cells).collect();
         output::block(&format!("\n{}\n", output::table(&header, &rows)));
         for answer in self.answers.iter().filter(|answer| !answer.is_right()) {
             output::line(&answer.excuse());
@@ -140,12 +140,12 @@ impl Verdict {
     }
 
     pub(super) fn as_value(&self) -> Value {
-        let answers: Vec<Value> = self.answers.iter().map(Answer::as_value).collect();
+        let answers: Vec<Value> = self.answers.iter().map(PlantedOutcome::as_value).collect();
         json!({"event": "verdict", "as_planted": self.is_right(), "faults": answers, "false_alarms": self.further})
     }
 }
 
-impl Answer {
+impl PlantedOutcome {
     fn is_right(&self) -> bool {
         self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind)
     }
@@ -231,15 +231,15 @@ mod tests {
     use super::super::fleet;
     use super::*;
 
-    fn arms() -> Vec<Arm> {
+    fn arms() -> Vec<DemoArm> {
         fleet::fleet(jiff::civil::date(2026, 1, 5)).unwrap()
     }
 
     /// An alarm of an arm, first seen in its test `test`.
-    fn alarm(robot: &str, joint: Option<usize>, kind: AnomalyKind, test: u32) -> Alarm {
+    fn alarm(robot: &str, joint: Option<usize>, kind: AnomalyKind, test: u32) -> FoundAlarm {
         let fleet = arms();
         let arm = fleet.iter().find(|arm| arm.name == robot).unwrap();
-        Alarm {
+        FoundAlarm {
             anomaly_id: 1 + i64::from(test),
             robot: robot.into(),
             joint: joint.and_then(JointIndex::from_number),
@@ -250,7 +250,7 @@ mod tests {
         }
     }
 
-    fn found() -> Vec<Alarm> {
+    fn found() -> Vec<FoundAlarm> {
         vec![
             alarm("Middle", Some(3), AnomalyKind::Drift, 7),
             alarm("Right", None, AnomalyKind::Payload, 6),
@@ -259,9 +259,9 @@ mod tests {
         ]
     }
 
-    fn verdict(alarms: &[Alarm]) -> Verdict {
+    fn verdict(alarms: &[FoundAlarm]) -> DemoVerdict {
         let stored = arms().iter().map(|arm| (arm.name.to_owned(), arm.tests())).collect();
-        Verdict::new(&arms(), alarms, &stored)
+        DemoVerdict::new(&arms(), alarms, &stored)
     }
 
     #[test]
@@ -271,7 +271,10 @@ mod tests {
         let wear = &verdict.answers[0];
         assert_eq!(wear.cells()[3..], ["6, 2026-01-10", "drift", "3", "warning", "7, 2026-01-11", "1"]);
         assert_eq!(wear.as_value()["tests_later"], 1);
-        assert_eq!(verdict.answers.iter().filter_map(Answer::found_in).collect::<Vec<_>>(), [7, 6, 4, 6]);
+        assert_eq!(
+            verdict.answers.iter().filter_map(PlantedOutcome::found_in).collect::<Vec<_>>(),
+            [7, 6, 4, 6]
+        );
     }
 
     #[test]
@@ -285,7 +288,7 @@ mod tests {
     #[test]
     fn a_fault_that_was_not_tested_is_not_called_missed() {
         let stored = HashMap::from([("Middle".to_owned(), 5)]);
-        let verdict = Verdict::new(&arms(), &[], &stored);
+        let verdict = DemoVerdict::new(&arms(), &[], &stored);
         assert!(verdict.answers.iter().all(|answer| answer.cells()[4] == "not tested yet"), "{verdict:?}");
         assert!(!verdict.is_right());
     }
@@ -308,13 +311,13 @@ mod tests {
     #[test]
     fn what_is_worth_knowing_is_no_alarm_and_a_second_alarm_is() {
         let mut alarms = found();
-        alarms.push(Alarm {
+        alarms.push(FoundAlarm {
             severity: Severity::Info,
             anomaly_id: 90,
             ..alarm("Left", Some(1), AnomalyKind::Fleet, 6)
         });
         assert!(verdict(&alarms).is_right());
-        alarms.push(Alarm { anomaly_id: 91, ..alarm("Left", Some(1), AnomalyKind::Fleet, 6) });
+        alarms.push(FoundAlarm { anomaly_id: 91, ..alarm("Left", Some(1), AnomalyKind::Fleet, 6) });
         assert_eq!(verdict(&alarms).further.len(), 1);
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::Machine;
 use armwatch_config::Config;
 
@@ -12,19 +12,19 @@ const CHECK: &str = "clock";
 /// Written by systemd-timesyncd once the clock was set.
 const SYNCHRONISED: &str = "/run/systemd/timesync/synchronized";
 
-pub(super) fn check(_config: &Config, _machine: &Machine) -> Vec<Finding> {
+pub(super) fn check(_config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     vec![judged(is_synchronised())]
 }
 
-fn judged(synchronised: Option<bool>) -> Finding {
+fn judged(synchronised: Option<bool>) -> DoctorFinding {
     match synchronised {
-        Some(true) => Finding::ok(CHECK, "set by the network (NTP)"),
-        Some(false) => Finding::warning(
+        Some(true) => DoctorFinding::ok(CHECK, "set by the network (NTP)"),
+        Some(false) => DoctorFinding::warning(
             CHECK,
             "not set by the network (NTP)",
             "`timedatectl set-ntp true`, with systemd-timesyncd or chrony installed",
         ),
-        None => Finding::warning(
+        None => DoctorFinding::warning(
             CHECK,
             "whether the network sets it (NTP) is unknown: this system has no timedatectl that says so",
             "see that it is right",
@@ -50,12 +50,12 @@ fn is_synchronised() -> Option<bool> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
+    use super::super::finding::CheckLevel;
     use super::*;
 
     #[test]
     fn what_is_not_known_is_not_ok() {
         let levels = [Some(true), Some(false), None].map(|of| judged(of).level);
-        assert_eq!(levels, [Level::Ok, Level::Warning, Level::Warning]);
+        assert_eq!(levels, [CheckLevel::Ok, CheckLevel::Warning, CheckLevel::Warning]);
     }
 }

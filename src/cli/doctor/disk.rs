@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::{Machine, nearest};
 use armwatch_config::Config;
 
@@ -14,8 +14,8 @@ const LITTLE: f64 = 0.10;
 /// With less than this the daemon stops within days, bytes: a write-ahead log after a burst takes some hundred megabytes.
 const NEEDED_BYTES: u64 = 1 << 30;
 
-pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
-    let mut found: Vec<Finding> =
+pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
+    let mut found: Vec<DoctorFinding> =
         config.database_file().map(|file| of(file, "the database")).into_iter().collect();
     let written = [
         ("the archive", config.watch.archive.as_deref()),
@@ -29,12 +29,12 @@ pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
     found
 }
 
-fn of(path: &Path, what: &str) -> Finding {
+fn of(path: &Path, what: &str) -> DoctorFinding {
     let place = nearest(path);
     let room = match rustix::fs::statvfs(&place) {
         Ok(room) => room,
         Err(error) => {
-            return Finding::warning(
+            return DoctorFinding::warning(
                 CHECK,
                 format!("room for {what} is unknown ({error})"),
                 "see that it is mounted",
@@ -46,7 +46,7 @@ fn of(path: &Path, what: &str) -> Finding {
 }
 
 /// `room` is free and whole, bytes; `inodes` are free and all, of which some file systems have none to count.
-fn judged(what: &str, place: &Path, room: (u64, u64), inodes: (u64, u64)) -> Finding {
+fn judged(what: &str, place: &Path, room: (u64, u64), inodes: (u64, u64)) -> DoctorFinding {
     let share = |(free, all): (u64, u64)| if all == 0 { 1.0 } else { free as f64 / all as f64 };
     let place = place.display();
     let said = format!(
@@ -57,29 +57,29 @@ fn judged(what: &str, place: &Path, room: (u64, u64), inodes: (u64, u64)) -> Fin
     );
     let remedy = "free space, or make it larger; docs/operations.md, Retention";
     if room.0 < NEEDED_BYTES || share(inodes) < 0.01 {
-        Finding::problem(CHECK, said, remedy)
+        DoctorFinding::problem(CHECK, said, remedy)
     } else if share(room) < LITTLE || share(inodes) < LITTLE {
-        Finding::warning(CHECK, said, remedy)
+        DoctorFinding::warning(CHECK, said, remedy)
     } else {
-        Finding::ok(CHECK, said)
+        DoctorFinding::ok(CHECK, said)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
+    use super::super::finding::CheckLevel;
     use super::*;
 
     #[test]
     fn little_room_and_few_inodes_are_told() {
         const GB: u64 = 1 << 30;
         let level = |room, inodes| judged("the database", Path::new("/"), room, inodes).level;
-        assert_eq!(level((50 * GB, 100 * GB), (900, 1000)), Level::Ok);
-        assert_eq!(level((5 * GB, 100 * GB), (900, 1000)), Level::Warning);
-        assert_eq!(level((50 * GB, 100 * GB), (50, 1000)), Level::Warning);
-        assert_eq!(level((GB - 1, GB), (900, 1000)), Level::Problem);
-        assert_eq!(level((50 * GB, 100 * GB), (0, 1000)), Level::Problem);
-        assert_eq!(level((50 * GB, 100 * GB), (0, 0)), Level::Ok, "btrfs counts no inodes");
+        assert_eq!(level((50 * GB, 100 * GB), (900, 1000)), CheckLevel::Ok);
+        assert_eq!(level((5 * GB, 100 * GB), (900, 1000)), CheckLevel::Warning);
+        assert_eq!(level((50 * GB, 100 * GB), (50, 1000)), CheckLevel::Warning);
+        assert_eq!(level((GB - 1, GB), (900, 1000)), CheckLevel::Problem);
+        assert_eq!(level((50 * GB, 100 * GB), (0, 1000)), CheckLevel::Problem);
+        assert_eq!(level((50 * GB, 100 * GB), (0, 0)), CheckLevel::Ok, "btrfs counts no inodes");
         assert!(of(Path::new("/nowhere/at/all"), "x").said.contains("on the disk of /"));
     }
 }

@@ -2,7 +2,7 @@
 
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Level {
+pub(super) enum CheckLevel {
     /// As it should be.
     Ok,
     /// The daemon works, and somebody should know.
@@ -11,7 +11,7 @@ pub(super) enum Level {
     Problem,
 }
 
-impl Level {
+impl CheckLevel {
     /// Name in output.
     pub(super) fn name(self) -> &'static str {
         match self {
@@ -24,31 +24,31 @@ impl Level {
 
 /// One finding.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Finding {
+pub(super) struct DoctorFinding {
     /// What was looked at.
     pub(super) check: &'static str,
     /// How bad it is.
-    pub(super) level: Level,
+    pub(super) level: CheckLevel,
     /// A sentence.
     pub(super) said: String,
     /// What to do; empty where nothing is to be done.
     pub(super) remedy: String,
 }
 
-impl Finding {
+impl DoctorFinding {
     /// Nothing is to be done.
     pub(super) fn ok(check: &'static str, said: impl ToString) -> Self {
-        Self { check, level: Level::Ok, said: said.to_string(), remedy: String::new() }
+        Self { check, level: CheckLevel::Ok, said: said.to_string(), remedy: String::new() }
     }
 
     /// Somebody should know.
     pub(super) fn warning(check: &'static str, said: impl ToString, remedy: impl ToString) -> Self {
-        Self { check, level: Level::Warning, said: said.to_string(), remedy: remedy.to_string() }
+        Self { check, level: CheckLevel::Warning, said: said.to_string(), remedy: remedy.to_string() }
     }
 
     /// The daemon does not work with it.
     pub(super) fn problem(check: &'static str, said: impl ToString, remedy: impl ToString) -> Self {
-        Self { level: Level::Problem, ..Self::warning(check, said, remedy) }
+        Self { level: CheckLevel::Problem, ..Self::warning(check, said, remedy) }
     }
 
     /// As people read it.

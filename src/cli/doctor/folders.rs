@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::{Machine, is_share};
 use crate::daemon::preflight::NO_ANSWER;
 use armwatch_config::Config;
@@ -15,14 +15,14 @@ const FOLDERS: &str = "folders";
 /// Places of a folder that are told one by one.
 const MOST_TOLD: usize = 20;
 
-pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
-    let mut found: Vec<Finding> =
+pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
+    let mut found: Vec<DoctorFinding> =
         config.database_file().map(|file| of_database(file, machine)).into_iter().collect();
     for folder in &config.watch.folders {
         if let Some(kind) = machine.file_system(folder).filter(|kind| is_share(kind)) {
             let every = config.watch.scan_interval.as_secs_f64();
             let folder = folder.display();
-            found.push(Finding::ok(
+            found.push(DoctorFinding::ok(
                 CHECK,
                 format!(
                     "{folder} is a network share ({kind}), whose files are found by a look each {every} s"
@@ -35,8 +35,8 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
 }
 
 /// A watched folder that does not answer.
-pub(super) fn silent(folder: &Path) -> Finding {
-    Finding::problem(
+pub(super) fn silent(folder: &Path) -> DoctorFinding {
+    DoctorFinding::problem(
         FOLDERS,
         format!("the watched folder {} {NO_ANSWER}; its exports are not read", folder.display()),
         "see whether its disk or file server is there",
@@ -44,36 +44,39 @@ pub(super) fn silent(folder: &Path) -> Finding {
 }
 
 /// Places in a watched folder that scans skip.
-fn left_out(folder: &Path, follow_links: bool) -> Vec<Finding> {
+fn left_out(folder: &Path, follow_links: bool) -> Vec<DoctorFinding> {
     let skipped = watch::scan(&[folder.to_owned()], follow_links).skipped;
-    let told = skipped.iter().take(MOST_TOLD).map(|of| Finding::warning(FOLDERS, of.reason(), of.remedy()));
-    let mut found: Vec<Finding> = told.collect();
+    let told =
+        skipped.iter().take(MOST_TOLD).map(|of| DoctorFinding::warning(FOLDERS, of.reason(), of.remedy()));
+    let mut found: Vec<DoctorFinding> = told.collect();
     if skipped.len() > MOST_TOLD {
         let more = format!("{} more places in {} are skipped", skipped.len() - MOST_TOLD, folder.display());
-        found.push(Finding::warning(FOLDERS, more, "the log of the daemon names them"));
+        found.push(DoctorFinding::warning(FOLDERS, more, "the log of the daemon names them"));
     } else if skipped.is_empty() {
-        found.push(Finding::ok(FOLDERS, format!("nothing in {} is skipped", folder.display())));
+        found.push(DoctorFinding::ok(FOLDERS, format!("nothing in {} is skipped", folder.display())));
     }
     found
 }
 
-fn of_database(file: &Path, machine: &Machine) -> Finding {
+fn of_database(file: &Path, machine: &Machine) -> DoctorFinding {
     let database = file.display();
     match machine.file_system(file) {
-        Some(kind) if is_share(kind) => Finding::problem(
+        Some(kind) if is_share(kind) => DoctorFinding::problem(
             CHECK,
             format!(
                 "the database {database} lies on a network share ({kind}), on which SQLite's log is not safe"
             ),
             "move it to a disk of this machine, and let others read a copy ([snapshot])",
         ),
-        Some("tmpfs" | "ramfs") => Finding::warning(
+        Some("tmpfs" | "ramfs") => DoctorFinding::warning(
             CHECK,
             format!("the database {database} lies in memory and is gone when the machine stops"),
             "move it to a disk",
         ),
-        Some(kind) => Finding::ok(CHECK, format!("the database lies on a disk of this machine ({kind})")),
-        None => Finding::warning(
+        Some(kind) => {
+            DoctorFinding::ok(CHECK, format!("the database lies on a disk of this machine ({kind})"))
+        }
+        None => DoctorFinding::warning(
             CHECK,
             format!("the file system of the database {database} is unknown"),
             "see that it is a disk of this machine",
@@ -83,7 +86,7 @@ fn of_database(file: &Path, machine: &Machine) -> Finding {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
+    use super::super::finding::CheckLevel;
     use super::*;
 
     #[test]
@@ -99,9 +102,9 @@ mod tests {
                 .map(|of| of.level)
                 .collect::<Vec<_>>()
         };
-        assert_eq!(levels("nfs4"), [Level::Problem, Level::Ok]);
-        assert_eq!(levels("tmpfs"), [Level::Warning]);
-        assert_eq!(levels("ext4"), [Level::Ok]);
+        assert_eq!(levels("nfs4"), [CheckLevel::Problem, CheckLevel::Ok]);
+        assert_eq!(levels("tmpfs"), [CheckLevel::Warning]);
+        assert_eq!(levels("ext4"), [CheckLevel::Ok]);
     }
 
     #[test]
@@ -109,11 +112,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inbox = folder.path().join("inbox");
         std::fs::create_dir(&inbox).unwrap();
-        assert_eq!(left_out(&inbox, false)[0].level, Level::Ok);
+        assert_eq!(left_out(&inbox, false)[0].level, CheckLevel::Ok);
         std::os::unix::fs::symlink("/etc/hostname", inbox.join("R01.csv")).unwrap();
         let found = &left_out(&inbox, false)[0];
-        assert_eq!(found.level, Level::Warning);
+        assert_eq!(found.level, CheckLevel::Warning);
         assert!(found.said.contains("R01.csv is a link that leads out"), "{found:?}");
-        assert_eq!(left_out(&inbox, true)[0].level, Level::Ok);
+        assert_eq!(left_out(&inbox, true)[0].level, CheckLevel::Ok);
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rustix::process::{Resource, getrlimit};
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::Machine;
 use armwatch_config::Config;
 
@@ -16,7 +16,7 @@ const OTHER_FILES: u64 = 384;
 /// Folders are counted up to here: to walk a tree of millions takes minutes.
 const MOST_COUNTED: u64 = 100_000;
 
-pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
+pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     let exports = config.watch.live_files + 2 * config.limits.backlog_files;
     let needed = OTHER_FILES + exports as u64;
     let folders = config.watch.folders.iter().map(|folder| counted(folder, MOST_COUNTED)).sum();
@@ -26,23 +26,23 @@ pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
     ]
 }
 
-fn open_files(limit: Option<u64>, needed: u64) -> Finding {
+fn open_files(limit: Option<u64>, needed: u64) -> DoctorFinding {
     match limit {
-        Some(limit) if limit < needed => Finding::problem(
+        Some(limit) if limit < needed => DoctorFinding::problem(
             CHECK,
             format!("{limit} files may be open, and the daemon needs up to {needed}"),
             "raise LimitNOFILE= of the unit, or `ulimit -n`",
         ),
         Some(limit) => {
-            Finding::ok(CHECK, format!("{limit} files may be open; the daemon needs up to {needed}"))
+            DoctorFinding::ok(CHECK, format!("{limit} files may be open; the daemon needs up to {needed}"))
         }
-        None => Finding::ok(CHECK, "any number of files may be open"),
+        None => DoctorFinding::ok(CHECK, "any number of files may be open"),
     }
 }
 
-fn watches(folders: u64, limit: Option<u64>) -> Finding {
+fn watches(folders: u64, limit: Option<u64>) -> DoctorFinding {
     match limit {
-        Some(limit) if limit < 2 * folders => Finding::warning(
+        Some(limit) if limit < 2 * folders => DoctorFinding::warning(
             CHECK,
             format!(
                 "{folders} watched folders and subfolders of at most {limit} watches of this user (inotify): files in \
@@ -51,9 +51,9 @@ fn watches(folders: u64, limit: Option<u64>) -> Finding {
             "raise fs.inotify.max_user_watches with sysctl",
         ),
         Some(limit) => {
-            Finding::ok(CHECK, format!("{folders} watched folders and subfolders of {limit} watches"))
+            DoctorFinding::ok(CHECK, format!("{folders} watched folders and subfolders of {limit} watches"))
         }
-        None => Finding::ok(CHECK, "no file events here; folders are scanned"),
+        None => DoctorFinding::ok(CHECK, "no file events here; folders are scanned"),
     }
 }
 
@@ -79,15 +79,15 @@ fn counted(folder: &Path, most: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
+    use super::super::finding::CheckLevel;
     use super::*;
 
     #[test]
     fn limits_are_compared_with_what_is_needed() {
-        assert_eq!(open_files(Some(1024), 300).level, Level::Ok);
-        assert_eq!(open_files(Some(256), 300).level, Level::Problem);
-        assert_eq!(watches(10, Some(8192)).level, Level::Ok);
-        assert_eq!(watches(5000, Some(8192)).level, Level::Warning);
+        assert_eq!(open_files(Some(1024), 300).level, CheckLevel::Ok);
+        assert_eq!(open_files(Some(256), 300).level, CheckLevel::Problem);
+        assert_eq!(watches(10, Some(8192)).level, CheckLevel::Ok);
+        assert_eq!(watches(5000, Some(8192)).level, CheckLevel::Warning);
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(folder.path().join("a/b")).unwrap();
         std::fs::create_dir_all(folder.path().join("c")).unwrap();

@@ -12,7 +12,7 @@ mod permissions;
 mod unit;
 
 use clap::Args;
-use finding::{Finding, Level};
+use finding::{CheckLevel, DoctorFinding};
 use machine::Machine;
 use serde_json::json;
 
@@ -43,7 +43,7 @@ pub(super) struct DoctorArgs {
 }
 
 /// Everything that is looked at, in the order in which it is told. Each gives a finding for whatever it looked at.
-const CHECKS: [fn(&Config, &Machine) -> Vec<Finding>; 7] = [
+const CHECKS: [fn(&Config, &Machine) -> Vec<DoctorFinding>; 7] = [
     disk::check,
     folders::check,
     permissions::check,
@@ -58,7 +58,7 @@ pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError>
         Ok(config) => config,
         Err(CliError::Config(errors)) => {
             let found =
-                errors.0.iter().map(|problem| Finding::problem("configuration", problem, "correct it"));
+                errors.0.iter().map(|problem| DoctorFinding::problem("configuration", problem, "correct it"));
             report(global, &found.collect::<Vec<_>>(), true);
             return Ok(EXIT_USAGE);
         }
@@ -75,22 +75,23 @@ pub(super) fn doctor(global: &Global, args: &DoctorArgs) -> Result<u8, CliError>
     }
     found.extend(runtime()?.block_on(database::check(&config, args.quick)));
     report(global, &found, args.all);
-    let is_fit = found.iter().all(|finding| finding.level != Level::Problem);
+    let is_fit = found.iter().all(|finding| finding.level != CheckLevel::Problem);
     Ok(if is_fit { EXIT_DONE } else { EXIT_FOUND })
 }
 
 /// What `armwatch run` would refuse or warn of.
-fn of_configuration(config: &Config) -> Vec<Finding> {
+fn of_configuration(config: &Config) -> Vec<DoctorFinding> {
     let found = preflight(config);
-    let refused = found.refusals.iter().map(|of| Finding::problem("configuration", said(of), remedy(of)));
+    let refused =
+        found.refusals.iter().map(|of| DoctorFinding::problem("configuration", said(of), remedy(of)));
     let odd = found.missing.iter().chain(&found.remarks);
-    let odd = odd.map(|of| Finding::warning("configuration", said(of), remedy(of)));
-    let mut findings: Vec<Finding> = refused.chain(odd).collect();
+    let odd = odd.map(|of| DoctorFinding::warning("configuration", said(of), remedy(of)));
+    let mut findings: Vec<DoctorFinding> = refused.chain(odd).collect();
     if findings.is_empty() {
-        findings.push(Finding::ok("configuration", "no problems"));
+        findings.push(DoctorFinding::ok("configuration", "no problems"));
     }
     let zone = &config.recognition.time_zone;
-    findings.push(Finding::ok("time zone", format!("times in file names are of {zone}")));
+    findings.push(DoctorFinding::ok("time zone", format!("times in file names are of {zone}")));
     findings
 }
 
@@ -105,22 +106,22 @@ fn remedy(of: &ConfigProblem) -> &str {
     of.hint.as_deref().unwrap_or("correct the configuration")
 }
 
-fn report(global: &Global, found: &[Finding], all: bool) {
+fn report(global: &Global, found: &[DoctorFinding], all: bool) {
     if global.json {
-        for Finding { check, level, said, remedy } in found {
+        for DoctorFinding { check, level, said, remedy } in found {
             output::json(&json!({"check": check, "level": level.name(), "said": said, "remedy": remedy}));
         }
         return;
     }
-    for finding in found.iter().filter(|finding| all || finding.level != Level::Ok) {
+    for finding in found.iter().filter(|finding| all || finding.level != CheckLevel::Ok) {
         output::line(&finding.line());
     }
-    let count = |level: Level| found.iter().filter(|finding| finding.level == level).count();
+    let count = |level: CheckLevel| found.iter().filter(|finding| finding.level == level).count();
     output::line(&format!(
         "{} looked at: {} ok, {}, {}",
         found.len(),
-        count(Level::Ok),
-        output::counted(count(Level::Warning), "warning"),
-        output::counted(count(Level::Problem), "problem")
+        count(CheckLevel::Ok),
+        output::counted(count(CheckLevel::Warning), "warning"),
+        output::counted(count(CheckLevel::Problem), "problem")
     ));
 }

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use rustix::fs::{Access, access};
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::{Machine, nearest};
 use armwatch_config::Config;
 use armwatch_store::lock_file_of;
 
 const CHECK: &str = "permissions";
 
-pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
+pub(super) fn check(config: &Config, machine: &Machine) -> Vec<DoctorFinding> {
     let mut found = Vec::new();
     if let Some(database) = config.database_file() {
         let beside =
@@ -26,7 +26,7 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
         // one that is not there is told with the configuration
         if folder.exists() && access(folder, Access::READ_OK | Access::EXEC_OK).is_err() {
             let said = format!("the watched folder {} may not be looked into", folder.display());
-            found.push(Finding::problem(CHECK, said, "let the user of the service read it"));
+            found.push(DoctorFinding::problem(CHECK, said, "let the user of the service read it"));
         }
         if config.watch.archive.is_some() && folder.exists() {
             found.extend(written(folder, "the watched folder that exports leave for the archive"));
@@ -42,10 +42,10 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
     ];
     found.extend(others.into_iter().filter_map(|(what, path)| written(path?, what)));
     if found.is_empty() {
-        found.push(Finding::ok(CHECK, "all that is read and written may be"));
+        found.push(DoctorFinding::ok(CHECK, "all that is read and written may be"));
     }
     if machine.user == 0 {
-        found.push(Finding::warning(
+        found.push(DoctorFinding::warning(
             CHECK,
             "root asks, who may do more than the user of the service",
             "ask as that user: `sudo -u armwatch armwatch doctor`",
@@ -55,21 +55,21 @@ pub(super) fn check(config: &Config, machine: &Machine) -> Vec<Finding> {
 }
 
 /// What keeps the daemon from opening its lock file, such as a first start as root.
-fn lock_file(lock: &Path) -> Option<Finding> {
+fn lock_file(lock: &Path) -> Option<DoctorFinding> {
     let error = access(lock, Access::WRITE_OK).err().filter(|_| lock.exists())?;
     let said = format!(
         "the lock file {} may not be written to ({error}); the daemon does not start",
         lock.display()
     );
     let remedy = "give it to the user of the service with `chown`, or delete it while no daemon runs";
-    Some(Finding::problem(CHECK, said, remedy))
+    Some(DoctorFinding::problem(CHECK, said, remedy))
 }
 
 /// What keeps a place from being written to; one that is not there is made in the nearest folder above it.
-fn written(path: &Path, what: &str) -> Option<Finding> {
+fn written(path: &Path, what: &str) -> Option<DoctorFinding> {
     let place = nearest(path);
     let error = access(&place, Access::WRITE_OK).err()?;
     let said = format!("{what}, {}, may not be written to ({error})", place.display());
     let remedy = "let the user of the service write there; under systemd, ReadWritePaths= must name it";
-    Some(Finding::problem(CHECK, said, remedy))
+    Some(DoctorFinding::problem(CHECK, said, remedy))
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::finding::Finding;
+use super::finding::DoctorFinding;
 use super::machine::Machine;
 use armwatch_config::Config;
 
@@ -12,16 +12,16 @@ const CHECK: &str = "unit";
 const PLACES: [&str; 4] =
     ["/etc/systemd/system", "/run/systemd/system", "/usr/lib/systemd/system", "/lib/systemd/system"];
 
-pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<Finding> {
+pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     let unit =
         PLACES.iter().map(|place| Path::new(place).join("armwatch.service")).find(|unit| unit.exists());
     let Some(unit) = unit else {
-        return vec![Finding::ok(CHECK, "no systemd unit armwatch.service is installed")];
+        return vec![DoctorFinding::ok(CHECK, "no systemd unit armwatch.service is installed")];
     };
     let text = with_drop_ins(&unit);
     let mut found = judged(&unit.display().to_string(), &text, &written(config));
     if config.serve.is_some() && values(&text, "RestrictAddressFamilies").any(|of| !of.contains("AF_INET")) {
-        found.push(Finding::problem(
+        found.push(DoctorFinding::problem(
             CHECK,
             format!("{} allows no network, and the configuration has [serve]", unit.display()),
             "add AF_INET AF_INET6 to RestrictAddressFamilies=",
@@ -67,9 +67,9 @@ fn values<'t>(text: &'t str, key: &'t str) -> impl Iterator<Item = &'t str> {
 }
 
 /// Whether a unit lets these paths be written to.
-fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<Finding> {
+fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<DoctorFinding> {
     if values(text, "ProtectSystem").last().is_none_or(|value| value.trim() != "strict") {
-        return vec![Finding::ok(CHECK, format!("{unit} leaves the file system writable"))];
+        return vec![DoctorFinding::ok(CHECK, format!("{unit} leaves the file system writable"))];
     }
     let mut allowed: Vec<PathBuf> = Vec::new();
     for value in values(text, "ReadWritePaths") {
@@ -83,11 +83,11 @@ fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<Finding> {
         allowed.extend(value.split_whitespace().map(|name| Path::new("/var/lib").join(name)));
     }
     let closed = written.iter().filter(|path| !allowed.iter().any(|place| path.starts_with(place)));
-    let found: Vec<Finding> = closed
+    let found: Vec<DoctorFinding> = closed
         .map(|path| {
             let path = path.display();
             let remedy = "`systemctl edit armwatch`, and write [Service] and ReadWritePaths= with its folder";
-            Finding::problem(
+            DoctorFinding::problem(
                 CHECK,
                 format!("{unit} keeps {path} read-only, which the daemon writes to"),
                 remedy,
@@ -95,14 +95,14 @@ fn judged(unit: &str, text: &str, written: &[PathBuf]) -> Vec<Finding> {
         })
         .collect();
     match found.is_empty() {
-        true => vec![Finding::ok(CHECK, format!("{unit} lets the daemon write where it has to"))],
+        true => vec![DoctorFinding::ok(CHECK, format!("{unit} lets the daemon write where it has to"))],
         false => found,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::finding::Level;
+    use super::super::finding::CheckLevel;
     use super::*;
 
     #[test]
@@ -114,10 +114,10 @@ mod tests {
         };
         assert_eq!(
             levels(strict, &["/var/lib/armwatch/armwatch.db", "/srv/archive", "/srv/in/a"]),
-            [Level::Ok]
+            [CheckLevel::Ok]
         );
-        assert_eq!(levels(strict, &["/srv/armwatch.db", "/srv/inbox"]), [Level::Problem; 2]);
-        assert_eq!(levels(&format!("{strict}ReadWritePaths=\n"), &["/srv/in"]), [Level::Problem]);
-        assert_eq!(levels("[Service]\nProtectSystem=full\n", &["/srv/in"]), [Level::Ok]);
+        assert_eq!(levels(strict, &["/srv/armwatch.db", "/srv/inbox"]), [CheckLevel::Problem; 2]);
+        assert_eq!(levels(&format!("{strict}ReadWritePaths=\n"), &["/srv/in"]), [CheckLevel::Problem]);
+        assert_eq!(levels("[Service]\nProtectSystem=full\n", &["/srv/in"]), [CheckLevel::Ok]);
     }
 }

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::output;
-use crate::report::figure::{Event, Figure, Standing};
+use crate::report::figure::{Figure, FigureEvent, Standing};
 use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
 use armwatch_method::statistics::descriptive::standard_deviation;
 use armwatch_method::statistics::distributions::normal_quantile;
@@ -19,7 +19,7 @@ pub(in crate::cli) struct JointIndexSeries {
     /// Where the joint stands.
     standing: Option<Standing>,
     /// What happened to it.
-    events: Vec<Event>,
+    events: Vec<FigureEvent>,
     /// Days between which an alarm on its friction was seen.
     alarms: Vec<[f64; 2]>,
     /// What the thermal state is taken from, where there is a map now.

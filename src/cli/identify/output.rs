@@ -282,9 +282,7 @@ impl Report<'_> {
             "model": self.taken.model.name,
             "parameter_set": self.saved,
             "estimator": self.estimator.name(),
-            "sources": self.taken.sources.iter().map(|source| json!({
-                "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
-            })).collect::<Vec<_>>(),
+            "sources": self.taken.sources,
             "motion": {
                 "condition_number": known(shown.condition_number),
                 "scaled_condition_number": known(shown.scaled_condition_number),
@@ -294,7 +292,7 @@ impl Report<'_> {
                     "from": of.from.iter().map(|&k| name(k)).collect::<Vec<_>>(),
                 })).collect::<Vec<_>>(),
             },
-            "rmsd": self.rmsd.iter().map(rmsd_value).collect::<Vec<_>>(),
+            "rmsd": self.rmsd,
             "parameters": [],
         });
         match &self.together.outcome {
@@ -341,7 +339,7 @@ impl Report<'_> {
                 "removed": report.removed.iter().map(ToString::to_string).collect::<Vec<_>>(),
                 "f_statistic": report.f_statistic,
                 "f_limit": known(report.f_limit),
-                "rmsd_with_all": self.rmsd_full.map(|full| full.iter().map(rmsd_value).collect::<Vec<_>>()),
+                "rmsd_with_all": self.rmsd_full,
             });
         }
     }
@@ -436,21 +434,6 @@ fn rmsd_table(rmsd: &[TorqueRmsd]) -> String {
     };
     let rows: Vec<Vec<String>> = rmsd.iter().map(row).collect();
     output::table(&["joint", "stage", "rmsd_nm", "relative", "moving_rmsd_nm", "moving_relative"], &rows)
-}
-
-/// A deviation as in the view `cycle_rmsd`; figures over no rows are null.
-pub(in crate::cli) fn rmsd_value(rmsd: &TorqueRmsd) -> Value {
-    let known = |samples: usize, value: f64| (samples > 0).then_some(value);
-    json!({
-        "joint": rmsd.joint.number(),
-        "stage": rmsd.scope.name(),
-        "rmsd_nm": known(rmsd.all_rows.samples, rmsd.all_rows.value),
-        "relative_rmsd": known(rmsd.all_rows.samples, rmsd.all_rows.relative),
-        "moving_rmsd_nm": known(rmsd.moving_rows.samples, rmsd.moving_rows.value),
-        "moving_relative_rmsd": known(rmsd.moving_rows.samples, rmsd.moving_rows.relative),
-        "samples": rmsd.all_rows.samples,
-        "moving_samples": rmsd.moving_rows.samples,
-    })
 }
 
 #[cfg(test)]

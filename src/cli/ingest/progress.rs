@@ -16,7 +16,7 @@ const IN_FLIGHT: u32 = 4;
 
 /// How much of all exports is done, in bytes: what is known before an export is read.
 #[derive(Debug, Default, Clone, PartialEq)]
-struct Work {
+struct IngestWork {
     /// Of exports that are stored or quarantined, and of those to come.
     done: u64,
     ahead: u64,
@@ -31,7 +31,7 @@ struct Work {
     name: String,
 }
 
-impl Work {
+impl IngestWork {
     fn begin(&mut self, size: u64) {
         self.ahead = self.ahead.saturating_sub(size);
         (self.size, self.read, self.cycles) = (size, 0, 0);
@@ -76,7 +76,7 @@ impl Work {
 #[derive(Debug, Clone)]
 pub(super) struct ProgressLine {
     bar: ProgressBar,
-    work: Arc<Mutex<Work>>,
+    work: Arc<Mutex<IngestWork>>,
     begun: Instant,
     files: usize,
 }
@@ -92,7 +92,7 @@ impl ProgressLine {
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:20}] {percent:>3} % {wide_msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        let work = Work { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..Work::default() };
+        let work = IngestWork { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..Work::default() };
         Self {
             bar: bar.with_finish(ProgressFinish::AndClear),
             work: Arc::new(Mutex::new(work)),
@@ -101,7 +101,7 @@ impl ProgressLine {
         }
     }
 
-    fn work(&self) -> MutexGuard<'_, Work> {
+    fn work(&self) -> MutexGuard<'_, IngestWork> {
         self.work.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -129,7 +129,7 @@ impl ProgressLine {
         self.work().end(outcome);
     }
 
-    fn show(&self, work: &Work) {
+    fn show(&self, work: &IngestWork) {
         let left = work.left(self.begun.elapsed()).map(|left| format!(", {} left", lasting(left)));
         self.bar.set_position((work.fraction() * STEPS as f64) as u64);
         self.bar.set_message(format!("cycle {}{}, {}", work.cycles, left.unwrap_or_default(), work.name));
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn work_is_counted_in_cycles_that_are_stored_and_not_in_bytes_that_are_read() {
-        let mut work = Work { ahead: 2000, ..Work::default() };
+        let mut work = IngestWork { ahead: 2000, ..Work::default() };
         work.begin(1000);
         work.read = 1000;
         assert_eq!((work.fraction(), work.left(Duration::from_secs(5))), (0.0, None), "nothing is stored");
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn an_export_that_is_known_says_nothing_of_the_time_that_others_take() {
-        let mut work = Work { ahead: 2000, ..Work::default() };
+        let mut work = IngestWork { ahead: 2000, ..Work::default() };
         work.begin(1000);
         work.end(&Outcome::AlreadyStored { run_id: 1 });
         work.begin(1000);

@@ -179,8 +179,6 @@ fn as_value(
         "scaled_condition_number": base.scaled_condition_number,
         "remarks": robot.remarks,
         "problem": inconsistency(checked),
-        "reference": agreement.map(|found| json!({
-            "rows": found.rows, "torque": found.torque, "position": found.position, "rotation": found.rotation,
-        })),
+        "reference": agreement,
     })
 }

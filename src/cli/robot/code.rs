@@ -426,9 +426,7 @@ fn as_value(
         "languages": args.languages.iter().map(|language| language.0.name()).collect::<Vec<_>>(),
         "files": files.iter().map(|file| args.output.join(&file.name).display().to_string()).collect::<Vec<_>>(),
         "nominal": args.description_only,
-        "sources": model.sources.iter().map(|source| json!({
-            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
-        })).collect::<Vec<_>>(),
+        "sources": model.sources,
         "parameters": model.parameters.len(),
         "friction_factors": model.friction_factors,
         "operations": code.operations(),

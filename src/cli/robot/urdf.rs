@@ -311,9 +311,7 @@ pub(super) fn as_value(fitted: &Fitted, format: &str, output: &Path) -> serde_js
     json!({
         format: output.display().to_string(),
         "model": robot.model,
-        "sources": fitted.sources.iter().map(|source| json!({
-            "robot": source.robot, "run_id": source.run_id, "cycle": source.cycle,
-        })).collect::<Vec<_>>(),
+        "sources": fitted.sources,
         "steps": fit.estimate.steps,
         "residual_sum_of_squares": fit.estimate.residual_sum_of_squares,
         "unconstrained_sum_of_squares": fit.estimate.unconstrained_sum_of_squares,

@@ -23,7 +23,7 @@ pub(in crate::cli) struct CycleArgs {
         value_name = "PARTS",
         default_value = "series,additional,friction,warming"
     )]
-    parts: Vec<Part>,
+    parts: Vec<CyclePart>,
     /// Points of the part `points`: a CSV file with columns pos_1, pos_2, .. in rad (m) or named pos_1_deg, pos_1_mm
     /// [default: drawn ones]
     #[arg(help_heading = "Cycle", long, value_name = "FILE")]
@@ -43,7 +43,7 @@ pub(in crate::cli) struct CycleArgs {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Part {
+enum CyclePart {
     /// Excitation: a period of the Fourier series
     Series,
     /// Excitation: every joint over its range near full speed
@@ -67,7 +67,7 @@ enum FrictionPostureArg {
 impl CycleArgs {
     /// What the excitation stage is made of.
     pub(in crate::cli) fn excitation(&self, robot: &Robot) -> Result<ExcitationParts, CliError> {
-        let points = match (self.has(Part::Points), &self.points) {
+        let points = match (self.has(CyclePart::Points), &self.points) {
             (true, Some(path)) => Some(Points::Given(points(path, robot)?)),
             (true, None) => Some(Points::Drawn(self.point_count)),
             (false, Some(_)) => {
@@ -79,20 +79,20 @@ impl CycleArgs {
             return Err(CliError::Usage(format!("--rest-s {}: 0 to 86400 s is possible", self.rest_s)));
         }
         Ok(ExcitationParts {
-            series: self.has(Part::Series),
-            additional: self.has(Part::Additional),
+            series: self.has(CyclePart::Series),
+            additional: self.has(CyclePart::Additional),
             points: points.map(|points| PointToPoint { points, dead_s: self.dead_s }),
         })
     }
 
     /// The chosen levels, none where the cycle has no friction stage.
     pub(in crate::cli) fn levels(&self, chosen: Option<Vec<u8>>) -> Option<Vec<u8>> {
-        if self.has(Part::Friction) { chosen } else { Some(Vec::new()) }
+        if self.has(CyclePart::Friction) { chosen } else { Some(Vec::new()) }
     }
 
     /// Duration of warming, s: 0 where the cycle has none.
     pub(in crate::cli) fn warming_s(&self, chosen: f64) -> f64 {
-        if self.has(Part::Warming) { chosen } else { 0.0 }
+        if self.has(CyclePart::Warming) { chosen } else { 0.0 }
     }
 
     /// Posture of the friction stage.
@@ -108,7 +108,7 @@ impl CycleArgs {
         self.rest_s
     }
 
-    fn has(&self, part: Part) -> bool {
+    fn has(&self, part: CyclePart) -> bool {
         self.parts.contains(&part)
     }
 }

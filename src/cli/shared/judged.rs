@@ -7,7 +7,7 @@ use armwatch_config::Config;
 use armwatch_store::Store;
 
 /// Whether the history was judged with what has changed.
-pub(in crate::cli) enum Judged {
+pub(in crate::cli) enum ConclusionTiming {
     /// It was.
     Now,
     /// A daemon does it within a minute.
@@ -16,7 +16,7 @@ pub(in crate::cli) enum Judged {
     Failed(String),
 }
 
-impl Judged {
+impl ConclusionTiming {
     pub(in crate::cli) fn is_now(&self) -> bool {
         matches!(self, Self::Now)
     }
@@ -31,14 +31,18 @@ impl Judged {
 }
 
 /// Judges the robot's history again, unless a daemon works on the database, which does it.
-pub(in crate::cli) async fn judge(config: Config, store: &Store, robot: &str) -> Result<Judged, CliError> {
+pub(in crate::cli) async fn judge(
+    config: Config,
+    store: &Store,
+    robot: &str,
+) -> Result<ConclusionTiming, CliError> {
     if store.has_daemon().await? {
-        return Ok(Judged::ByDaemon);
+        return Ok(ConclusionTiming::ByDaemon);
     }
     let pipeline = Pipeline::new(shared(config), store.clone());
     Ok(match pipeline.conclude_isolated(robot).await? {
-        Conclusion::Drawn(_) | Conclusion::UpToDate => Judged::Now,
-        Conclusion::Elsewhere => Judged::ByDaemon,
-        Conclusion::Faulty(reason) => Judged::Failed(reason),
+        Conclusion::Drawn(_) | Conclusion::UpToDate => ConclusionTiming::Now,
+        Conclusion::Elsewhere => ConclusionTiming::ByDaemon,
+        Conclusion::Faulty(reason) => ConclusionTiming::Failed(reason),
     })
 }

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use crate::cli::context::CliError;
-use crate::report::figure::{Event, EventKind, Level, Standing, day};
+use crate::report::figure::{FigureEvent, FigureEventKind, Level, Standing, day};
 use crate::report::friction_index::IndexPoint;
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::anomaly::Severity;
@@ -42,7 +42,7 @@ impl RobotLife {
     }
 
     /// What happened to the robot, by joint; of the whole arm without.
-    pub(in crate::cli) fn events(&self) -> Vec<(Option<JointIndex>, Event)> {
+    pub(in crate::cli) fn events(&self) -> Vec<(Option<JointIndex>, FigureEvent)> {
         let alarm = |row: &AnomalyRow| {
             let at = row.onset_at.unwrap_or(row.first_seen_at);
             let label = format!(
@@ -52,18 +52,18 @@ impl RobotLife {
                 at.strftime("%Y-%m-%d"),
                 row.message
             );
-            (row.joint, Event { at: day(at), kind: EventKind::Alarm, label })
+            (row.joint, FigureEvent { at: day(at), kind: FigureEventKind::Alarm, label })
         };
         let repair = |row: &MaintenanceRow| {
             let label = format!("maintenance on {}: {}", row.work.at.strftime("%Y-%m-%d"), row.work.what);
-            (row.work.joint, Event { at: day(row.work.at), kind: EventKind::Repair, label })
+            (row.work.joint, FigureEvent { at: day(row.work.at), kind: FigureEventKind::Repair, label })
         };
         let alarms = self.anomalies.iter().filter(|row| is_alarm(row)).map(alarm);
         alarms.chain(self.work.iter().map(repair)).collect()
     }
 
     /// What happened to a joint, what concerns the whole arm included.
-    pub(in crate::cli) fn events_of(&self, joint: JointIndex) -> Vec<Event> {
+    pub(in crate::cli) fn events_of(&self, joint: JointIndex) -> Vec<FigureEvent> {
         let events = self.events().into_iter();
         events.filter(|(of, _)| of.is_none_or(|of| of == joint)).map(|(_, event)| event).collect()
     }

@@ -8,7 +8,7 @@ pub(in crate::cli) const VELOCITIES: [&str; 3] = ["vel_", "qd_", "velocity_"];
 pub(in crate::cli) const ACCELERATIONS: [&str; 3] = ["acc_", "qdd_", "acceleration_"];
 
 /// A column and what its cells are multiplied by to be SI.
-pub(in crate::cli) struct Column {
+pub(in crate::cli) struct SiColumn {
     /// Its place, from 0.
     pub index: usize,
     /// The factor.
@@ -21,7 +21,7 @@ pub(in crate::cli) fn columns(
     prefixes: &[&str],
     robot: &Robot,
     order: usize,
-) -> Option<Vec<Column>> {
+) -> Option<Vec<SiColumn>> {
     let of_joint = |(number, kind): (usize, JointKind)| {
         header.iter().enumerate().find_map(|(index, name)| {
             let rest = prefixes.iter().find_map(|prefix| name.strip_prefix(prefix))?;
@@ -33,7 +33,7 @@ pub(in crate::cli) fn columns(
                 ("_mm", JointKind::Prismatic) => 1e-3,
                 _ => return None,
             };
-            Some(Column { index, factor })
+            Some(SiColumn { index, factor })
         })
     };
     (1..).zip(robot.joints.iter().map(|joint| joint.kind)).map(of_joint).collect()

@@ -42,7 +42,7 @@ pub(super) struct BesideArgs {
 }
 
 /// What ordinary work shows of the parameters.
-pub(super) struct Beside {
+pub(super) struct ProductionPrecision {
     pub run: i64,
     pub seconds: f64,
     precision: f64,
@@ -72,7 +72,7 @@ impl BesideArgs {
         base: &BaseParameters,
         recording: Option<&Recording>,
         sizes: Vec<f64>,
-    ) -> Result<Option<Beside>, CliError> {
+    ) -> Result<Option<ProductionPrecision>, CliError> {
         let Some(run) = self.beside_run else { return Ok(None) };
         let possible =
             [("--beside-s", self.beside_s, 1.0, 86_400.0), ("--precision", self.precision, 1e-6, 1.0)];
@@ -102,11 +102,17 @@ impl BesideArgs {
         // all rows of a recording would count errors of the model as noise that averages out
         let share = self.beside_s * recording.sample_rate_hz / shown.rows as f64;
         let information = shown.information.times(share);
-        Ok(Some(Beside { run, seconds: self.beside_s, precision: self.precision, information, sizes }))
+        Ok(Some(ProductionPrecision {
+            run,
+            seconds: self.beside_s,
+            precision: self.precision,
+            information,
+            sizes,
+        }))
     }
 }
 
-impl Beside {
+impl ProductionPrecision {
     /// Durations to try, s, rising, the last `longest`.
     pub fn durations(longest: f64) -> Vec<f64> {
         let shorter = DURATIONS_S.into_iter().filter(|duration| *duration < longest);

@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 pub(in crate::cli) use self::options::DesignArgs;
-use self::report::{DesignReport, Predicted};
+use self::report::{DesignReport, PredictedRecording};
 use self::settings::sizes;
 use super::arm::arm;
-use super::beside::{Beside, Precision};
+use super::beside::{Precision, ProductionPrecision};
 use super::motion_check::MotionCheck;
 use super::words::{slower, without_numbers};
 use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
@@ -29,7 +29,7 @@ use armwatch_trajectory::prediction::{Conditioning, conditioning};
 use armwatch_trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
 use armwatch_trajectory::programme::{BesideRecord, Programme, SearchRecord};
 use armwatch_trajectory::recorded_rows::Recording;
-use armwatch_trajectory::search::{Budget, Earlier, Found, search};
+use armwatch_trajectory::search::{Earlier, SearchBudget, SearchResult, search};
 
 /// Starts of a search where nothing else is asked for.
 const STARTS: u64 = 12;
@@ -73,7 +73,7 @@ pub(in crate::cli) fn design(global: &Global, args: &DesignArgs) -> Result<u8, C
         judged: &judged,
         prediction: recording
             .as_ref()
-            .map(|of| Predicted::new(&robot, &base, &found.series, of, args.budget(global, &robot)?))
+            .map(|of| PredictedRecording::new(&robot, &base, &found.series, of, args.budget(global, &robot)?))
             .transpose()?,
         wear: args.wear,
         load_kg: args.load_kg,
@@ -145,24 +145,28 @@ impl DesignArgs {
         }))
     }
 
-    fn search(&self, problem: &SearchProblem<'_>, earlier: Option<&Earlier>) -> Result<Found, CliError> {
+    fn search(
+        &self,
+        problem: &SearchProblem<'_>,
+        earlier: Option<&Earlier>,
+    ) -> Result<SearchResult, CliError> {
         let begin = Instant::now();
         let budget = match self.budget_s {
-            Some(seconds) => Budget::Until(begin + Duration::from_secs_f64(seconds)),
-            None => Budget::Starts(self.starts.unwrap_or(STARTS)),
+            Some(seconds) => SearchBudget::Until(begin + Duration::from_secs_f64(seconds)),
+            None => SearchBudget::Starts(self.starts.unwrap_or(STARTS)),
         };
         let processors = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let threads = self.threads.map_or(processors, usize::from);
         let bar = match budget {
-            Budget::Starts(starts) => ProgressBar::new(starts),
-            Budget::Until(_) => ProgressBar::no_length(),
+            SearchBudget::Starts(starts) => ProgressBar::new(starts),
+            SearchBudget::Until(_) => ProgressBar::no_length(),
         };
         if !std::io::stderr().is_terminal() {
             bar.set_draw_target(indicatif::ProgressDrawTarget::hidden());
         }
         let template = match budget {
-            Budget::Starts(_) => "[{bar:30}] {pos}/{len} starts, {msg}, {elapsed}, eta {eta}",
-            Budget::Until(_) => "{spinner} {pos} starts, {msg}, {elapsed}",
+            SearchBudget::Starts(_) => "[{bar:30}] {pos}/{len} starts, {msg}, {elapsed}, eta {eta}",
+            SearchBudget::Until(_) => "{spinner} {pos} starts, {msg}, {elapsed}",
         };
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
@@ -183,12 +187,12 @@ impl DesignArgs {
         robot: &Robot,
         base: &BaseParameters,
         settings: SearchSettings,
-        beside: &Beside,
+        beside: &ProductionPrecision,
         recording: &Recording,
-    ) -> Result<(Found, Precision), CliError> {
+    ) -> Result<(SearchResult, Precision), CliError> {
         let refused =
             |error: armwatch_method::NumericsError| CliError::Usage(format!("{}: {error}", self.robot));
-        let durations = Beside::durations(self.seconds);
+        let durations = ProductionPrecision::durations(self.seconds);
         for (k, &duration) in durations.iter().enumerate() {
             let settings = SearchSettings { period: duration, ..settings.clone() };
             let instants = INSTANTS_PER_HARMONIC * settings.harmonics;
@@ -208,9 +212,9 @@ impl DesignArgs {
         &self,
         base: &BaseParameters,
         chosen: &[usize],
-        found: &Found,
+        found: &SearchResult,
         conditions: &Conditioning,
-        beside: Option<&Beside>,
+        beside: Option<&ProductionPrecision>,
     ) -> SearchRecord {
         SearchRecord {
             armwatch: env!("CARGO_PKG_VERSION").to_owned(),

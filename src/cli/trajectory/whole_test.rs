@@ -226,7 +226,7 @@ fn describe(plan: &CyclePlan, robot: &Robot, judged: &MotionCheck<'_>, args: &Wh
 }
 
 /// How one joint is tested for friction.
-struct FrictionTest {
+struct JointFrictionTest {
     joint: JointIndex,
     /// Angle of its axis from the vertical, rad.
     tilt: f64,
@@ -236,14 +236,14 @@ struct FrictionTest {
     levels: Vec<(f64, u32, f64)>,
 }
 
-fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<FrictionTest> {
+fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<JointFrictionTest> {
     let of = |joint: JointIndex| {
         let own = plan.segments.iter().filter_map(|segment| match segment.motion {
             MotionPiece::Plateaus(plateaus) if plateaus.joint == joint.index() => Some(plateaus),
             _ => None,
         });
         let own: Vec<_> = own.collect();
-        own.first().map(|first| FrictionTest {
+        own.first().map(|first| JointFrictionTest {
             joint,
             tilt: axis_tilt(robot, joint, &first.posture),
             posture: first.posture[..robot.joint_count()].to_vec(),
@@ -256,7 +256,7 @@ fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<FrictionTest> {
 /// Tilt from which gravity is no longer still, rad.
 const STILL: f64 = 1e-6;
 
-fn print_friction(tests: &[FrictionTest]) {
+fn print_friction(tests: &[JointFrictionTest]) {
     if tests.is_empty() {
         return;
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::method::METHOD;
 use super::test_database::{Database, assert_sound, change, count, fresh};
-use super::windows::{Judged, judge_tests};
+use super::windows::{WindowFindings, judge_tests};
 use armwatch_method::detect::runs::detect_among;
 use armwatch_method::detect::window::Lengths;
 use armwatch_model::anomaly::settings::DetectSettings;
@@ -17,7 +17,7 @@ fn said(findings: &Findings) -> Vec<String> {
     anomalies.chain(health).chain([format!("{:?}", findings.expected_by)]).collect()
 }
 
-async fn from_kept(store: &Database) -> Judged {
+async fn from_kept(store: &Database) -> WindowFindings {
     let settings = DetectSettings::default();
     judge_tests(store, 1, None, &[], &settings, &Lengths::OF_TESTS).await.expect("findings")
 }

@@ -13,7 +13,7 @@ use tokio::task::JoinError;
 use super::history::Concluded;
 use super::isolation::panic_reason;
 use super::method::METHOD;
-use crate::pipeline::context::{Pipeline, PipelineError, Usual};
+use crate::pipeline::context::{Pipeline, PipelineError, RobotBaseline};
 use armwatch_method::detect::runs::open_run::{UsualTests, detect_open};
 use armwatch_method::partial_run::first_cycles;
 use armwatch_model::analysis::measurements::RunMeasurements;
@@ -115,11 +115,12 @@ impl Pipeline {
         }
     }
 
-    async fn usual_of(&self, test: &OpenTest) -> Result<Arc<Usual>, PipelineError> {
+    async fn usual_of(&self, test: &OpenTest) -> Result<Arc<RobotBaseline>, PipelineError> {
         let settings = self.config.detect;
         let known = self.usual.lock().unwrap_or_else(PoisonError::into_inner).get(&test.robot_id).cloned();
-        let holds =
-            |of: &Arc<Usual>| (of.run_id, of.history, of.settings) == (test.run_id, test.history, settings);
+        let holds = |of: &Arc<RobotBaseline>| {
+            (of.run_id, of.history, of.settings) == (test.run_id, test.history, settings)
+        };
         if let Some(usual) = known.filter(holds) {
             return Ok(usual);
         }
@@ -139,7 +140,7 @@ impl Pipeline {
             first.push((run, measured));
         }
         let (run_id, history) = (test.run_id, test.history);
-        let usual = Arc::new(Usual { run_id, history, settings, epochs, tests, first });
+        let usual = Arc::new(RobotBaseline { run_id, history, settings, epochs, tests, first });
         let mut kept = self.usual.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() >= MOST_KEPT {
             kept.clear();
@@ -151,7 +152,7 @@ impl Pipeline {
 
 fn judge(
     test: &OpenTest,
-    usual: &Usual,
+    usual: &RobotBaseline,
     measured: &RunMeasurements,
     settings: &DetectSettings,
 ) -> Vec<Anomaly> {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::test_database::{Database, assert_sound, change, count, fresh};
-use super::windows::{Judged, judge_logs, judge_tests};
+use super::windows::{WindowFindings, judge_logs, judge_tests};
 use armwatch_method::detect::window::Lengths;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings};
@@ -19,7 +19,7 @@ fn said<'a>(anomalies: impl IntoIterator<Item = &'a Anomaly>) -> Vec<String> {
 }
 
 /// Stores findings; what happened to anomalies.
-async fn reconcile(store: &Database, found: &Judged) -> Reconciled {
+async fn reconcile(store: &Database, found: &WindowFindings) -> Reconciled {
     let mut conclusion = store.conclude(1).await.expect("a transaction");
     let history = conclusion.history().await.expect("a history");
     let reconciled = conclusion.reconcile(&found.findings, &found.settled).await.expect("reconciled");
@@ -27,7 +27,11 @@ async fn reconcile(store: &Database, found: &Judged) -> Reconciled {
     reconciled
 }
 
-async fn conclude(store: &Database, settings: &DetectSettings, lengths: &Lengths) -> (Judged, Reconciled) {
+async fn conclude(
+    store: &Database,
+    settings: &DetectSettings,
+    lengths: &Lengths,
+) -> (WindowFindings, Reconciled) {
     let found = judge_tests(store, 1, None, &[], settings, lengths).await.expect("findings");
     let reconciled = reconcile(store, &found).await;
     (found, reconciled)
@@ -44,7 +48,7 @@ async fn start(store: &Database, run_id: i64) -> jiff::Timestamp {
     jiff::Timestamp::from_microsecond(micros.fetch_one(&store.rows).await.expect("a run")).expect("a time")
 }
 
-async fn short(store: &Database) -> Judged {
+async fn short(store: &Database) -> WindowFindings {
     conclude(store, &DetectSettings::default(), &SHORT).await.0
 }
 
@@ -198,7 +202,7 @@ async fn nothing_is_settled_while_a_test_is_left_out() {
 /// Windows of logs so short that a hundred have several.
 const SHORT_WORK: Lengths = Lengths { step: 30, lead: 15, head: 3, around: 4 };
 
-async fn conclude_work(store: &Database) -> (Judged, Reconciled) {
+async fn conclude_work(store: &Database) -> (WindowFindings, Reconciled) {
     let found = judge_logs(store, 1, &DetectSettings::default(), &SHORT_WORK).await.expect("findings");
     let reconciled = reconcile(store, &found).await;
     (found, reconciled)

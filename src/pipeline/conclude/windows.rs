@@ -36,7 +36,7 @@ pub fn too_late(robot: &str, boundary: Timestamp) -> String {
 
 /// Findings from a history, and the work that they took.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Judged {
+pub struct WindowFindings {
     /// Findings that are not settled.
     pub findings: Findings,
     /// The parts of the history that these findings settle, oldest first.
@@ -61,9 +61,9 @@ pub async fn judge_tests(
     peers: &[Peer],
     settings: &DetectSettings,
     lengths: &Lengths,
-) -> Result<Judged, PipelineError> {
+) -> Result<WindowFindings, PipelineError> {
     let mut at = store.settled(robot_id, RunKind::Test).await?;
-    let (mut judged, mut is_any_left_out) = (Judged::default(), false);
+    let (mut judged, mut is_any_left_out) = (WindowFindings::default(), false);
     loop {
         let most = if known.is_some() { usize::MAX } else { 2 * lengths.step };
         let [mut before, mut behind] = store.window_keys(robot_id, RunKind::Test, &at, most).await?;
@@ -117,9 +117,9 @@ pub async fn judge_logs(
     robot_id: i64,
     settings: &DetectSettings,
     lengths: &Lengths,
-) -> Result<Judged, PipelineError> {
+) -> Result<WindowFindings, PipelineError> {
     let mut at = store.settled(robot_id, RunKind::Production).await?;
-    let mut judged = Judged::default();
+    let mut judged = WindowFindings::default();
     loop {
         let keys = store.window_keys(robot_id, RunKind::Production, &at, 2 * lengths.step).await?.concat();
         let history = store.log_window(&keys).await?;
@@ -139,7 +139,7 @@ pub async fn judge_logs(
     }
 }
 
-impl Judged {
+impl WindowFindings {
     /// Adds the findings of a window. Returns the next boundary if it is in force.
     fn add(
         &mut self,

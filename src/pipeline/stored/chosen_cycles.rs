@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use serde::Serialize;
 use tokio::task::JoinError;
 
 use armwatch_method::NumericsError;
@@ -67,9 +68,10 @@ pub struct CrossVerification {
 }
 
 /// A cycle that takes no part although its run was chosen, or that takes part in spite of a finding.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct NotedCycle {
     /// The run.
+    #[serde(skip)]
     pub run_id: i64,
     /// Number of the cycle, from 1.
     pub cycle: u32,

@@ -7,7 +7,7 @@ use super::intake::{Recognised, file_name};
 use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_ingest::bytes::access::metadata;
 use armwatch_ingest::rejection::Rejection;
-use armwatch_model::robot::name::{Likeness, likeness, original_of};
+use armwatch_model::robot::name::{NameLikeness, likeness, original_of};
 use armwatch_model::text;
 
 /// Why an export does not become the first of a new robot; `None` where its robot is known, or the name is its own.
@@ -37,13 +37,13 @@ pub(in crate::pipeline) async fn question(
     let own = format!("add a [[robot]] entry with name = \"{robot}\" if it is a robot of its own");
     let (reason, remedy) = match likeness(robot, known.iter().map(String::as_str)) {
         None => return Ok(None),
-        Some(Likeness::Spelling(same)) => (
+        Some(NameLikeness::Spelling(same)) => (
             format!(
                 "no robot \"{robot}\" is known, and the name differs from \"{same}\" only in case, blanks or form"
             ),
             format!("rename the file if it is an export of {same}; {own}"),
         ),
-        Some(Likeness::Copy(original)) => (
+        Some(NameLikeness::Copy(original)) => (
             format!(
                 "no robot \"{robot}\" is known, and the file is named as a copy of an export of {original}"
             ),

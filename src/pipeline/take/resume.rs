@@ -160,7 +160,7 @@ mod tests {
     use armwatch_ingest::table::clock::{ClockOrigin, PreviousTime};
     use armwatch_method::segment::cycles::CutterState;
     use armwatch_method::segment::stages::{OutsideLevels, SignalState};
-    use armwatch_method::segment::stages_from_motion::{MotionFinderState, MovingJoints, Phase};
+    use armwatch_method::segment::stages_from_motion::{MotionFinderState, MotionPhase, MovingJoints};
     use armwatch_model::run::Stage;
 
     #[test]
@@ -196,7 +196,7 @@ mod tests {
                     last: Some(0.8),
                     stage: Some(Stage::Friction),
                     candidate: Some((MovingJoints::OneJoint, 0.9)),
-                    phase: Phase::Warming,
+                    phase: MotionPhase::Warming,
                 },
             },
             cutter: CutterState { rows_cut: 5, cycles_cut: 4, number_cut: 9, counter_reached: u32::MAX },

@@ -6,7 +6,7 @@ use super::series::{Axes, draw_area, draw_series, is_finite, is_shown, significa
 use super::sizes::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
 use super::words::text;
 use crate::report::figure::{
-    Band, Event, EventKind, Level, Panel, Series, Standing, TINTS, XAxis, YAxis, extent,
+    Band, FigureEvent, FigureEventKind, Level, Panel, Series, Standing, TINTS, XAxis, YAxis, extent,
 };
 use crate::report::scale::{Scale, Tick};
 use armwatch_model::text::xml;
@@ -211,7 +211,7 @@ fn limit_name(level: Level) -> &'static str {
     }
 }
 
-fn draw_event(svg: &mut String, event: &Event, x: &Scale, above: f64, below: f64) {
+fn draw_event(svg: &mut String, event: &FigureEvent, x: &Scale, above: f64, below: f64) {
     let at = x.at(event.at);
     let _ = writeln!(
         svg,
@@ -224,9 +224,9 @@ fn draw_event(svg: &mut String, event: &Event, x: &Scale, above: f64, below: f64
 }
 
 /// A triangle or a diamond that hangs at a height.
-pub(super) fn event_mark(kind: EventKind, x: f64, top: f64) -> String {
+pub(super) fn event_mark(kind: FigureEventKind, x: f64, top: f64) -> String {
     match kind {
-        EventKind::Alarm => format!("<path class=\"alarm\" d=\"M{:.1} {top:.1}h12l-6 10z\"/>", x - 6.0),
-        EventKind::Repair => format!("<path class=\"repair\" d=\"M{x:.1} {top:.1}l6 6l-6 6l-6 -6z\"/>"),
+        FigureEventKind::Alarm => format!("<path class=\"alarm\" d=\"M{:.1} {top:.1}h12l-6 10z\"/>", x - 6.0),
+        FigureEventKind::Repair => format!("<path class=\"repair\" d=\"M{x:.1} {top:.1}l6 6l-6 6l-6 -6z\"/>"),
     }
 }

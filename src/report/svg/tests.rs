@@ -1,6 +1,6 @@
 use crate::report::figure::{
-    Area, Band, Event, EventKind, Figure, Key, Level, Limit, Look, Mark, Panel, Series, Standing, Strip,
-    XAxis, YAxis,
+    Area, Band, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, Mark, Panel, Series, Standing,
+    Strip, XAxis, YAxis,
 };
 
 fn figure(points: Vec<[f64; 2]>, mark: Mark) -> Figure {
@@ -11,7 +11,7 @@ fn figure(points: Vec<[f64; 2]>, mark: Mark) -> Figure {
         bands: vec![Band { from: 0.0, to: 5.0, tint: 1 }],
         areas: vec![Area { colour: 1, points: points.iter().map(|[x, y]| [*x, y - 1.0, y + 1.0]).collect() }],
         limits: vec![Limit { value: 1.5, level: Level::Warning }],
-        events: vec![Event { at: 1.0, kind: EventKind::Repair, label: "a <gear> & oil".into() }],
+        events: vec![FigureEvent { at: 1.0, kind: FigureEventKind::Repair, label: "a <gear> & oil".into() }],
         standing: Some(Standing { word: "ok".into(), level: Level::Usual }),
         strip: Some(Strip {
             y_label: "residual".into(),

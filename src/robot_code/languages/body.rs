@@ -1,7 +1,7 @@
 //! What the writers of all languages share.
 
 use crate::robot_code::expression::{Expression, Function, Node};
-use crate::robot_code::listing::{LINE_WIDTH, Line, Listing, listing, wrapped, wrapped_code};
+use crate::robot_code::listing::{CodeLine, LINE_WIDTH, Listing, listing, wrapped, wrapped_code};
 use crate::robot_code::torque::{Constant, TorquePrograms};
 use armwatch_model::text;
 
@@ -87,10 +87,10 @@ pub(super) fn assignments(of: &Listing, syntax: &Syntax) -> String {
     let mut text = String::new();
     for line in &of.lines {
         match line {
-            Line::Title(title) => {
+            CodeLine::Title(title) => {
                 text += &format!("\n    {}{title}{}\n", syntax.comment, syntax.comment_end);
             }
-            Line::Assignment { name, value } => {
+            CodeLine::Assignment { name, value } => {
                 text += &value_lines(&format!("{}{name} = ", syntax.variable), value, syntax.end, syntax);
             }
         }

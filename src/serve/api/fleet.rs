@@ -208,14 +208,14 @@ async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
 
 /// Open anomalies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Open {
+struct OpenCounts {
     /// Of severity warning or critical.
     alarms: u64,
     /// Of severity info.
     infos: u64,
 }
 
-impl Open {
+impl OpenCounts {
     fn all(self) -> u64 {
         self.alarms + self.infos
     }
@@ -227,7 +227,7 @@ impl Open {
 
 /// Open anomalies by robot and joint; those of the whole arm have no joint.
 #[derive(Debug, Default)]
-struct OpenByPlace(HashMap<String, HashMap<Option<i64>, Open>>);
+struct OpenByPlace(HashMap<String, HashMap<Option<i64>, OpenCounts>>);
 
 impl OpenByPlace {
     fn of(anomalies: &[Row]) -> Self {
@@ -244,13 +244,13 @@ impl OpenByPlace {
         found
     }
 
-    fn robot(&self, robot: &str) -> Open {
+    fn robot(&self, robot: &str) -> OpenCounts {
         let of_robot = self.0.get(robot).into_iter().flat_map(HashMap::values);
-        of_robot.fold(Open::default(), |all, open| all.and(*open))
+        of_robot.fold(OpenCounts::default(), |all, open| all.and(*open))
     }
 
     /// Of the joint and of the whole arm, as the view `fleet_health` counts them.
-    fn joint(&self, robot: &str, joint: i64) -> Open {
+    fn joint(&self, robot: &str, joint: i64) -> OpenCounts {
         let of = |joint: Option<i64>| self.0.get(robot).and_then(|of| of.get(&joint)).copied();
         of(Some(joint)).unwrap_or_default().and(of(None).unwrap_or_default())
     }
@@ -392,10 +392,10 @@ mod tests {
         ];
         let rows: Vec<Row> = rows.into_iter().filter_map(Row::of).collect();
         let open = OpenByPlace::of(&rows);
-        assert_eq!(open.robot("A"), Open { alarms: 2, infos: 1 });
-        assert_eq!(open.joint("A", 1), Open { alarms: 2, infos: 1 });
-        assert_eq!(open.joint("A", 2), Open { alarms: 1, infos: 0 }, "that of the whole arm");
-        assert_eq!((open.robot("B"), open.robot("B").all()), (Open { alarms: 0, infos: 1 }, 1));
-        assert_eq!(open.robot("C"), Open::default());
+        assert_eq!(open.robot("A"), OpenCounts { alarms: 2, infos: 1 });
+        assert_eq!(open.joint("A", 1), OpenCounts { alarms: 2, infos: 1 });
+        assert_eq!(open.joint("A", 2), OpenCounts { alarms: 1, infos: 0 }, "that of the whole arm");
+        assert_eq!((open.robot("B"), open.robot("B").all()), (OpenCounts { alarms: 0, infos: 1 }, 1));
+        assert_eq!(open.robot("C"), OpenCounts::default());
     }
 }

@@ -36,7 +36,7 @@ pub struct View {
 
 /// Rows of a view
 #[derive(Debug, Serialize, ToSchema)]
-pub struct Rows {
+pub struct RowPage {
     /// Name of the view
     view: String,
     /// The rows
@@ -68,7 +68,7 @@ pub async fn views(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Res
         ("order" = Option<String>, Query, description = "Column to sort by, with - in front from its highest value down"),
     ),
     responses(
-        (status = 200, description = "The rows", body = Rows),
+        (status = 200, description = "The rows", body = RowPage),
         (status = 400, description = "No such column, or a wrong limit", body = Problem),
         (status = 404, description = "No such view", body = Problem),
         Refused,
@@ -80,7 +80,7 @@ pub async fn of_view(
     Path(view): Path<String>,
     Query(asked): Query<Vec<(String, String)>>,
     headers: HeaderMap,
-) -> Result<Json<Rows>, Refusal> {
+) -> Result<Json<RowPage>, Refusal> {
     shared.access.check(&headers)?;
     let mut wanted = ViewRows { limit: USUAL_LIMIT, ..ViewRows::default() };
     for (name, value) in asked {
@@ -103,7 +103,7 @@ pub async fn of_view(
     let truncated = table.rows.len() > most;
     table.rows.truncate(most);
     let rows = table.objects().filter_map(Row::of).collect();
-    Ok(Json(Rows { view, rows, truncated }))
+    Ok(Json(RowPage { view, rows, truncated }))
 }
 
 fn limit(text: &str) -> Result<usize, Refusal> {

@@ -31,7 +31,7 @@ const DIGITS: i32 = 6;
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct Asked {
+pub struct TorqueQuery {
     /// Most rows of each joint; 1200 where it is not given
     #[param(minimum = 8, maximum = 10_000)]
     points: Option<usize>,
@@ -51,14 +51,14 @@ pub struct Torque {
     /// Cut-off of the low-pass on both torques, Hz
     cutoff_hz: f64,
     /// Stages in their order
-    stages: Vec<Stage>,
+    stages: Vec<TorqueStage>,
     /// One entry a joint
-    joints: Vec<Joint>,
+    joints: Vec<JointTorqueRows>,
 }
 
 /// A stage of a cycle
 #[derive(Debug, Serialize, ToSchema)]
-pub struct Stage {
+pub struct TorqueStage {
     /// excitation, friction, warming, or between them
     stage: &'static str,
     /// Its first row, s since the start of the recording
@@ -69,7 +69,7 @@ pub struct Stage {
 
 /// Torque of a joint; all lists have the same length
 #[derive(Debug, Serialize, ToSchema)]
-pub struct Joint {
+pub struct JointTorqueRows {
     /// Its number, from 1
     joint: usize,
     /// revolute, or prismatic: then torques are forces in N, and the velocity is in m/s
@@ -103,7 +103,7 @@ pub struct Joint {
     params(
         ("run_id" = i64, Path, description = "The run"),
         ("cycle" = u32, Path, description = "The cycle, from 1"),
-        Asked,
+        TorqueQuery,
     ),
     responses(
         (status = 200, description = "The torques", body = Torque),
@@ -118,7 +118,7 @@ pub struct Joint {
 pub async fn of_cycle(
     State(shared): State<Arc<Shared>>,
     Path((run_id, cycle)): Path<(String, String)>,
-    asked: Result<Query<Asked>, QueryRejection>,
+    asked: Result<Query<TorqueQuery>, QueryRejection>,
     headers: HeaderMap,
 ) -> Result<Json<Torque>, Refusal> {
     const POINTS: std::ops::RangeInclusive<usize> = 8..=10_000;
@@ -127,7 +127,7 @@ pub async fn of_cycle(
     let cycle = number(&cycle, "cycle", "GET /v1/views/cycles has the numbers in its column cycle")?;
     let bad = |sentence: String| Refusal::new(StatusCode::BAD_REQUEST, sentence);
     let range = format!("a whole number from {} to {}", POINTS.start(), POINTS.end());
-    let Query(Asked { points }) =
+    let Query(TorqueQuery { points }) =
         asked.map_err(|_| bad(format!("the only parameter is points, {range}, as in ?points=1200")))?;
     let points = points.unwrap_or(USUAL_POINTS);
     if !POINTS.contains(&points) {
@@ -142,7 +142,7 @@ pub async fn of_cycle(
     };
     let found = read.unwrap_or_else(|error| Err(error.into())).map_err(|error| refused(&error))?;
     let CycleTorque { robot, source_name, cutoff_hz, stages, joints } = found;
-    let stage = |span: crate::pipeline::look::torque::StageSpan| Stage {
+    let stage = |span: crate::pipeline::look::torque::StageSpan| TorqueStage {
         stage: span.stage.name(),
         from_s: span.from_s,
         to_s: span.to_s,
@@ -175,11 +175,11 @@ async fn in_turn<T: Send + 'static>(
     Some(task.await)
 }
 
-fn told(of: &JointTorque) -> Joint {
+fn told(of: &JointTorque) -> JointTorqueRows {
     let column = |of: &[f64]| of.iter().map(|value| rounded(*value)).collect();
     let residual =
         of.measured_nm.iter().zip(&of.estimated_nm).map(|(measured, estimated)| measured - estimated);
-    Joint {
+    JointTorqueRows {
         joint: of.joint.number(),
         kind: match of.kind {
             JointKind::Revolute => "revolute",

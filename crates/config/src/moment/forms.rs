@@ -27,7 +27,7 @@ const NAMED_ORDERS: [&[&str]; 3] = [&["%d", "%Y"], &["%d", "%y"], &["%Y", "%d"]]
 pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
     let cell = cell.trim_matches(is_blank);
     let pieces = pieces(cell);
-    let Some(clock) = Clock::find(&pieces) else { return Vec::new() };
+    let Some(clock) = TimeOfDay::find(&pieces) else { return Vec::new() };
     let format = |orders: &[&str]| clock.format(&pieces, orders);
     let has_name = pieces.iter().any(|piece| matches!(piece, Piece::Word(word) if month_of(word).is_some()));
     let dates = clock.numbers_of_date(&pieces);
@@ -86,7 +86,7 @@ fn pieces(cell: &str) -> Vec<Piece<'_>> {
 }
 
 /// Where the time of day stands among the pieces of a cell.
-struct Clock {
+struct TimeOfDay {
     /// Its first and last piece; the numbers are every other one.
     first: usize,
     last: usize,
@@ -98,7 +98,7 @@ struct Clock {
     offset: Option<usize>,
 }
 
-impl Clock {
+impl TimeOfDay {
     fn find(pieces: &[Piece<'_>]) -> Option<Self> {
         let is_number = |at: usize| matches!(pieces.get(at), Some(Piece::Digits(_)));
         let sign = |at: usize| match pieces.get(at) {

@@ -8,7 +8,7 @@ use super::table::{Table, Value};
 use armwatch_model::robot::JointKind;
 
 /// A unit and what is permitted in it.
-pub(crate) struct Unit {
+pub(crate) struct KeyUnit {
     /// End of the key.
     suffix: &'static str,
     to_si: f64,
@@ -16,66 +16,66 @@ pub(crate) struct Unit {
 }
 
 /// The units of a quantity, for joints that turn and for joints that slide.
-pub(crate) struct Units {
-    revolute: [Unit; 2],
-    prismatic: [Unit; 1],
+pub(crate) struct KeyUnits {
+    revolute: [KeyUnit; 2],
+    prismatic: [KeyUnit; 1],
 }
 
 /// Factor from degrees to radians; the one that `f64::to_radians` uses.
 const DEG: f64 = PI / 180.0;
 
 /// An angle of the geometry, up to a full turn.
-pub(crate) const TURN: Units = Units {
+pub(crate) const TURN: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg", to_si: DEG, limits: Limits::within(360.0, "deg") },
-        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(6.3, "rad") },
+        KeyUnit { suffix: "deg", to_si: DEG, limits: Limits::within(360.0, "deg") },
+        KeyUnit { suffix: "rad", to_si: 1.0, limits: Limits::within(6.3, "rad") },
     ],
-    prismatic: [Unit { suffix: "m", to_si: 1.0, limits: Limits::within(10.0, "m") }],
+    prismatic: [KeyUnit { suffix: "m", to_si: 1.0, limits: Limits::within(10.0, "m") }],
 };
 
 /// A position; last joints of some arms turn many times.
-pub(crate) const POSITION: Units = Units {
+pub(crate) const POSITION: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg", to_si: DEG, limits: Limits::within(3600.0, "deg") },
-        Unit { suffix: "rad", to_si: 1.0, limits: Limits::within(62.84, "rad") },
+        KeyUnit { suffix: "deg", to_si: DEG, limits: Limits::within(3600.0, "deg") },
+        KeyUnit { suffix: "rad", to_si: 1.0, limits: Limits::within(62.84, "rad") },
     ],
-    prismatic: [Unit { suffix: "m", to_si: 1.0, limits: Limits::within(100.0, "m") }],
+    prismatic: [KeyUnit { suffix: "m", to_si: 1.0, limits: Limits::within(100.0, "m") }],
 };
 
 /// A largest speed; above zero.
-pub(crate) const VELOCITY: Units = Units {
+pub(crate) const VELOCITY: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg_s", to_si: DEG, limits: Limits::above(0.0, 6000.0, "deg/s") },
-        Unit { suffix: "rad_s", to_si: 1.0, limits: Limits::above(0.0, 105.0, "rad/s") },
+        KeyUnit { suffix: "deg_s", to_si: DEG, limits: Limits::above(0.0, 6000.0, "deg/s") },
+        KeyUnit { suffix: "rad_s", to_si: 1.0, limits: Limits::above(0.0, 105.0, "rad/s") },
     ],
-    prismatic: [Unit { suffix: "m_s", to_si: 1.0, limits: Limits::above(0.0, 50.0, "m/s") }],
+    prismatic: [KeyUnit { suffix: "m_s", to_si: 1.0, limits: Limits::above(0.0, 50.0, "m/s") }],
 };
 
 /// A speed, which may be zero.
-pub(crate) const SPEED: Units = Units {
+pub(crate) const SPEED: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg_s", to_si: DEG, limits: Limits::between(0.0, 6000.0, "deg/s") },
-        Unit { suffix: "rad_s", to_si: 1.0, limits: Limits::between(0.0, 105.0, "rad/s") },
+        KeyUnit { suffix: "deg_s", to_si: DEG, limits: Limits::between(0.0, 6000.0, "deg/s") },
+        KeyUnit { suffix: "rad_s", to_si: 1.0, limits: Limits::between(0.0, 105.0, "rad/s") },
     ],
-    prismatic: [Unit { suffix: "m_s", to_si: 1.0, limits: Limits::between(0.0, 50.0, "m/s") }],
+    prismatic: [KeyUnit { suffix: "m_s", to_si: 1.0, limits: Limits::between(0.0, 50.0, "m/s") }],
 };
 
 /// A largest acceleration; above zero.
-pub(crate) const ACCELERATION: Units = Units {
+pub(crate) const ACCELERATION: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg_s2", to_si: DEG, limits: Limits::above(0.0, 1e5, "deg/s^2") },
-        Unit { suffix: "rad_s2", to_si: 1.0, limits: Limits::above(0.0, 1746.0, "rad/s^2") },
+        KeyUnit { suffix: "deg_s2", to_si: DEG, limits: Limits::above(0.0, 1e5, "deg/s^2") },
+        KeyUnit { suffix: "rad_s2", to_si: 1.0, limits: Limits::above(0.0, 1746.0, "rad/s^2") },
     ],
-    prismatic: [Unit { suffix: "m_s2", to_si: 1.0, limits: Limits::above(0.0, 1000.0, "m/s^2") }],
+    prismatic: [KeyUnit { suffix: "m_s2", to_si: 1.0, limits: Limits::above(0.0, 1000.0, "m/s^2") }],
 };
 
 /// A largest jerk; above zero.
-pub(crate) const JERK: Units = Units {
+pub(crate) const JERK: KeyUnits = KeyUnits {
     revolute: [
-        Unit { suffix: "deg_s3", to_si: DEG, limits: Limits::above(0.0, 1e7, "deg/s^3") },
-        Unit { suffix: "rad_s3", to_si: 1.0, limits: Limits::above(0.0, 174_600.0, "rad/s^3") },
+        KeyUnit { suffix: "deg_s3", to_si: DEG, limits: Limits::above(0.0, 1e7, "deg/s^3") },
+        KeyUnit { suffix: "rad_s3", to_si: 1.0, limits: Limits::above(0.0, 174_600.0, "rad/s^3") },
     ],
-    prismatic: [Unit { suffix: "m_s3", to_si: 1.0, limits: Limits::above(0.0, 1e5, "m/s^3") }],
+    prismatic: [KeyUnit { suffix: "m_s3", to_si: 1.0, limits: Limits::above(0.0, 1e5, "m/s^3") }],
 };
 
 /// A value with the unit it was given in.
@@ -95,23 +95,23 @@ pub(crate) fn quantity<'t, 'd>(
     table: &'t Table<'d>,
     stem: &str,
     kind: JointKind,
-    units: &'t Units,
-) -> Quantity<'t, 'd> {
-    let units: &[Unit] = match kind {
+    units: &'t KeyUnits,
+) -> QuantityKey<'t, 'd> {
+    let units: &[KeyUnit] = match kind {
         JointKind::Revolute => &units.revolute,
         JointKind::Prismatic => &units.prismatic,
     };
-    Quantity { table, keys: units.iter().map(|unit| format!("{stem}_{}", unit.suffix)).collect(), units }
+    QuantityKey { table, keys: units.iter().map(|unit| format!("{stem}_{}", unit.suffix)).collect(), units }
 }
 
 /// See [`quantity`].
-pub(crate) struct Quantity<'t, 'd> {
+pub(crate) struct QuantityKey<'t, 'd> {
     table: &'t Table<'d>,
     keys: Vec<String>,
-    units: &'t [Unit],
+    units: &'t [KeyUnit],
 }
 
-impl<'d> Quantity<'_, 'd> {
+impl<'d> QuantityKey<'_, 'd> {
     /// The value, which must be given.
     pub fn required(&self) -> Option<Given<'d>> {
         let (i, value) = self.table.one_of(&self.keys())?;

@@ -29,7 +29,7 @@ pub(crate) fn read_document<T>(
     text: &str,
     read: impl FnOnce(&Table<'_>) -> Option<T>,
 ) -> Result<T, ConfigErrors> {
-    let source = Source {
+    let source = Document {
         file,
         text,
         problems: RefCell::default(),
@@ -52,7 +52,7 @@ pub(crate) fn read_document<T>(
 }
 
 /// A document being read and what was found wrong so far.
-struct Source<'t> {
+struct Document<'t> {
     file: &'t str,
     text: &'t str,
     problems: RefCell<Vec<ConfigProblem>>,
@@ -62,7 +62,7 @@ struct Source<'t> {
     nothing: DeTable<'t>,
 }
 
-impl Source<'_> {
+impl Document<'_> {
     fn note(
         &self,
         at: &Range<usize>,
@@ -126,7 +126,7 @@ impl Source<'_> {
 
 /// A table of the document.
 pub(crate) struct Table<'d> {
-    source: &'d Source<'d>,
+    source: &'d Document<'d>,
     path: String,
     at: Range<usize>,
     entries: &'d DeTable<'d>,
@@ -136,7 +136,7 @@ pub(crate) struct Table<'d> {
 }
 
 impl<'d> Table<'d> {
-    fn new(source: &'d Source<'d>, path: String, at: Range<usize>, entries: &'d DeTable<'d>) -> Self {
+    fn new(source: &'d Document<'d>, path: String, at: Range<usize>, entries: &'d DeTable<'d>) -> Self {
         Self { source, path, at, entries, asked: RefCell::default(), missing: RefCell::default() }
     }
 
@@ -285,7 +285,7 @@ impl Drop for Table<'_> {
 
 /// A value of the document.
 pub(crate) struct Value<'d> {
-    source: &'d Source<'d>,
+    source: &'d Document<'d>,
     path: String,
     node: &'d Spanned<DeValue<'d>>,
 }

@@ -7,7 +7,7 @@ use crate::diagnose::model::causes::motor_torques;
 use crate::diagnose::model::channels::Channels;
 use crate::diagnose::model::combination::PlausibleSettings;
 use crate::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_description, late_torques};
-use crate::diagnose::model::level::{Level, RESIDUAL_RATIO, TILT};
+use crate::diagnose::model::level::{BaseTilt, RESIDUAL_RATIO, TILT};
 use crate::diagnose::model::nominal::inertia_ratios;
 use crate::diagnose::model::unmeasured::{accelerations, unmeasured};
 use crate::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
@@ -60,7 +60,7 @@ pub(crate) fn judge_channels(
     method: &Method,
     recorded: &Recorded<'_>,
     mut findings: Vec<Finding>,
-    level: &mut Option<Level>,
+    level: &mut Option<BaseTilt>,
 ) -> Vec<Finding> {
     if findings.iter().all(|finding| finding.severity != FindingSeverity::Refuse) {
         let excitation = recorded.excitation();
@@ -83,7 +83,7 @@ pub(crate) fn judge_model(
     method: &Method,
     recorded: &Recorded<'_>,
     (factors, found): (&[TriangularFactor], &Identification),
-    level: Option<Level>,
+    level: Option<BaseTilt>,
 ) -> Vec<Finding> {
     let given = judged(method, recorded, (factors, found));
     let is_suspect = |of: &Finding| {
@@ -94,7 +94,7 @@ pub(crate) fn judge_model(
     }
     let excitation = recorded.excitation();
     let channels = recorded.channels(method, &excitation);
-    let Some(level) = level.or_else(|| Level::of(&channels)) else { return given };
+    let Some(level) = level.or_else(|| BaseTilt::of(&channels)) else { return given };
     let tilted = if level.is_shown() { judged_beside_tilt(method, recorded, &level) } else { None };
     let mut findings = tilted.unwrap_or(given);
     findings.extend(turned_by_friction(&channels, &level, &findings));
@@ -102,7 +102,7 @@ pub(crate) fn judge_model(
 }
 
 /// The same findings with the tilted description, and its tilt; `None` if it identifies nothing.
-fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &Level) -> Option<Vec<Finding>> {
+fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &BaseTilt) -> Option<Vec<Finding>> {
     let tilted = method.of_other(level.robot().clone(), level.base.clone(), level.columns.clone());
     let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     let rows = FactoredRows {

@@ -74,8 +74,8 @@ pub fn clustered(
     if blocks < 2 {
         return Err(NumericsError::TooShort { what: "the record, in blocks,", rows: blocks, needed: 2 });
     }
-    let information = Information::of(&sums)?;
-    let mut scatter = Scatter::new(source.joint_count(), b);
+    let information = BlockInformation::of(&sums)?;
+    let mut scatter = BlockScatter::new(source.joint_count(), b);
     for block in sums.blocks.values() {
         scatter.add(block, &information)?;
     }
@@ -107,7 +107,7 @@ struct RowBlock {
 }
 
 /// What all blocks say of the scatter of the estimate.
-struct Scatter {
+struct BlockScatter {
     /// Sum of squares and products of the shifts that the blocks bring about, `[b x b]`.
     matrix: Mat<f64>,
     /// Its diagonal as it would be on average for independent rows of variance 1, `[b]`.
@@ -118,7 +118,7 @@ struct Scatter {
     parts: Vec<[f64; 2]>,
 }
 
-impl Scatter {
+impl BlockScatter {
     fn new(n: usize, b: usize) -> Self {
         Self {
             matrix: Mat::zeros(b, b),
@@ -128,7 +128,7 @@ impl Scatter {
         }
     }
 
-    fn add(&mut self, block: &RowBlock, information: &Information) -> Result<(), NumericsError> {
+    fn add(&mut self, block: &RowBlock, information: &BlockInformation) -> Result<(), NumericsError> {
         let spread = &block.information * &information.inverse;
         let to_shift = information.to_shift(block, &spread)?;
         let shifts = &to_shift * &block.scores;
@@ -155,7 +155,7 @@ impl Scatter {
     }
 
     /// Scatter over variance, for independent rows, `[b]`.
-    fn bias(&self, information: &Information) -> Vec<f64> {
+    fn bias(&self, information: &BlockInformation) -> Vec<f64> {
         let bias = |(k, expected): (usize, &f64)| {
             let bias = expected / information.inverse[(k, k)];
             if bias > 0.0 && bias.is_finite() { bias } else { 1.0 }
@@ -180,7 +180,7 @@ struct JointSums {
 impl JointSums {
     /// Trace of the variance of this joint's part of the estimate in units of the information, if its
     /// residuals were independent.
-    fn variance_if_independent(&self, information: &Information) -> f64 {
+    fn variance_if_independent(&self, information: &BlockInformation) -> f64 {
         let b = self.plain.ncols();
         let trace: f64 = (0..b).map(|k| -> f64 { self.plain.row(k) * information.inverse.col(k) }).sum();
         self.squares / self.rows.max(1) as f64 * trace
@@ -202,7 +202,7 @@ impl BlockSums {
         let (n, b) = (source.joint_count(), source.columns());
         let joint = || JointSums { plain: Mat::zeros(b, b), squares: 0.0, rows: 0 };
         let mut sums = Self { blocks: BTreeMap::new(), joints: (0..n).map(|_| joint()).collect(), rows: 0 };
-        let mut open: Vec<JointRows> = (0..n).map(|_| JointRows::default()).collect();
+        let mut open: Vec<HalfBlockRows> = (0..n).map(|_| HalfBlockRows::default()).collect();
         let (mut current, mut first) = (0, None);
         source.each(&mut |sample| {
             let at = sample.row - *first.get_or_insert(sample.row);
@@ -225,7 +225,7 @@ impl BlockSums {
     }
 
     /// Adds up the rows of a half, and empties them.
-    fn close(&mut self, open: &mut [JointRows], half: usize) {
+    fn close(&mut self, open: &mut [HalfBlockRows], half: usize) {
         let rows: usize = open.iter().map(|rows| rows.weighted.len()).sum();
         if rows == 0 {
             return;
@@ -268,7 +268,7 @@ fn mirror(matrix: &mut Mat<f64>) {
 
 /// Rows of one joint in half a block.
 #[derive(Default)]
-struct JointRows {
+struct HalfBlockRows {
     /// Row after row.
     w: Vec<f64>,
     /// How much each row counts in the information.
@@ -279,7 +279,7 @@ struct JointRows {
     tapers: Vec<[f64; 2]>,
 }
 
-impl JointRows {
+impl HalfBlockRows {
     /// Forgets the rows; their memory serves the next ones.
     fn clear(&mut self) {
         self.w.clear();
@@ -321,7 +321,7 @@ struct Grams {
 
 impl Grams {
     /// In one product, which takes half the time of as many small ones.
-    fn of(rows: &JointRows, b: usize) -> Self {
+    fn of(rows: &HalfBlockRows, b: usize) -> Self {
         let (columns, w) = rows.felt(b);
         let common_slope = rows.common_slope();
         let mut weights: Vec<Vec<f64>> = Vec::new();
@@ -361,7 +361,7 @@ fn add_below(sum: &mut [f64], column: &[f64], rows: &[usize], k: usize) {
 }
 
 impl JointSums {
-    fn add(&mut self, rows: &JointRows, grams: &Grams) {
+    fn add(&mut self, rows: &HalfBlockRows, grams: &Grams) {
         self.rows += rows.weighted.len();
         self.squares += dot(&rows.weighted, &rows.weighted);
         for (k, &column) in grams.columns.iter().enumerate() {
@@ -381,7 +381,7 @@ impl JointSums {
 }
 
 impl RowBlock {
-    fn add(&mut self, j: usize, rows: &JointRows, side: usize, grams: &Grams) {
+    fn add(&mut self, j: usize, rows: &HalfBlockRows, side: usize, grams: &Grams) {
         let tapered: Vec<f64> = rows.tapers.iter().zip(&rows.weighted).map(|(h, e)| h[side] * e).collect();
         for (k, &column) in grams.columns.iter().enumerate() {
             let information = self.information.col_as_slice_mut(column);
@@ -398,12 +398,12 @@ impl RowBlock {
 }
 
 /// `wᵀw` of all rows and what it takes to leave a block out of it.
-struct Information {
+struct BlockInformation {
     whole: Mat<f64>,
     inverse: Mat<f64>,
 }
 
-impl Information {
+impl BlockInformation {
     fn of(sums: &BlockSums) -> Result<Self, NumericsError> {
         let b = sums.joints.first().map_or(0, |joint| joint.plain.ncols());
         let mut whole = Mat::<f64>::zeros(b, b);

@@ -283,22 +283,6 @@ impl FactorBuilder {
         self.took(1);
     }
 
-    /// Takes `count` rows, [`BLOCK_ROWS`] at most, column by column: `write(k, entries)` gives the entries of column `k` of
-    /// `[w | tau]`.
-    ///
-    /// # Panics
-    /// If there are more rows than a block has.
-    pub fn push_columns(&mut self, count: usize, mut write: impl FnMut(usize, &mut [f64])) {
-        if self.filled + count > self.stride {
-            self.fold();
-        }
-        let Self { block, stride, filled, .. } = self;
-        for (k, column) in block.chunks_exact_mut(*stride).enumerate() {
-            write(k, &mut column[*filled..*filled + count]);
-        }
-        self.took(count);
-    }
-
     /// Takes the rows of a block, but for those of zeros, which change nothing.
     pub(super) fn push_rows(&mut self, block: MatRef<'_, f64>) {
         for i in 0..block.nrows() {

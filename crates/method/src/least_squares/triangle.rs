@@ -54,7 +54,7 @@ impl VectorKernel for Fold<'_> {
         for i in (0..width).step_by(PANEL) {
             let count = PANEL.min(width - i);
             let (columns, behind) = block[i * stride..].split_at_mut(count * stride);
-            let mut panel = Panel::default();
+            let mut panel = ReflectionPanel::default();
             for k in 0..count {
                 let (x, y) = columns.split_at_mut(k * stride);
                 let above = &mut r[i * width + i + k..];
@@ -118,12 +118,12 @@ struct Met<'a, V> {
 
 /// Reflections one after the other, and the products `x_m·x_k` of their columns.
 #[derive(Default)]
-struct Panel {
+struct ReflectionPanel {
     reflections: [Reflection; PANEL],
     products: [[f64; PANEL]; PANEL],
 }
 
-impl Panel {
+impl ReflectionPanel {
     /// Applies the first `K` reflections to the column behind theirs. Returns its products with their columns, and the
     /// sum of its squares.
     #[inline(always)]

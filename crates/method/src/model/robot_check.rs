@@ -2,6 +2,7 @@
 //! the agreement with torques and poses from elsewhere.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
 use super::base_parameters::{BaseParameters, JointState, PROBE_STATES, base_parameters, probe_state};
 use super::dynamics::{DynamicModel, gravity_torque, inverse_dynamics, mechanical_energy};
@@ -66,7 +67,7 @@ pub struct ReferenceRow {
 }
 
 /// Worst relative differences between a description and reference rows.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReferenceAgreement {
     /// Rows compared.
     pub rows: usize,

@@ -1,7 +1,7 @@
 //! Full parameters of an arm from the factors of its joints, and what physics costs each joint.
 
 use super::bodies::{PhysicalEstimate, PhysicalSettings, physical};
-use super::uniform_bodies::{Start, start};
+use super::uniform_bodies::{BodyStart, start};
 use crate::NumericsError;
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::solution::MAX_SCALED_CONDITION;
@@ -38,7 +38,7 @@ pub struct PhysicalFit {
     /// The fit.
     pub estimate: PhysicalEstimate,
     /// What it leaned on.
-    pub start: Start,
+    pub start: BodyStart,
     /// Price of physics for each joint with rows.
     pub price: Vec<ConstraintCost>,
     /// Condition number of the unconstrained problem, columns scaled.

@@ -58,7 +58,7 @@ impl BodySource {
 
 /// A start for `physical`.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Start {
+pub struct BodyStart {
     /// Links and motors, all positive.
     pub nominal: NominalModel,
     /// Where each link `[n]` comes from.
@@ -79,7 +79,7 @@ pub(crate) fn start(
     robot: &Robot,
     base: &BaseParameters,
     factor: &TriangularFactor,
-) -> Result<Start, NumericsError> {
+) -> Result<BodyStart, NumericsError> {
     let sources: Vec<BodySource> = robot
         .joints
         .iter()
@@ -102,7 +102,7 @@ pub(crate) fn start(
             if given > 0.0 { given } else { seen.max(MOTOR_SHARE * carried).max(SMALLEST_MOTOR) }
         });
     let motor_inertia = motor.collect();
-    Ok(Start { nominal: NominalModel { inertial, motor_inertia }, sources, density })
+    Ok(BodyStart { nominal: NominalModel { inertial, motor_inertia }, sources, density })
 }
 
 /// Cylinders of the density (kg/m³) along the links `[n]`, about each link's own frame.

@@ -47,7 +47,7 @@ pub enum MovingJoints {
 
 /// How far a cycle has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum Phase {
+pub enum MotionPhase {
     /// To its start, or to the excitation.
     #[default]
     Begun,
@@ -89,7 +89,7 @@ pub struct MotionFinderState {
     /// Another motion that goes on since this time, s.
     pub candidate: Option<(MovingJoints, f64)>,
     /// How far the cycle has come.
-    pub phase: Phase,
+    pub phase: MotionPhase,
 }
 
 impl MotionFinder {
@@ -184,9 +184,11 @@ impl MotionFinder {
     fn stage_of_block(&mut self) -> Stage {
         let (stage, phase) = match (self.state.block, self.state.phase) {
             (MovingJoints::Rest, phase) => (Stage::Between, phase),
-            (MovingJoints::OneJoint, _) => (Stage::Friction, Phase::Friction),
-            (MovingJoints::Several, Phase::Friction) => (Stage::Warming, Phase::Warming),
-            (MovingJoints::Several, Phase::Begun | Phase::Warming) => (Stage::Excitation, Phase::Begun),
+            (MovingJoints::OneJoint, _) => (Stage::Friction, MotionPhase::Friction),
+            (MovingJoints::Several, MotionPhase::Friction) => (Stage::Warming, MotionPhase::Warming),
+            (MovingJoints::Several, MotionPhase::Begun | MotionPhase::Warming) => {
+                (Stage::Excitation, MotionPhase::Begun)
+            }
         };
         self.state.phase = phase;
         stage

@@ -32,7 +32,7 @@ const LEAST_ROWS: usize = 4 * WINDOW;
 
 /// How times of arrival became those of an even grid.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Arrival {
+pub enum ArrivalGrid {
     /// They did, as this remark says.
     Even(String),
     /// Their rate is not steady.
@@ -41,7 +41,7 @@ pub enum Arrival {
 
 /// Gives rows that were stamped on arrival the times of an even grid. `None` where times are those of the samples; then they
 /// stay.
-pub fn take_arrival(samples: &mut Cow<'_, Samples>) -> Option<Arrival> {
+pub fn take_arrival(samples: &mut Cow<'_, Samples>) -> Option<ArrivalGrid> {
     let time = &samples.time;
     let mean = mean_step(time)?;
     let steps: Vec<f64> = time.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -54,11 +54,11 @@ pub fn take_arrival(samples: &mut Cow<'_, Samples>) -> Option<Arrival> {
         Some(even) => {
             samples.to_mut().time = even;
             let rate = 1.0 / mean_step(&samples.time)?;
-            Some(Arrival::Even(format!(
+            Some(ArrivalGrid::Even(format!(
                 "{words}: they are times of arrival, and the rows count as evenly sampled at {rate:.4} Hz"
             )))
         }
-        None => Some(Arrival::Unsteady(Finding {
+        None => Some(ArrivalGrid::Unsteady(Finding {
             kind: FindingKind::TimeAxis,
             severity: FindingSeverity::Refuse,
             joint: None,
@@ -221,7 +221,7 @@ mod tests {
         }
     }
 
-    fn taken(samples: Samples) -> (Vec<f64>, Option<Arrival>) {
+    fn taken(samples: Samples) -> (Vec<f64>, Option<ArrivalGrid>) {
         let mut samples = Cow::Owned(samples);
         let arrival = take_arrival(&mut samples);
         (samples.time.clone(), arrival)
@@ -253,7 +253,7 @@ mod tests {
             let stamp =
                 |row: usize| STEP * (row / size * size + size - 1) as f64 + 1e-4 * (row % size) as f64;
             let (time, arrival) = taken(stamped(3000, stamp));
-            let Some(Arrival::Even(remark)) = arrival else { panic!("{arrival:?}") };
+            let Some(ArrivalGrid::Even(remark)) = arrival else { panic!("{arrival:?}") };
             assert!(remark.starts_with(&format!("times come in bursts of {size}:")), "{remark}");
             assert!(remark.contains("at 50.0"), "{remark}");
             assert_even(&time, |_| false);
@@ -264,7 +264,7 @@ mod tests {
     fn a_delay_that_changes_is_jitter() {
         let stamps = delayed(3000, 0.004);
         let (time, arrival) = taken(stamped(3000, |row| stamps[row]));
-        let Some(Arrival::Even(remark)) = arrival else { panic!("{arrival:?}") };
+        let Some(ArrivalGrid::Even(remark)) = arrival else { panic!("{arrival:?}") };
         assert!(remark.starts_with("times jitter by "), "{remark}");
         assert_even(&time, |_| false);
     }
@@ -277,7 +277,7 @@ mod tests {
             let mut samples = stamped(3000, |row| stamp(of(row)));
             samples.position = vec![(0..3000).map(|row| (1.3 * STEP * of(row) as f64).sin()).collect()];
             let (time, arrival) = taken(samples);
-            assert!(matches!(arrival, Some(Arrival::Even(_))), "{lost}: {arrival:?}");
+            assert!(matches!(arrival, Some(ArrivalGrid::Even(_))), "{lost}: {arrival:?}");
             assert_even(&time, |row| (1490..1510).contains(&row));
             let gap = time[1510] - time[1490];
             assert!((gap / STEP - (20 + lost) as f64).abs() < 1.0, "{lost}: {gap}");
@@ -291,7 +291,7 @@ mod tests {
             STEP * burst as f64 + 0.4 * (burst as f64 * 0.004).sin() + 1e-4 * (row % 3) as f64
         };
         let (time, arrival) = taken(stamped(3000, stamp));
-        let Some(Arrival::Unsteady(finding)) = arrival else { panic!("{arrival:?}") };
+        let Some(ArrivalGrid::Unsteady(finding)) = arrival else { panic!("{arrival:?}") };
         assert!(finding.sentence.starts_with("times come in bursts of 3, and their mean rate is not steady"));
         assert!((time[7] - stamp(7)).abs() < 1e-12, "times stay");
     }

@@ -36,7 +36,7 @@ pub struct FilteredSignals {
     /// differences knew only one side.
     pub usable: Vec<Range<usize>>,
     /// Stretches between gaps that were filtered; rows outside hold zeros.
-    stretches: Vec<Stretch>,
+    stretches: Vec<GaplessRows>,
     /// Rows per second ([`sample_rate`]), Hz.
     pub sample_rate: f64,
     /// Cut-off of the low-pass, Hz.
@@ -101,7 +101,7 @@ impl FilteredSignals {
     #[must_use]
     pub fn derivative(&self, channel: &[f64]) -> Vec<f64> {
         let derivative =
-            |stretch: &Stretch| differentiated(&stretch.to_grid(channel), stretch.step, &self.buffers);
+            |stretch: &GaplessRows| differentiated(&stretch.to_grid(channel), stretch.step, &self.buffers);
         joined(self.stretches.iter().map(derivative).collect(), &self.stretches, channel.len())
     }
 
@@ -109,7 +109,7 @@ impl FilteredSignals {
     /// in time.
     #[must_use]
     pub fn derivative_at(&self, channel: &[f64], row: usize) -> Option<f64> {
-        let of_row = |stretch: &&Stretch| stretch.rows.contains(&row);
+        let of_row = |stretch: &&GaplessRows| stretch.rows.contains(&row);
         let Some(stretch) = self.stretches.iter().find(of_row) else { return Some(0.0) };
         let at = row - stretch.rows.start;
         let own = &channel[stretch.rows.clone()];
@@ -190,7 +190,8 @@ pub(crate) fn filter_signals_into(
     let stretches = stretches(&samples.time, longest_step(step, cutoff), sample_rate);
 
     let derivative = |pieces: &Vec<Vec<f64>>| -> Vec<Vec<f64>> {
-        let of_piece = |(piece, stretch): (&Vec<f64>, &Stretch)| differentiated(piece, stretch.step, buffers);
+        let of_piece =
+            |(piece, stretch): (&Vec<f64>, &GaplessRows)| differentiated(piece, stretch.step, buffers);
         pieces.iter().zip(&stretches).map(of_piece).collect()
     };
     let at_rows = |channels: Vec<Vec<Vec<f64>>>| -> Vec<Vec<f64>> {
@@ -285,7 +286,7 @@ impl Kernel for InnerDifferences<'_> {
 
 /// Rows without a gap in time among them.
 #[derive(Debug, Clone, PartialEq)]
-struct Stretch {
+struct GaplessRows {
     rows: Range<usize>,
     /// The even grid that filters and differences work on, where rows are not evenly spaced.
     grid: Option<EvenGrid>,
@@ -294,7 +295,7 @@ struct Stretch {
     step: f64,
 }
 
-impl Stretch {
+impl GaplessRows {
     /// A channel of the whole recording on the stretch's grid.
     fn to_grid<'c>(&self, channel: &'c [f64]) -> Cow<'c, [f64]> {
         let own = &channel[self.rows.clone()];
@@ -311,7 +312,7 @@ impl Stretch {
 /// Channels of the whole recording through a low-pass, each as its pieces on the grids of the stretches.
 fn low_passed(
     channels: &[&[f64]],
-    stretches: &[Stretch],
+    stretches: &[GaplessRows],
     low_pass: &LowPass,
     buffers: &Buffers,
     spare: &SpareThreads,
@@ -333,8 +334,8 @@ fn low_passed(
 }
 
 /// Pieces on the grids of the stretches as one channel of the recording; zero between them.
-fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[Stretch], rows: usize) -> Vec<f64> {
-    if let ([Stretch { rows: whole, grid: None, .. }], 1) = (stretches, pieces.len())
+fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[GaplessRows], rows: usize) -> Vec<f64> {
+    if let ([GaplessRows { rows: whole, grid: None, .. }], 1) = (stretches, pieces.len())
         && *whole == (0..rows)
     {
         return pieces.swap_remove(0);
@@ -349,7 +350,7 @@ fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[Stretch], rows: usize) -> Vec<
 
 /// Rows between steps longer than `longest_step` s, as far as they are long enough to be filtered. If those of one are
 /// not evenly spaced, all of them have grids, of one rate.
-fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<Stretch> {
+fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<GaplessRows> {
     let breaks = time.windows(2).enumerate().filter(|(_, w)| w[1] - w[0] > longest_step).map(|(i, _)| i + 1);
     let mut found: Vec<Range<usize>> = Vec::new();
     let mut start = 0;
@@ -363,7 +364,7 @@ fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<Stretch> {
     let stretch = |rows: Range<usize>| {
         let grid = (!even).then(|| EvenGrid::new(&time[rows.clone()], rate));
         let mean = (time[rows.end - 1] - time[rows.start]) / (rows.len() - 1) as f64;
-        Stretch { step: grid.as_ref().map_or(mean, |grid| grid.step), grid, rows }
+        GaplessRows { step: grid.as_ref().map_or(mean, |grid| grid.step), grid, rows }
     };
     found.into_iter().map(stretch).collect()
 }

@@ -27,12 +27,12 @@ const EDGE: usize = 3 * (2 * SECTIONS + 1);
 /// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
 /// low cut-offs.
 pub(super) struct LowPass {
-    sections: [Section; SECTIONS],
+    sections: [FilterSection; SECTIONS],
 }
 
 /// A section `(b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²)` with `a0 = 1`.
 #[derive(Debug, Clone, Copy)]
-struct Section {
+struct FilterSection {
     b: [f64; 3],
     a: [f64; 3],
     /// The two states in which the section is left by an input of all sections that was always 1.
@@ -66,7 +66,7 @@ impl LowPass {
             let second = (a[0] + a[1]) * first - rest[0];
             let settled = [level * first, level * second];
             level *= (b[0] + b[1] + b[2]) / (a[0] + a[1] + a[2]);
-            Section { b, a, settled }
+            FilterSection { b, a, settled }
         });
         Ok(Self { sections })
     }
@@ -107,7 +107,7 @@ impl LowPass {
 
 /// `N` channels of one length there and back, in `GROUPS` lanes.
 struct ThereAndBack<'a, const N: usize, const GROUPS: usize> {
-    sections: &'a [Section; SECTIONS],
+    sections: &'a [FilterSection; SECTIONS],
     channels: &'a [&'a [f64]; N],
     found: [&'a mut [f64]; N],
 }
@@ -168,7 +168,10 @@ type States<const GROUPS: usize> = [[[Lanes; GROUPS]; 2]; SECTIONS];
 
 /// The states that channels leave which always had their `first` value.
 #[inline(always)]
-fn start<const GROUPS: usize>(sections: &[Section; SECTIONS], first: [Lanes; GROUPS]) -> States<GROUPS> {
+fn start<const GROUPS: usize>(
+    sections: &[FilterSection; SECTIONS],
+    first: [Lanes; GROUPS],
+) -> States<GROUPS> {
     let mut states = [[[Lanes::ZERO; GROUPS]; 2]; SECTIONS];
     for k in 0..SECTIONS {
         for group in 0..GROUPS {
@@ -182,7 +185,7 @@ fn start<const GROUPS: usize>(sections: &[Section; SECTIONS], first: [Lanes; GRO
 /// All sections over one row.
 #[inline(always)]
 fn filter<const GROUPS: usize>(
-    sections: &[Section; SECTIONS],
+    sections: &[FilterSection; SECTIONS],
     states: &mut States<GROUPS>,
     row: &mut [Lanes; GROUPS],
 ) {

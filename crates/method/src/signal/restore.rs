@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use super::arrival::{Arrival, take_arrival};
+use super::arrival::{ArrivalGrid, take_arrival};
 use super::fold::unfold;
 use armwatch_model::analysis::finding::Finding;
 use armwatch_model::robot::Robot;
@@ -22,8 +22,8 @@ pub struct Restored {
 pub fn restore(robot: &Robot, samples: &mut Cow<'_, Samples>) -> Restored {
     let mut restored = Restored::default();
     match take_arrival(samples) {
-        Some(Arrival::Even(remark)) => restored.remarks.push(remark),
-        Some(Arrival::Unsteady(finding)) => restored.unsteady = Some(finding),
+        Some(ArrivalGrid::Even(remark)) => restored.remarks.push(remark),
+        Some(ArrivalGrid::Unsteady(finding)) => restored.unsteady = Some(finding),
         None => {}
     }
     restored.remarks.extend(unfold(robot, samples));

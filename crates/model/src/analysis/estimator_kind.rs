@@ -15,6 +15,8 @@ pub enum EstimatorKind {
     Prior,
 }
 
+crate::serialize_by_name!(EstimatorKind);
+
 impl EstimatorKind {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Ordinary, Self::Weighted, Self::PerJoint, Self::Huber, Self::Prior];

@@ -1,5 +1,8 @@
 //! How well estimated torques agree with measured ones.
 
+use serde::ser::SerializeStruct;
+use serde::{Serialize, Serializer};
+
 use crate::robot::JointIndex;
 use crate::run::Stage;
 
@@ -36,6 +39,20 @@ pub struct TorqueRmsd {
     pub moving_rows: Rmsd,
 }
 
+impl Serialize for TorqueRmsd {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct RmsdColumns {
+            joint: JointIndex,
+            stage: &'static str,
+            #[serde(flatten)]
+            rmsd: RmsdPair,
+        }
+        let rmsd = RmsdPair { all_rows: self.all_rows, moving_rows: self.moving_rows };
+        RmsdColumns { joint: self.joint, stage: self.scope.name(), rmsd }.serialize(serializer)
+    }
+}
+
 /// An RMSD with its reference.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rmsd {
@@ -49,7 +66,7 @@ pub struct Rmsd {
 
 /// How well one parameter set fits the first and the last third of a warming stage: friction falls
 /// inside a cycle (thesis 5.1.6).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WarmingContrast {
     /// The joint.
     pub joint: JointIndex,
@@ -66,4 +83,20 @@ pub struct RmsdPair {
     pub all_rows: Rmsd,
     /// Over the rows in which the joint moves.
     pub moving_rows: Rmsd,
+}
+
+/// The columns of the views `cycle_rmsd` and `warming_contrast`; null without rows.
+impl Serialize for RmsdPair {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut columns = serializer.serialize_struct("RmsdPair", 6)?;
+        let known = |of: Rmsd, value: f64| (of.samples > 0).then_some(value);
+        let (all, moving) = (self.all_rows, self.moving_rows);
+        columns.serialize_field("rmsd_nm", &known(all, all.value))?;
+        columns.serialize_field("relative_rmsd", &known(all, all.relative))?;
+        columns.serialize_field("moving_rmsd_nm", &known(moving, moving.value))?;
+        columns.serialize_field("moving_relative_rmsd", &known(moving, moving.relative))?;
+        columns.serialize_field("samples", &all.samples)?;
+        columns.serialize_field("moving_samples", &moving.samples)?;
+        columns.end()
+    }
 }

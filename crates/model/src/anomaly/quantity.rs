@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use self::Direction::{Either, NoValue, Rise};
+use self::FaultDirection::{Either, NoValue, Rise};
 use self::Form::{Fraction, Number, Ratio, StandardErrors, Times, TimesOfLogarithm, WithUnit};
 use crate::run::RunKind::{self, Production, Test};
 
@@ -22,9 +22,9 @@ macro_rules! quantities {
             /// All quantities.
             pub const ALL: [Self; [$($name),*].len()] = [$(Self::$variant,)*];
 
-            const fn facts(self) -> Facts {
+            const fn facts(self) -> QuantityFacts {
                 match self {
-                    $(Self::$variant => Facts {
+                    $(Self::$variant => QuantityFacts {
                         name: $name,
                         unit: $unit,
                         history: $history,
@@ -94,11 +94,11 @@ const OF_ONE_CAUSE: [&[Quantity]; 3] = [
     &[Quantity::ProductionTorqueOffset, Quantity::ProductionTorqueGainRatio],
 ];
 
-struct Facts {
+struct QuantityFacts {
     name: &'static str,
     unit: Option<&'static str>,
     history: RunKind,
-    direction: Direction,
+    direction: FaultDirection,
     value: Form,
     score: Form,
     label: &'static str,
@@ -131,7 +131,7 @@ impl Quantity {
 
     /// Which change of the value is a fault.
     #[must_use]
-    pub const fn direction(self) -> Direction {
+    pub const fn direction(self) -> FaultDirection {
         self.facts().direction
     }
 
@@ -172,7 +172,7 @@ crate::deserialize_by_name!(Quantity);
 /// Which change of a value is a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Direction {
+pub enum FaultDirection {
     /// Only a rise.
     Rise,
     /// A rise or a fall.
@@ -181,7 +181,7 @@ pub enum Direction {
     NoValue,
 }
 
-impl Direction {
+impl FaultDirection {
     /// The change in words.
     #[must_use]
     pub const fn words(self) -> &'static str {

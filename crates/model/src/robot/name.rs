@@ -12,7 +12,7 @@ pub fn composed(name: &str) -> Cow<'_, str> {
 
 /// Why a new name may be that of a known robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Likeness {
+pub enum NameLikeness {
     /// It differs from this known name only in case, blanks or the form of characters.
     Spelling(String),
     /// A file manager or a program that copies files calls copies of this robot's exports so.
@@ -21,23 +21,23 @@ pub enum Likeness {
 
 /// The robot whose name a new one may be, if any: a known one, or the original of a name that only copies have.
 #[must_use]
-pub fn likeness<'a>(new: &str, known: impl IntoIterator<Item = &'a str>) -> Option<Likeness> {
+pub fn likeness<'a>(new: &str, known: impl IntoIterator<Item = &'a str>) -> Option<NameLikeness> {
     let known: Vec<&str> = known.into_iter().filter(|name| *name != new).collect();
     let named = |wanted: &str| {
         let wanted = bare(wanted);
         known.iter().find(|name| bare(name) == wanted).map(|name| (*name).to_owned())
     };
     if let Some(same) = named(new) {
-        return Some(Likeness::Spelling(same));
+        return Some(NameLikeness::Spelling(same));
     }
     let (mut rest, mut is_certain) = (new, false);
     while let Some((original, certain)) = without_mark(rest) {
         if let Some(original) = named(original) {
-            return Some(Likeness::Copy(original));
+            return Some(NameLikeness::Copy(original));
         }
         (rest, is_certain) = (original, is_certain || certain);
     }
-    is_certain.then(|| Likeness::Copy(rest.to_owned()))
+    is_certain.then(|| NameLikeness::Copy(rest.to_owned()))
 }
 
 /// The name that a copy of this name would have been made of; `None` for a name without the mark of a copy.
@@ -127,7 +127,7 @@ mod tests {
     #[test]
     fn names_that_differ_in_case_or_blanks_are_alike() {
         for new in ["r01", "R 01", " R01", "R01\u{a0}", "Ｒ01", "R01\u{200b}"] {
-            assert_eq!(likeness(new, ["R02", "R01"]), Some(Likeness::Spelling("R01".into())), "{new:?}");
+            assert_eq!(likeness(new, ["R02", "R01"]), Some(NameLikeness::Spelling("R01".into())), "{new:?}");
         }
         for new in ["R01", "R03", "R011", "R0-1", "R_01"] {
             assert_eq!(likeness(new, ["R02", "R01"]), None, "{new:?}");
@@ -160,7 +160,7 @@ mod tests {
             "copia di R01",
             ".~lock.R01",
         ] {
-            assert_eq!(likeness(new, ["R01"]), Some(Likeness::Copy("R01".into())), "{new:?}");
+            assert_eq!(likeness(new, ["R01"]), Some(NameLikeness::Copy("R01".into())), "{new:?}");
             let certain = (!["R01 (1)", "R01(2)", "r01 (1)"].contains(&new)).then_some(());
             let alone = likeness(new, ["R02"]);
             assert_eq!(alone.map(|_| ()), certain, "{new:?}: robots have numbers");

@@ -16,7 +16,7 @@ use jiff::Timestamp;
 use serde_json::Value;
 
 use super::error::ExportError;
-use super::sheet::{Format, PartCount, Sheet, Written};
+use super::sheet::{PartCount, Sheet, SheetFormat, Written};
 use super::target::{Target, existing};
 use crate::{PublicView, RowFilter, ViewReader};
 
@@ -31,12 +31,12 @@ pub(super) fn has_months(view: &PublicView) -> bool {
 
 /// Robot and month, as the names of the folders have them.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Part {
+struct RobotMonth {
     robot: String,
     month: String,
 }
 
-impl Part {
+impl RobotMonth {
     fn of(robot: &Value, month: &Value) -> Self {
         Self {
             robot: robot.as_str().map_or_else(|| NULL.to_owned(), escaped),
@@ -58,8 +58,8 @@ fn escaped(name: &str) -> String {
 }
 
 /// The file of a month that is being written.
-struct Open<'a> {
-    part: Part,
+struct OpenMonth<'a> {
+    part: RobotMonth,
     target: Target,
     sheet: Sheet<'a>,
 }
@@ -69,7 +69,7 @@ pub(super) struct ByMonth<'a> {
     pub(super) view: &'a PublicView,
     /// Where the folders of robots go.
     pub(super) folder: PathBuf,
-    pub(super) format: Format,
+    pub(super) format: SheetFormat,
     pub(super) filter: &'a RowFilter,
     /// Whether files that are no exports are replaced.
     pub(super) force: bool,
@@ -88,9 +88,9 @@ impl ByMonth<'_> {
         let name = format!("{}.{}", view.name, format.suffix());
         let mut count = PartCount::default();
         let (mut bytes, mut kept) = (0, BTreeSet::new());
-        let mut open: Option<Open<'_>> = None;
-        let mut close = |open: Option<Open<'_>>, kept: &mut BTreeSet<PathBuf>| {
-            let Some(Open { target, sheet, .. }) = open else { return Ok(()) };
+        let mut open: Option<OpenMonth<'_>> = None;
+        let mut close = |open: Option<OpenMonth<'_>>, kept: &mut BTreeSet<PathBuf>| {
+            let Some(OpenMonth { target, sheet, .. }) = open else { return Ok(()) };
             sheet.finish()?;
             bytes += target.sync()?;
             kept.insert(target.path().to_path_buf());
@@ -104,14 +104,14 @@ impl ByMonth<'_> {
         let rows = reader.rows_by_month(view, filter, |row| {
             look()?;
             let (month, row) = row.split_last().unwrap_or((&Value::Null, row));
-            let part = Part::of(&row[robot], month);
+            let part = RobotMonth::of(&row[robot], month);
             if open.as_ref().is_none_or(|open| open.part != part) {
                 close(open.take(), &mut kept)?;
                 let path = part.file(folder, &name);
                 format.check_is_ours(&of_part, &path, *force)?;
                 let target = Target::open(&path)?;
                 let sheet = Sheet::new(*format, &of_part, &target)?;
-                open = Some(Open { part, target, sheet });
+                open = Some(OpenMonth { part, target, sheet });
             }
             let columns = row[..robot].iter().chain(&row[robot + 1..]);
             open.as_mut().map_or(Ok(()), |open| open.sheet.add(columns))
@@ -186,7 +186,7 @@ mod tests {
     fn names_of_robots_are_escaped_as_in_hive() {
         assert_eq!(escaped("R01-b_2.x"), "R01-b_2.x");
         assert_eq!(escaped("Halle 3/Süd=%"), "Halle 3%2FSüd%3D%25");
-        let part = Part::of(&Value::Null, &Value::Null);
+        let part = RobotMonth::of(&Value::Null, &Value::Null);
         assert_eq!((part.robot.as_str(), part.month.as_str()), (NULL, NULL));
     }
 }

@@ -12,7 +12,7 @@ mod sheet;
 mod target;
 
 pub use error::ExportError;
-pub use sheet::{Format, PartCount, Written};
+pub use sheet::{PartCount, SheetFormat, Written};
 
 use std::path::PathBuf;
 
@@ -44,7 +44,7 @@ pub struct Export {
     /// Views and their files.
     pub destinations: Vec<Destination>,
     /// How rows are written.
-    pub format: Format,
+    pub format: SheetFormat,
     /// Which rows.
     pub filter: RowFilter,
     /// Whether files that are no exports are replaced.
@@ -55,7 +55,7 @@ pub struct Export {
 
 /// How far an export is.
 #[derive(Debug, Clone, Copy)]
-pub struct Progress<'a> {
+pub struct ExportProgress<'a> {
     /// The view that is being written.
     pub view: &'a str,
     /// Views before it.
@@ -73,7 +73,7 @@ impl Export {
         &self,
         store: &Store,
         stop: &CancellationToken,
-        mut progress: impl FnMut(Progress<'_>),
+        mut progress: impl FnMut(ExportProgress<'_>),
     ) -> Result<Vec<Written>, ExportError> {
         for Destination { view, path } in self.destinations.iter().filter(|of| !self.is_divided(of.view)) {
             self.format.check_is_ours(view, path, self.force)?;
@@ -88,7 +88,7 @@ impl Export {
             let mut count = 0;
             let mut look = || {
                 if count % ROWS_A_LOOK == 0 {
-                    progress(Progress { view: &view.name, views_done, rows: count });
+                    progress(ExportProgress { view: &view.name, views_done, rows: count });
                     if stop.is_cancelled() {
                         return Err(ExportError::Stopped);
                     }

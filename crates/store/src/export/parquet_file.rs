@@ -33,7 +33,7 @@ const VIEW_KEY: &str = "armwatch.view";
 pub(super) struct ParquetFile<'a> {
     view: &'a PublicView,
     path: PathBuf,
-    writer: FileWriter<BufWriter<Output>>,
+    writer: FileWriter<BufWriter<ParquetOutput>>,
     failure: Failure,
     columns: Vec<Cells>,
     rows: usize,
@@ -42,7 +42,7 @@ pub(super) struct ParquetFile<'a> {
 impl<'a> ParquetFile<'a> {
     pub(super) fn new(view: &'a PublicView, path: &Path, file: File) -> Result<Self, ExportError> {
         let failure = Failure::default();
-        let output = BufWriter::new(Output { file, failure: Arc::clone(&failure) });
+        let output = BufWriter::new(ParquetOutput { file, failure: Arc::clone(&failure) });
         let schema: ArrowSchema =
             view.columns.iter().map(|column| (name_of(column), field(column))).collect();
         let options = WriteOptions {
@@ -110,12 +110,12 @@ impl<'a> ParquetFile<'a> {
 type Failure = Arc<OnceLock<io::Error>>;
 
 /// The file, which keeps why it could not be written.
-struct Output {
+struct ParquetOutput {
     file: File,
     failure: Failure,
 }
 
-impl Write for Output {
+impl Write for ParquetOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write_all(bytes).map(|()| bytes.len());
         written.map_err(|error| {

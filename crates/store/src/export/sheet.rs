@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 
 use super::csv_file::{self, CsvFile};
@@ -12,14 +13,14 @@ use crate::PublicView;
 
 /// How rows are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum SheetFormat {
     /// Text, a line a row.
     Csv,
     /// Columns with types, compressed by zstd.
     Parquet,
 }
 
-impl Format {
+impl SheetFormat {
     /// How names of such files end.
     #[must_use]
     pub fn suffix(self) -> &'static str {
@@ -49,11 +50,12 @@ impl Format {
 }
 
 /// A file that was written.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Written {
     /// The view.
     pub view: String,
     /// The file.
+    #[serde(rename = "file", serialize_with = "shown")]
     pub path: PathBuf,
     /// Its rows.
     pub rows: u64,
@@ -63,8 +65,12 @@ pub struct Written {
     pub parts: Option<PartCount>,
 }
 
+fn shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&path.display())
+}
+
 /// What became of the files of a view that is divided.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct PartCount {
     /// Files that are new or have other rows than before.
     pub written: u64,
@@ -81,11 +87,15 @@ pub(super) enum Sheet<'a> {
 }
 
 impl<'a> Sheet<'a> {
-    pub(super) fn new(format: Format, view: &'a PublicView, target: &Target) -> Result<Self, ExportError> {
+    pub(super) fn new(
+        format: SheetFormat,
+        view: &'a PublicView,
+        target: &Target,
+    ) -> Result<Self, ExportError> {
         let (path, file) = (target.path(), target.file()?);
         Ok(match format {
-            Format::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
-            Format::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
+            SheetFormat::Csv => Self::Csv(Box::new(CsvFile::new(view, path, file)?)),
+            SheetFormat::Parquet => Self::Parquet(Box::new(ParquetFile::new(view, path, file)?)),
         })
     }
 

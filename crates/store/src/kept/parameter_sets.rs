@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use serde::Serialize;
 use sqlx::{QueryBuilder, Row};
 
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
@@ -31,7 +32,7 @@ pub struct ParameterSet {
 }
 
 /// A cycle behind a parameter set.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SourceCycle {
     /// Its run.
     pub run_id: i64,

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use jiff::Timestamp;
+use serde::{Serialize, Serializer};
 use sqlx::{QueryBuilder, Row};
 
 use super::parameter_sets::SourceCycle;
@@ -11,7 +12,7 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::models;
 use crate::models::StoredModel;
-use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number, named, size, time};
+use crate::values::{ROWS_PER_STATEMENT, count, finite, in_views, joint_number, named, size, time};
 use armwatch_model::analysis::estimator_kind::EstimatorKind;
 use armwatch_model::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
 use armwatch_model::robot::{JointIndex, ParameterId};
@@ -67,7 +68,7 @@ pub struct ReestimatedStatistics {
 }
 
 /// Something that is kept under a name.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct KeptEstimate {
     /// The name.
     pub name: String,
@@ -78,11 +79,17 @@ pub struct KeptEstimate {
     /// How it was made.
     pub estimator: EstimatorKind,
     /// Robots whose cycles it comes from, separated by commas.
+    #[serde(serialize_with = "robot_names")]
     pub robots: String,
     /// Cycles that it comes from.
     pub cycles: u32,
     /// When it was kept.
+    #[serde(serialize_with = "in_views")]
     pub saved_at: Timestamp,
+}
+
+fn robot_names<S: Serializer>(robots: &str, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(robots.split(','))
 }
 
 /// What is kept under a name.
@@ -93,6 +100,8 @@ pub enum KeptKind {
     /// One identification for each cycle.
     EachCycle,
 }
+
+armwatch_model::serialize_by_name!(KeptKind);
 
 impl KeptKind {
     /// Both.

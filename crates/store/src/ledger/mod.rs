@@ -3,6 +3,7 @@
 pub(super) mod supersession;
 pub(super) mod stored_cycles;
 pub(super) mod runs;
+pub(super) mod run_progress;
 pub(super) mod robots;
 pub(super) mod identity;
 pub(super) mod sources;

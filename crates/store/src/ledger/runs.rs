@@ -12,7 +12,7 @@ use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::supersession::{hand_on, set_replaced, supersede};
-use crate::values::{count, finite, named, size};
+use crate::values::{count, named, size};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 
@@ -71,19 +71,6 @@ pub enum Owner {
     Ours,
     /// That run is complete, or set aside, with the same content.
     Other(i64),
-}
-
-/// Figures of a run that are known once its last row is read.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RunTotals {
-    /// Rows of the export.
-    pub rows: usize,
-    /// Bad rows that were passed over, beyond those.
-    pub rows_skipped: usize,
-    /// Sample rate, Hz.
-    pub sample_rate: f64,
-    /// Cycles of the export; all of them must be stored.
-    pub cycles: u32,
 }
 
 impl Store {
@@ -523,60 +510,6 @@ pub(crate) async fn robot_of_run(
                  WHERE run_id = $1 AND status <> 'quarantined'
                        AND (status <> 'streaming' OR host_session_id IS NOT DISTINCT FROM $2)";
     sqlx::query_scalar(robot).bind(run_id).bind(session).fetch_optional(executor).await
-}
-
-/// The description that a cycle was analysed with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Description {
-    /// Its key.
-    pub(crate) robot_model_id: i64,
-    /// Hash of all that figures depend on.
-    pub(crate) figures_hash: [u8; 32],
-}
-
-/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
-pub(crate) async fn advance(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    description: &Description,
-    read: Option<&ContentPrefix>,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run
-         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2,
-             prefix_bytes = coalesce($3, prefix_bytes),
-             prefix_hash = coalesce($4, prefix_hash)
-         WHERE run_id = $5",
-    )
-    .bind(description.robot_model_id)
-    .bind(&description.figures_hash[..])
-    .bind(read.map(|prefix| count(prefix.bytes)))
-    .bind(read.map(|prefix| &prefix.hash.0[..]))
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
-}
-
-pub(crate) async fn mark_complete(
-    executor: impl EngineExecutor<'_>,
-    run_id: i64,
-    totals: RunTotals,
-) -> Result<(), sqlx::Error> {
-    sqlx::query(
-        "UPDATE run
-         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4,
-             growing = FALSE, prefix_bytes = NULL, prefix_hash = NULL
-         WHERE run_id = $5",
-    )
-    .bind(count(totals.rows))
-    .bind(count(totals.rows_skipped))
-    .bind(finite(totals.sample_rate))
-    .bind(totals.cycles)
-    .bind(run_id)
-    .execute(executor)
-    .await?;
-    Ok(())
 }
 
 /// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no

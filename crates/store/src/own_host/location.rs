@@ -9,12 +9,12 @@ use armwatch_model::text;
 
 /// What of a cluster says where files are.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Place {
+pub(crate) struct ClusterLocation {
     host: Option<String>,
     shared: Vec<PathBuf>,
 }
 
-impl Place {
+impl ClusterLocation {
     pub(crate) fn of(settings: &ClusterSettings) -> Self {
         let shared = settings.shared_folders.iter();
         let shared = shared.map(|folder| std::path::absolute(folder).unwrap_or_else(|_| folder.clone()));
@@ -61,8 +61,8 @@ impl Place {
 mod tests {
     use super::*;
 
-    fn place(host: Option<&str>) -> Place {
-        Place { host: host.map(str::to_owned), shared: vec!["/mnt/share".into()] }
+    fn place(host: Option<&str>) -> ClusterLocation {
+        ClusterLocation { host: host.map(str::to_owned), shared: vec!["/mnt/share".into()] }
     }
 
     #[test]

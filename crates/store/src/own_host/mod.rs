@@ -8,18 +8,18 @@ use std::time::Duration;
 
 use tokio::sync::Notify;
 
-use self::location::Place;
+use self::location::ClusterLocation;
 use super::engine::host_lock::HostLock;
 use super::engine::{EngineExecutor, EnginePool};
 use armwatch_config::ClusterSettings;
 
 /// What a handle knows of the host that it is on. Clones share it.
 #[derive(Debug, Clone)]
-pub(crate) struct OwnHost(Arc<Shared>);
+pub(crate) struct OwnHost(Arc<OwnHostData>);
 
 #[derive(Debug)]
-struct Shared {
-    place: Place,
+struct OwnHostData {
+    place: ClusterLocation,
     lease: Duration,
     lock: HostLock,
     /// The session under which is written; 0 without one.
@@ -32,8 +32,8 @@ struct Shared {
 
 impl OwnHost {
     pub(crate) fn new(settings: &ClusterSettings, lock: HostLock, control: Option<EnginePool>) -> Self {
-        Self(Arc::new(Shared {
-            place: Place::of(settings),
+        Self(Arc::new(OwnHostData {
+            place: ClusterLocation::of(settings),
             lease: settings.lease,
             lock,
             session: AtomicI64::new(0),
@@ -49,7 +49,7 @@ impl OwnHost {
 
     /// The same for a handle that only reads.
     pub(crate) fn to_look(&self) -> Self {
-        Self(Arc::new(Shared {
+        Self(Arc::new(OwnHostData {
             place: self.0.place.clone(),
             lease: self.0.lease,
             lock: HostLock::of(""),
@@ -59,7 +59,7 @@ impl OwnHost {
         }))
     }
 
-    pub(crate) fn place(&self) -> &Place {
+    pub(crate) fn place(&self) -> &ClusterLocation {
         &self.0.place
     }
 

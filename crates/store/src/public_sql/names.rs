@@ -16,7 +16,7 @@ pub(super) struct Names {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-enum Token {
+enum SqlToken {
     /// A name or a keyword.
     Word(String),
     /// A name in quotes, or a text: SQLite takes one for the other.
@@ -26,7 +26,7 @@ enum Token {
     Other,
 }
 
-impl Token {
+impl SqlToken {
     fn is(&self, keyword: &str) -> bool {
         matches!(self, Self::Word(word) if word == keyword)
     }
@@ -40,10 +40,10 @@ impl Names {
     pub(super) fn of(statement: &str) -> Result<Self, String> {
         let tokens = tokens(statement)?;
         let first = match tokens.first() {
-            Some(Token::Word(word)) => Some(word.clone()),
+            Some(SqlToken::Word(word)) => Some(word.clone()),
             _ => None,
         };
-        let tables: Vec<(String, &[Token])> =
+        let tables: Vec<(String, &[SqlToken])> =
             (0..tokens.len()).filter_map(|at| table_of_with(tokens.get(at..)?)).collect();
         let expanded = Expansion { tables: &tables, known: BTreeMap::new() }.of(&tokens);
         let with = tables.into_iter().map(|(name, _)| name).collect();
@@ -53,16 +53,16 @@ impl Names {
 
 /// How long tables of WITH become when what they name is put in.
 struct Expansion<'t> {
-    tables: &'t [(String, &'t [Token])],
+    tables: &'t [(String, &'t [SqlToken])],
     /// `None` while a table is looked at: one that names itself is put in once.
     known: BTreeMap<String, Option<usize>>,
 }
 
 impl Expansion<'_> {
-    fn of(&mut self, tokens: &[Token]) -> usize {
+    fn of(&mut self, tokens: &[SqlToken]) -> usize {
         let mut sum = tokens.len();
         for token in tokens {
-            let (Token::Word(name) | Token::Quoted(name)) = token else { continue };
+            let (SqlToken::Word(name) | SqlToken::Quoted(name)) = token else { continue };
             if self.tables.iter().any(|(table, _)| table == name) {
                 sum = sum.saturating_add(self.of_table(name));
             }
@@ -84,26 +84,28 @@ impl Expansion<'_> {
 }
 
 /// The name and the body at the front of `NAME [(COLUMNS)] AS [[NOT] MATERIALIZED] (BODY)`.
-fn table_of_with(tokens: &[Token]) -> Option<(String, &[Token])> {
-    let (Token::Word(name) | Token::Quoted(name), mut rest) = tokens.split_first()? else { return None };
-    if rest.first() == Some(&Token::Open) {
-        let columns = rest.iter().position(|token| *token == Token::Close)?;
+fn table_of_with(tokens: &[SqlToken]) -> Option<(String, &[SqlToken])> {
+    let (SqlToken::Word(name) | SqlToken::Quoted(name), mut rest) = tokens.split_first()? else {
+        return None;
+    };
+    if rest.first() == Some(&SqlToken::Open) {
+        let columns = rest.iter().position(|token| *token == SqlToken::Close)?;
         rest = rest.get(columns + 1..)?;
     }
-    rest = rest.strip_prefix(&[Token::Word("as".into())])?;
+    rest = rest.strip_prefix(&[SqlToken::Word("as".into())])?;
     while rest.first().is_some_and(|token| token.is("not") || token.is("materialized")) {
         rest = rest.get(1..)?;
     }
-    (rest.first() == Some(&Token::Open)).then(|| (name.clone(), within(rest)))
+    (rest.first() == Some(&SqlToken::Open)).then(|| (name.clone(), within(rest)))
 }
 
 /// What stands between the bracket at the front and the one that closes it.
-fn within(tokens: &[Token]) -> &[Token] {
+fn within(tokens: &[SqlToken]) -> &[SqlToken] {
     let mut depth = 0_usize;
     let end = tokens.iter().position(|token| {
         match token {
-            Token::Open => depth += 1,
-            Token::Close => depth = depth.saturating_sub(1),
+            SqlToken::Open => depth += 1,
+            SqlToken::Close => depth = depth.saturating_sub(1),
             _ => {}
         }
         depth == 0
@@ -111,7 +113,7 @@ fn within(tokens: &[Token]) -> &[Token] {
     tokens.get(1..end.unwrap_or(tokens.len())).unwrap_or_default()
 }
 
-fn tokens(statement: &str) -> Result<Vec<Token>, String> {
+fn tokens(statement: &str) -> Result<Vec<SqlToken>, String> {
     const BYTE_ORDER_MARK: char = '\u{feff}';
     let mut tokens = Vec::new();
     let mut rest = statement;
@@ -125,28 +127,28 @@ fn tokens(statement: &str) -> Result<Vec<Token>, String> {
             }
             '\'' | '"' | '`' | '[' => {
                 let (name, next) = quoted(after, first);
-                tokens.push(Token::Quoted(name));
+                tokens.push(SqlToken::Quoted(name));
                 next
             }
             // what follows such a parameter may hold a quote
             '$' | '@' | '#' | ':' => return Err("write parameters as ?1, ?2, ...".into()),
             '\0' => return Err("a statement has no character 0".into()),
             '(' => {
-                tokens.push(Token::Open);
+                tokens.push(SqlToken::Open);
                 after
             }
             ')' => {
-                tokens.push(Token::Close);
+                tokens.push(SqlToken::Close);
                 after
             }
             _ if is_of_name(first) => {
                 let end = rest.find(|c| !is_of_name(c)).unwrap_or(rest.len());
                 let (word, next) = rest.split_at(end);
-                tokens.push(Token::Word(word.to_ascii_lowercase()));
+                tokens.push(SqlToken::Word(word.to_ascii_lowercase()));
                 next
             }
             _ => {
-                tokens.push(Token::Other);
+                tokens.push(SqlToken::Other);
                 after
             }
         };

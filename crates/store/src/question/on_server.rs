@@ -33,7 +33,7 @@ fn with_values(question: &Question) -> Result<(String, Vec<String>), QuestionErr
     let pieces = pieces(&question.statement)?;
     let mut names: Vec<String> = Vec::new();
     for piece in &pieces {
-        if let Piece::Parameter(name) = piece
+        if let StatementPart::Parameter(name) = piece
             && !names.iter().any(|known| known == name)
         {
             names.push((*name).to_owned());
@@ -45,8 +45,8 @@ fn with_values(question: &Question) -> Result<(String, Vec<String>), QuestionErr
         literal(found.copied().unwrap_or(&Value::Null))
     };
     let filled = pieces.iter().map(|piece| match piece {
-        Piece::Text(text) => (*text).to_owned(),
-        Piece::Parameter(name) => literal_of(name),
+        StatementPart::Text(text) => (*text).to_owned(),
+        StatementPart::Parameter(name) => literal_of(name),
     });
     Ok((filled.collect(), null_parameters))
 }
@@ -63,14 +63,14 @@ fn literal(value: &Value) -> String {
 
 /// A part of a statement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Piece<'s> {
+enum StatementPart<'s> {
     Text(&'s str),
     /// With its colon.
     Parameter(&'s str),
 }
 
 /// Cuts a statement at its parameters, by the tokens of PostgreSQL (its documentation, "Lexical Structure").
-fn pieces(statement: &str) -> Result<Vec<Piece<'_>>, QuestionError> {
+fn pieces(statement: &str) -> Result<Vec<StatementPart<'_>>, QuestionError> {
     let mut pieces = Vec::new();
     let (mut rest, mut before) = (statement, "");
     let (mut has_begun, mut has_ended) = (false, false);
@@ -86,7 +86,7 @@ fn pieces(statement: &str) -> Result<Vec<Piece<'_>>, QuestionError> {
             has_begun = true;
         }
         let is_parameter = first == ':' && taken.chars().nth(1).is_some_and(begins_name);
-        pieces.push(if is_parameter { Piece::Parameter(taken) } else { Piece::Text(taken) });
+        pieces.push(if is_parameter { StatementPart::Parameter(taken) } else { StatementPart::Text(taken) });
         (rest, before) = (next, taken);
     }
     if has_begun { Ok(pieces) } else { Err(QuestionError::Empty) }

@@ -196,7 +196,7 @@ async fn read(
 }
 
 /// A cycle with factors.
-pub(super) struct Head {
+pub(super) struct FactorHead {
     pub(super) cycle_id: i64,
     robot: String,
     pub(super) cycle: u32,
@@ -211,7 +211,7 @@ pub(super) async fn heads(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
     range: &RangeInclusive<u32>,
-) -> Result<Vec<Head>, sqlx::Error> {
+) -> Result<Vec<FactorHead>, sqlx::Error> {
     sqlx::query(
         "SELECT cycle.cycle_id, robot.name AS robot, cycle.number AS cycle, cutoff_hz, cycle.sample_rate_hz,
                 cycle.status = 'complete' AND NOT cycle.doubtful AS counts,
@@ -229,7 +229,7 @@ pub(super) async fn heads(
     .bind(range.start())
     .bind(range.end())
     .try_map(|row: EngineRow| {
-        Ok(Head {
+        Ok(FactorHead {
             cycle_id: row.try_get("cycle_id")?,
             robot: row.try_get("robot")?,
             cycle: size(&row, "cycle")?,

@@ -9,7 +9,7 @@ use crate::engine::{Engine, EngineConnection, EngineExecutor};
 use crate::error::StoreError;
 use crate::handle::Store;
 use crate::ledger::resume::ReadSoFar;
-use crate::ledger::{resume, runs};
+use crate::ledger::{resume, run_progress, runs};
 use crate::models;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint_number, json_numbers, of_some_rows};
 use armwatch_model::analysis::interval::{LEVEL, half_width};
@@ -115,8 +115,8 @@ pub(crate) async fn record_cycle(
     if let Some(point) = read.and_then(|read| read.resume.as_ref()) {
         resume::set(&mut *connection, run_id, point).await?;
     }
-    let description = runs::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
-    runs::advance(connection, run_id, &description, read.map(|read| &read.prefix)).await?;
+    let description = run_progress::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
+    run_progress::advance(connection, run_id, &description, read.map(|read| &read.prefix)).await?;
     Ok(Recorded::Stored)
 }
 

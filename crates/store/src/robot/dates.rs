@@ -223,14 +223,14 @@ async fn come_back(
 }
 
 /// A run as it stands before a decision.
-struct Standing {
+struct RunDate {
     run: DecidedRun,
     status: RunStatus,
     set_aside: Option<String>,
     arrived_at: Timestamp,
 }
 
-async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<Standing>, sqlx::Error> {
+async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Option<RunDate>, sqlx::Error> {
     sqlx::query(
         "SELECT robot.name AS robot, run.source_name, run.started_at, run.recorded_start, run.set_aside, run.ingested_at,
                 CASE WHEN run.superseded_by_run_id IS NULL THEN run.status
@@ -240,7 +240,7 @@ async fn standing(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Opti
     )
     .bind(run_id)
     .try_map(|row: EngineRow| {
-        Ok(Standing {
+        Ok(RunDate {
             run: DecidedRun {
                 robot: row.try_get("robot")?,
                 source_name: row.try_get("source_name")?,
@@ -261,8 +261,7 @@ async fn decide(
     run_id: i64,
     decision: &RunDecision,
 ) -> Result<Result<DecidedRun, NotDecided>, sqlx::Error> {
-    let Some(Standing { mut run, status, set_aside, arrived_at }) =
-        standing(&mut *connection, run_id).await?
+    let Some(RunDate { mut run, status, set_aside, arrived_at }) = standing(&mut *connection, run_id).await?
     else {
         return Ok(Err(NotDecided::NoRun));
     };

@@ -40,7 +40,7 @@ impl ConclusionTransaction {
 
 /// A robot of a model.
 #[derive(Debug, Clone, PartialEq, Eq)]
-struct Member {
+struct PeerRobot {
     robot_id: i64,
     name: String,
     peers_compared: i64,
@@ -48,7 +48,7 @@ struct Member {
     tests: i64,
 }
 
-impl FromRow<'_, EngineRow> for Member {
+impl FromRow<'_, EngineRow> for PeerRobot {
     fn from_row(row: &EngineRow) -> Result<Self, sqlx::Error> {
         Ok(Self {
             robot_id: row.try_get("robot_id")?,
@@ -64,7 +64,7 @@ async fn members(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
     tests: usize,
-) -> Result<Vec<Member>, sqlx::Error> {
+) -> Result<Vec<PeerRobot>, sqlx::Error> {
     sqlx::query_as(
         "WITH latest AS (
              SELECT robot_id, name, peers_compared,
@@ -97,7 +97,7 @@ async fn peers(
     let needed = i64::try_from(tests).unwrap_or(i64::MAX);
     let others = members.into_iter().filter(|of| of.robot_id != robot_id && of.tests >= needed);
     let mut found = Vec::new();
-    for Member { robot_id, name, .. } in others.take(MOST_PEERS) {
+    for PeerRobot { robot_id, name, .. } in others.take(MOST_PEERS) {
         found.push(Peer { robot: name, tests: first_tests(&mut *connection, robot_id, needed).await? });
     }
     Ok(found)

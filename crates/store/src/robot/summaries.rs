@@ -132,7 +132,7 @@ async fn store_summary(
 }
 
 /// A test, before it is known which estimator the latest has.
-struct Test {
+struct SummarisedTest {
     run: RunSummary,
     joints: Vec<SummaryRow>,
     has_response: bool,
@@ -172,7 +172,7 @@ async fn stored(
     robot_id: i64,
     run_ids: &[i64],
     method: Option<u64>,
-) -> Result<Vec<(Test, Option<TestFigures>, Option<Vec<u8>>)>, sqlx::Error> {
+) -> Result<Vec<(SummarisedTest, Option<TestFigures>, Option<Vec<u8>>)>, sqlx::Error> {
     sqlx::query(
         "SELECT run.run_id, run.started_at, run.cycles_stored, summary.numbers, summary.judgements,
                 EXISTS (SELECT 1 FROM channel_response WHERE channel_response.run_id = run.run_id) AS has_response
@@ -193,7 +193,7 @@ async fn stored(
             cycles: size(&row, "cycles_stored")?,
             ..RunSummary::default()
         };
-        let test = Test { run, joints: Vec::new(), has_response: row.try_get("has_response")? };
+        let test = SummarisedTest { run, joints: Vec::new(), has_response: row.try_get("has_response")? };
         let numbers: Option<&[u8]> = row.try_get("numbers")?;
         let judgements: Option<&[u8]> = row.try_get("judgements")?;
         Ok((test, numbers.and_then(unpacked), judgements.map(<[u8]>::to_vec)))
@@ -206,7 +206,7 @@ async fn stored(
 async fn together(
     connection: &mut EngineConnection,
     robot_id: i64,
-    tests: Vec<Test>,
+    tests: Vec<SummarisedTest>,
     first_of_epochs: &[i64],
 ) -> Result<Vec<RunSummary>, sqlx::Error> {
     let keys: Vec<i64> = tests.iter().map(|test| test.run.run_id).collect();
@@ -215,7 +215,7 @@ async fn together(
     let mut latest_first = tests.iter().rev().flat_map(|test| test.joints.iter().rev());
     let latest = latest_first.find(known).and_then(|row| row.estimator.clone());
     let (mut runs, mut with_response) = (Vec::with_capacity(tests.len()), HashSet::new());
-    for Test { mut run, joints, has_response } in tests {
+    for SummarisedTest { mut run, joints, has_response } in tests {
         run.joints = joints.into_iter().map(|row| row.among(latest.as_deref())).collect();
         (run.refused_cycles, run.refusals) = refused.remove(&run.run_id).unwrap_or_default();
         if has_response {

@@ -45,7 +45,7 @@ const AFTERWARDS: &[(i64, &str)] = &[
 ];
 
 /// A table of the database.
-struct Found {
+struct OldTable {
     name: String,
     columns: Vec<String>,
 }
@@ -69,7 +69,7 @@ pub(super) async fn rebuild(
     // the schema lists a table after the tables that it refers to
     let is_copied = |name: &str| name != "schema_version" && !REMADE.contains(&name);
     for statement in schema.tables.iter().filter(|of| is_copied(&of.name)) {
-        let table = |of: &[Found], name: &str| of.iter().position(|table| table.name == name);
+        let table = |of: &[OldTable], name: &str| of.iter().position(|table| table.name == name);
         if let (Some(before), Some(after)) = (table(&old, &statement.name), table(&new, &statement.name)) {
             copy(connection, &old[before], &new[after]).await?;
         }
@@ -99,7 +99,7 @@ pub(super) async fn rebuild(
     grant(connection, &granted).await
 }
 
-async fn copy(connection: &mut EngineConnection, old: &Found, new: &Found) -> Result<(), sqlx::Error> {
+async fn copy(connection: &mut EngineConnection, old: &OldTable, new: &OldTable) -> Result<(), sqlx::Error> {
     let name = &new.name;
     let (mut columns, mut values) = (Vec::new(), Vec::new());
     for column in &new.columns {
@@ -128,7 +128,7 @@ async fn copy(connection: &mut EngineConnection, old: &Found, new: &Found) -> Re
 }
 
 /// Tables of the database with the columns that can be written.
-async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Vec<Found>, sqlx::Error> {
+async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Vec<OldTable>, sqlx::Error> {
     let rows = sqlx::query(match engine {
         Dialect::Sqlite => {
             "SELECT tables.name, columns.name FROM sqlite_schema AS tables JOIN pragma_table_info(tables.name) AS columns
@@ -145,12 +145,12 @@ async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Ve
              ORDER BY tables.relname, columns.attnum"
         }
     });
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<OldTable> = Vec::new();
     for row in rows.fetch_all(connection).await? {
         let (table, column): (String, String) = (row.try_get(0)?, row.try_get(1)?);
         match found.last_mut().filter(|last| last.name == table) {
             Some(last) => last.columns.push(column),
-            None => found.push(Found { name: table, columns: vec![column] }),
+            None => found.push(OldTable { name: table, columns: vec![column] }),
         }
     }
     Ok(found)
@@ -163,7 +163,7 @@ type Counter = (String, String, Option<i64>);
 async fn put_away(
     engine: Dialect,
     connection: &mut EngineConnection,
-    tables: &[Found],
+    tables: &[OldTable],
 ) -> Result<Vec<Counter>, sqlx::Error> {
     let mut counters = Vec::new();
     if engine == Dialect::Postgres {
@@ -198,7 +198,7 @@ async fn put_away(
             counters.push((table, column, last.flatten()));
         }
     }
-    for Found { name, .. } in tables {
+    for OldTable { name, .. } in tables {
         run(connection, &format!("ALTER TABLE {name} RENAME TO {BEFORE}{name}")).await?;
     }
     Ok(counters)

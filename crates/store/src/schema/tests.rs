@@ -5,7 +5,7 @@ use sqlx::Connection;
 use super::*;
 use crate::engine::{EnginePool, begin_writing, dialect};
 use crate::handle::Store;
-use crate::tests::open::make_schema;
+use crate::tests::upgrade::make_schema;
 use crate::tests::support::{fresh, number, text};
 
 /// Columns and references of the tables of a file, and the statements of everything else.

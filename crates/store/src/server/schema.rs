@@ -34,7 +34,7 @@ pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Resu
     if schema.is_applied(&mut transaction, there.version()).await.map_err(broken)? {
         return Ok(());
     }
-    if matches!(there, Found::Nothing) {
+    if matches!(there, SchemaState::Nothing) {
         sqlx::query("CREATE SCHEMA armwatch").execute(&mut *transaction).await.map_err(broken)?;
     }
     if let Some(version) = there.version().filter(|version| *version != latest_schema()) {
@@ -53,9 +53,9 @@ pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Resu
 pub(super) async fn check(path: &Path, connection: &mut EngineConnection) -> Result<bool, StoreError> {
     check_server(path, connection).await?;
     match found(path, connection).await? {
-        Found::Nothing | Found::Empty => Ok(false),
-        Found::Version(found) if found == latest_schema() => Ok(true),
-        Found::Version(found) => {
+        SchemaState::Nothing | SchemaState::Empty => Ok(false),
+        SchemaState::Version(found) if found == latest_schema() => Ok(true),
+        SchemaState::Version(found) => {
             refuse_too_old(path, found)?;
             Err(StoreError::Older { path: path.to_path_buf(), found, known: latest_schema() })
         }
@@ -80,7 +80,7 @@ async fn check_server(path: &Path, connection: &mut EngineConnection) -> Result<
 }
 
 /// What of the schema is there.
-enum Found {
+enum SchemaState {
     /// No schema `armwatch`.
     Nothing,
     /// An empty one, such as an administrator makes for a user who may not make any.
@@ -89,7 +89,7 @@ enum Found {
     Version(i64),
 }
 
-impl Found {
+impl SchemaState {
     fn version(&self) -> Option<i64> {
         match self {
             Self::Version(version) => Some(*version),
@@ -99,7 +99,7 @@ impl Found {
 }
 
 /// What is there, up to this program's version.
-async fn found(path: &Path, connection: &mut EngineConnection) -> Result<Found, StoreError> {
+async fn found(path: &Path, connection: &mut EngineConnection) -> Result<SchemaState, StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
     let asked = sqlx::query_as(
         "SELECT to_regnamespace('armwatch') IS NOT NULL,
@@ -107,7 +107,7 @@ async fn found(path: &Path, connection: &mut EngineConnection) -> Result<Found, 
     );
     let (schema, may_use): (bool, bool) = asked.fetch_one(&mut *connection).await.map_err(broken)?;
     if !schema {
-        return Ok(Found::Nothing);
+        return Ok(SchemaState::Nothing);
     }
     if !may_use {
         let detail = "permission denied for schema armwatch".into();
@@ -124,7 +124,7 @@ async fn found(path: &Path, connection: &mut EngineConnection) -> Result<Found, 
     let (table, anything): (bool, bool) = asked.fetch_one(&mut *connection).await.map_err(broken)?;
     match (table, anything) {
         (true, _) => {}
-        (false, false) => return Ok(Found::Empty),
+        (false, false) => return Ok(SchemaState::Empty),
         (false, true) => {
             let detail = "its schema armwatch is of another program".into();
             return Err(StoreError::NotADatabase { path: path.to_path_buf(), detail });
@@ -136,5 +136,5 @@ async fn found(path: &Path, connection: &mut EngineConnection) -> Result<Found, 
     if found > known {
         return Err(StoreError::Newer { path: path.to_path_buf(), found, known });
     }
-    Ok(Found::Version(found))
+    Ok(SchemaState::Version(found))
 }

@@ -124,7 +124,7 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
     const OLD: i64 = 46;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    super::open::make_schema(&path, OLD);
+    super::upgrade::make_schema(&path, OLD);
     let before = std::fs::read(&path).expect("the database");
     let cluster = armwatch_config::ClusterSettings::default();
     let any = Store::open_any_schema(&path, &cluster).await.expect("opened").expect("a database");
@@ -151,7 +151,7 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
 async fn the_schema_of_a_damaged_database_stays() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("fleet.db");
-    super::open::make_schema(&path, 46);
+    super::upgrade::make_schema(&path, 46);
     let asked = async |question: &'static str| -> i64 {
         let mut connection = SqliteConnectOptions::new().filename(&path).connect().await.expect("opened");
         sqlx::query_scalar(question).fetch_one(&mut connection).await.expect("a number")

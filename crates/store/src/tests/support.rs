@@ -7,7 +7,7 @@ use tempfile::TempDir;
 use crate::engine::{Dialect, catalog};
 use crate::handle::Store;
 use crate::ledger::quarantine::ExportFault;
-use crate::ledger::runs::RunTotals;
+use crate::ledger::run_progress::RunTotals;
 use crate::robot::conclude::StaleRobot;
 use armwatch_model::analysis::{
     CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,

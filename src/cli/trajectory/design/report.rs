@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::cli::context::CliError;
 use crate::cli::shared::output;
-use crate::cli::trajectory::beside::{Beside, Precision};
+use crate::cli::trajectory::beside::{Precision, ProductionPrecision};
 use crate::cli::trajectory::motion_check::MotionCheck;
 use crate::cli::trajectory::words::{nearness, print_nearness, without_numbers};
 use armwatch_method::detect::rate::budget::Budget;
@@ -27,15 +27,15 @@ pub(super) struct DesignReport<'a> {
     pub conditions: &'a Conditioning,
     pub judged: &'a MotionCheck<'a>,
     /// What a recording will tell, where the noise is known.
-    pub prediction: Option<Predicted<'a>>,
+    pub prediction: Option<PredictedRecording<'a>>,
     /// Growth of a joint's friction, a fraction, and a load, kg, whose chance to be seen is told.
     pub wear: f64,
     pub load_kg: f64,
-    pub beside: Option<(&'a Beside, &'a Precision)>,
+    pub beside: Option<(&'a ProductionPrecision, &'a Precision)>,
 }
 
 /// What a recording of one period will tell.
-pub(super) struct Predicted<'a> {
+pub(super) struct PredictedRecording<'a> {
     recording: &'a Recording,
     found: Prediction,
     /// What a test may spend of the false alarms.
@@ -44,7 +44,7 @@ pub(super) struct Predicted<'a> {
     against_own: Option<[f64; 3]>,
 }
 
-impl<'a> Predicted<'a> {
+impl<'a> PredictedRecording<'a> {
     pub fn new(
         robot: &Robot,
         base: &BaseParameters,
@@ -108,7 +108,7 @@ impl DesignReport<'_> {
             beside.print(base, precision, 1.0 / series.base_frequency);
         }
         let Some(predicted) = &self.prediction else { return };
-        let Predicted { recording, found: prediction, against_own, .. } = predicted;
+        let PredictedRecording { recording, found: prediction, against_own, .. } = predicted;
         output::line("");
         output::line(&format!(
             "Standard deviations that a recording of one period at {} Hz will have under white noise",
@@ -141,8 +141,8 @@ impl DesignReport<'_> {
     }
 
     /// What one period shows of the faults that are asked for.
-    fn print_changes(&self, predicted: &Predicted<'_>) {
-        let Predicted { recording, found, budget, .. } = predicted;
+    fn print_changes(&self, predicted: &PredictedRecording<'_>) {
+        let PredictedRecording { recording, found, budget, .. } = predicted;
         output::line("");
         output::line(&format!(
             "What one period shows where noise is all that differs, with {} of a robot and year, shared among {:.0} tests of {} \
@@ -199,7 +199,7 @@ impl DesignReport<'_> {
             })
             .collect()
         };
-        let changes = |predicted: &Predicted<'_>| {
+        let changes = |predicted: &PredictedRecording<'_>| {
             let found = &predicted.found;
             let each = |of: &dyn Fn(f64) -> f64| -> Vec<Option<f64>> {
                 found.friction_change.iter().map(|std| std.map(of)).collect()

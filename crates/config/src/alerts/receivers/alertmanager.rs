@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::Receiver;
+use super::ReceiverKind;
 use super::shared::{HttpLogin, Secret, read_http_login, read_path, read_seconds, read_timeout, read_url};
 use crate::toml::table::Table;
 
@@ -25,7 +25,7 @@ pub struct AlertmanagerSettings {
     pub refresh: Duration,
 }
 
-impl Receiver for AlertmanagerSettings {
+impl ReceiverKind for AlertmanagerSettings {
     fn read(table: &Table<'_>) -> Option<Self> {
         let url = table.required("url").and_then(|value| read_url(&value));
         let login = read_http_login(table);

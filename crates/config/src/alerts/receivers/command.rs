@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::Receiver;
+use super::ReceiverKind;
 use super::shared::read_timeout;
 use crate::alerts::values::texts;
 use crate::toml::table::Table;
@@ -16,7 +16,7 @@ pub struct CommandSettings {
     pub timeout: Duration,
 }
 
-impl Receiver for CommandSettings {
+impl ReceiverKind for CommandSettings {
     fn read(table: &Table<'_>) -> Option<Self> {
         let hint = || {
             Some("write the program and its arguments, such as [\"/usr/local/bin/page\", \"shift\"]".into())

@@ -13,13 +13,13 @@ pub use self::command::CommandSettings;
 pub use self::email::EmailSettings;
 pub use self::log::LogSettings;
 pub use self::mqtt::MqttSettings;
-pub use self::shared::{Address, Encryption, HttpLogin, Secret};
+pub use self::shared::{Address, Encryption, HttpLogin, Secret, ServerSettings};
 pub use self::webhook::WebhookSettings;
 
 use crate::toml::table::{Table, Value};
 
 /// Settings of one kind of receiver.
-trait Receiver: Sized {
+trait ReceiverKind: Sized {
     /// Reads the table; `None` after a problem.
     fn read(table: &Table<'_>) -> Option<Self>;
 

@@ -74,6 +74,55 @@ pub enum Encryption {
     None,
 }
 
+/// A server of mail or MQTT.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ServerSettings {
+    /// Its name or address.
+    pub host: String,
+    /// Its port.
+    pub port: u16,
+    /// How the connection is encrypted.
+    pub encryption: Encryption,
+    /// User and password, if the server requires them.
+    pub login: Option<(String, Secret)>,
+    /// Trusted certificates, PEM: of a mail server in addition to the system's, of a broker in place of them.
+    pub ca_file: Option<PathBuf>,
+    /// Longest time for a message.
+    pub timeout: Duration,
+}
+
+impl ServerSettings {
+    /// Reads the keys that mail and MQTT share. `kinds` lists names, encryptions and usual ports; the first is the default.
+    pub(super) fn read(table: &Table<'_>, kinds: &[(&str, Encryption, i64)]) -> Option<Self> {
+        let host = table.text("host");
+        let kind = match table.optional("encryption") {
+            None => kinds.first(),
+            Some(value) => value.text().and_then(|text| {
+                let found = kinds.iter().find(|(name, ..)| *name == text);
+                if found.is_none() {
+                    let quoted: Vec<String> = kinds.iter().map(|(name, ..)| format!("\"{name}\"")).collect();
+                    let hint = format!("write one of {}", quoted.join(", "));
+                    value.refuse("is not known here".into(), Some(hint));
+                }
+                found
+            }),
+        };
+        let port = match table.optional("port") {
+            Some(value) => value.integer(1..=65_535),
+            None => kind.map(|(_, _, port)| *port),
+        };
+        let (login, ca_file, timeout) = (read_login(table), read_path(table, "ca_file"), read_timeout(table));
+        Some(Self {
+            host: host?.to_owned(),
+            port: u16::try_from(port?).ok()?,
+            encryption: kind?.1,
+            login: login?,
+            ca_file: ca_file?,
+            timeout: timeout?,
+        })
+    }
+}
+
 /// An address of HTTP without user and password, which are secret.
 pub(super) fn read_url(value: &Value<'_>) -> Option<String> {
     let url = value.text()?;
@@ -145,35 +194,6 @@ pub(super) fn read_login(table: &Table<'_>) -> Option<Option<(String, Secret)>> 
             None
         }
     }
-}
-
-/// One of `names`, the first unless given.
-pub(super) fn read_encryption(table: &Table<'_>, names: &[&str]) -> Option<Encryption> {
-    let Some(value) = table.optional("encryption") else { return encryption(names[0]) };
-    let text = value.text()?;
-    let found = names.iter().find(|name| **name == text).and_then(|name| encryption(name));
-    if found.is_none() {
-        let quoted: Vec<String> = names.iter().map(|name| format!("\"{name}\"")).collect();
-        value.refuse("is not known here".into(), Some(format!("write one of {}", quoted.join(", "))));
-    }
-    found
-}
-
-fn encryption(name: &str) -> Option<Encryption> {
-    match name {
-        "tls" => Some(Encryption::Tls),
-        "starttls" => Some(Encryption::StartTls),
-        "none" => Some(Encryption::None),
-        _ => None,
-    }
-}
-
-pub(super) fn read_port(table: &Table<'_>, default: i64) -> Option<u16> {
-    let port = match table.optional("port") {
-        Some(value) => value.integer(1..=65_535)?,
-        None => default,
-    };
-    u16::try_from(port).ok()
 }
 
 pub(super) fn read_path(table: &Table<'_>, key: &str) -> Option<Option<PathBuf>> {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::Receiver;
+use super::ReceiverKind;
 use super::shared::{
     Address, HttpLogin, Secret, read_http_login, read_path, read_secret, read_timeout, read_url,
 };
@@ -24,7 +24,7 @@ pub struct WebhookSettings {
     pub timeout: Duration,
 }
 
-impl Receiver for WebhookSettings {
+impl ReceiverKind for WebhookSettings {
     fn read(table: &Table<'_>) -> Option<Self> {
         let url = match table.one_of(&["url", "url_file", "url_env"]) {
             Some((0, value)) => read_url(&value).map(Address::Plain),

@@ -9,10 +9,10 @@ use std::f64::consts::FRAC_PI_4;
 use nalgebra::Vector3;
 
 use super::alternatives::{lowest, mistakes, words};
-use super::change::Change;
+use super::change::ModelChange;
 use super::channels::{COARSE_INSTANTS, Channels, Errors};
 use super::joint_fit::JointFit;
-use super::level::{INSTANTS, Level};
+use super::level::{BaseTilt, INSTANTS};
 use super::readings::{Compared, MOUNTING, Reading, across, turned_about};
 use crate::least_squares::factor::TriangularFactor;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
@@ -50,7 +50,7 @@ const ROUNDED: f64 = 1.3;
 
 /// The change that explains the torques of all joints, if there is one: findings about signs, order, mounting or a length.
 /// `level` receives the tilt of the base if it was estimated.
-pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<Level>) -> Vec<Finding> {
+pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<BaseTilt>) -> Vec<Finding> {
     let fits = channels.own_fits();
     if fits.iter().all(Option::is_none) || channels.excitation.is_empty() {
         return Vec::new();
@@ -62,7 +62,7 @@ pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<Level>) -> Vec<
     if CAUSE * described <= least && !foreign {
         return Vec::new();
     }
-    let Some(level) = Level::of(channels).map(|found| &*level.insert(found)) else { return Vec::new() };
+    let Some(level) = BaseTilt::of(channels).map(|found| &*level.insert(found)) else { return Vec::new() };
     if CAUSE * level.misfit <= level.own_misfit && !level.is_foreign(FOREIGN) {
         return Vec::new();
     }
@@ -73,7 +73,7 @@ pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<Level>) -> Vec<
 }
 
 /// The change with the least squares, and these squares.
-fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
+fn likeliest(channels: &Channels<'_>, level: &BaseTilt) -> Option<(ModelChange, f64)> {
     let compared = level.compared(channels);
     let coarse = compared.thinned(COARSE_INSTANTS);
     let count = (compared.rows.len() * channels.robot.joint_count()) as f64;
@@ -81,26 +81,27 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
     changes.extend(channel_changes(&compared.channels, &compared));
     changes.extend(described_changes(&coarse, &level.reading));
     // each with the tilt as it is first: most are far behind
-    let mut tried: Vec<(f64, Change)> =
+    let mut tried: Vec<(f64, ModelChange)> =
         changes.into_iter().map(|change| (coarse.misfit(&change.reading(level.robot())), change)).collect();
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     tried.truncate(SETTLED);
     let settle = |(_, change)| settled(&compared, &coarse, level, change);
-    let mut found: Vec<(Change, f64)> = tried.into_iter().map(settle).collect();
+    let mut found: Vec<(ModelChange, f64)> = tried.into_iter().map(settle).collect();
     // a scale frees a joint from the inertias of the others, and explains a part of anything
-    let is_scale = |change: &Change| matches!(change, Change::Scaled(..) | Change::Rescaled(_));
+    let is_scale =
+        |change: &ModelChange| matches!(change, ModelChange::Scaled(..) | ModelChange::Rescaled(_));
     found.retain(|(change, misfit)| !is_scale(change) || *misfit <= WELL * count);
     // a length that costs no torque is no cause
     let costs = |misfit: f64| level.misfit - misfit >= COST * compared.rows.len() as f64;
-    found.retain(|(change, misfit)| !matches!(change, Change::Described(..)) || costs(*misfit));
+    found.retain(|(change, misfit)| !matches!(change, ModelChange::Described(..)) || costs(*misfit));
     if channels.robot.gravity.norm() > 0.0 {
         found.extend(mounted(&compared, &coarse, level));
-        let weightless = compared.misfit(&Change::Weightless.reading(channels.robot));
-        found.push((Change::Weightless, weightless));
+        let weightless = compared.misfit(&ModelChange::Weightless.reading(channels.robot));
+        found.push((ModelChange::Weightless, weightless));
     }
-    let price = |(change, misfit): &(Change, f64)| match change {
-        Change::Described(..) => HARDLY_MORE * misfit,
-        Change::Rescaled(scales) => misfit * ONE_MORE.powi(-(scales.len() as i32)),
+    let price = |(change, misfit): &(ModelChange, f64)| match change {
+        ModelChange::Described(..) => HARDLY_MORE * misfit,
+        ModelChange::Rescaled(scales) => misfit * ONE_MORE.powi(-(scales.len() as i32)),
         _ => *misfit,
     };
     found.into_iter().min_by(|a, b| price(a).total_cmp(&price(b)))
@@ -110,7 +111,7 @@ fn likeliest(channels: &Channels<'_>, level: &Level) -> Option<(Change, f64)> {
 /// friction is independent evidence, so a smaller gain suffices.
 pub(crate) fn turned_by_friction(
     channels: &Channels<'_>,
-    level: &Level,
+    level: &BaseTilt,
     findings: &[Finding],
 ) -> Vec<Finding> {
     let drives =
@@ -122,14 +123,19 @@ pub(crate) fn turned_by_friction(
     }
     let compared = level.compared(channels);
     let coarse = compared.thinned(COARSE_INSTANTS);
-    let (change, misfit) = settled(&compared, &coarse, level, Change::Turned(joints));
+    let (change, misfit) = settled(&compared, &coarse, level, ModelChange::Turned(joints));
     if misfit <= ONE_MORE * level.misfit { change.findings(misfit / level.misfit) } else { Vec::new() }
 }
 
 /// A change with the tilt and the scale that suit it best, and the squares that it leaves.
-fn settled(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level, change: Change) -> (Change, f64) {
+fn settled(
+    compared: &Compared<'_>,
+    coarse: &Compared<'_>,
+    level: &BaseTilt,
+    change: ModelChange,
+) -> (ModelChange, f64) {
     let (mut reading, left) = coarse.levelled(&change.reading(level.robot()), &level.described);
-    let Change::Scaled(joint, scale) = change else {
+    let ModelChange::Scaled(joint, scale) = change else {
         let misfit = compared.misfit(&reading);
         return (change, misfit);
     };
@@ -143,11 +149,11 @@ fn settled(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level, change
     let scale = scale * change.exp();
     reading.scales[joint] = scale;
     let (reading, _) = coarse.levelled(&reading, &level.described);
-    (Change::Scaled(joint, scale), compared.misfit(&reading))
+    (ModelChange::Scaled(joint, scale), compared.misfit(&reading))
 }
 
 /// The best change of signs, of order and of one scale, for the gravity of the `channels`.
-fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<Change> {
+fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<ModelChange> {
     let n = channels.robot.joint_count();
     let factors = channels.factors(&compared.rows);
     let errors = channels.errors(&factors);
@@ -160,39 +166,39 @@ fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<Chan
 }
 
 /// Channels, factors, errors of the torques, bounds.
-type Judged<'a> = (&'a Channels<'a>, &'a [TriangularFactor], &'a [f64], &'a [Vec<f64>]);
+type AssignmentCase<'a> = (&'a Channels<'a>, &'a [TriangularFactor], &'a [f64], &'a [Vec<f64>]);
 
 /// The set of turned torques that explains most; a further joint counts if it explains a good part more.
-fn turned(fit: &JointFit, n: usize) -> Option<Change> {
+fn turned(fit: &JointFit, n: usize) -> Option<ModelChange> {
     let sign = |set: u32, joint: usize| if set & (1 << joint) == 0 { 1.0 } else { -1.0 };
     let price = |set: u32| fit.misfit(|joint| sign(set, joint)) * ONE_MORE.powi(-(set.count_ones() as i32));
     let best = (1..1_u32 << n).min_by(|&a, &b| price(a).total_cmp(&price(b)))?;
-    Some(Change::Turned((0..n).filter(|j| best & (1 << j) != 0).collect()))
+    Some(ModelChange::Turned((0..n).filter(|j| best & (1 << j) != 0).collect()))
 }
 
 /// The two torques that explain most when they are swapped, among those that the other joint's columns explain better.
-fn swapped((channels, factors, sigma, bounds): Judged<'_>, errors: &Errors) -> Option<Change> {
+fn swapped((channels, factors, sigma, bounds): AssignmentCase<'_>, errors: &Errors) -> Option<ModelChange> {
     let n = factors.len();
     let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
     let judged = pairs.filter(|&(a, b)| errors.are_swapped(a, b)).map(|(a, b)| {
         let mut order: Vec<usize> = (0..n).collect();
         order.swap(a, b);
         let fit = channels.ordered_fit(factors, sigma, &order, &vec![1.0; n], bounds);
-        (Change::Swapped(a, b), fit.misfit(|_| 1.0))
+        (ModelChange::Swapped(a, b), fit.misfit(|_| 1.0))
     });
     judged.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(change, _)| change)
 }
 
 /// The scale of one torque that explains most, if it is large enough for another unit.
-fn scaled(judged: Judged<'_>) -> Option<Change> {
+fn scaled(judged: AssignmentCase<'_>) -> Option<ModelChange> {
     let n = judged.1.len();
     let tried = (0..n).map(|joint| (joint, best_scale(judged, &vec![1.0; n], joint)));
     let (joint, (scale, _)) = tried.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
-    is_other_unit(scale).then_some(Change::Scaled(joint, scale))
+    is_other_unit(scale).then_some(ModelChange::Scaled(joint, scale))
 }
 
 /// Scales of all torques relative to their median, if several are large enough for other units.
-fn rescaled(judged: Judged<'_>) -> Option<Change> {
+fn rescaled(judged: AssignmentCase<'_>) -> Option<ModelChange> {
     let n = judged.1.len();
     let (mut scales, mut least) = (vec![1.0; n], f64::INFINITY);
     for _sweep in 0..SCALE_SWEEPS {
@@ -209,11 +215,16 @@ fn rescaled(judged: Judged<'_>) -> Option<Change> {
     sorted.sort_unstable_by(f64::total_cmp);
     let common = sorted[n / 2];
     scales.iter_mut().for_each(|scale| *scale /= common);
-    (scales.iter().filter(|scale| is_other_unit(**scale)).count() > 1).then_some(Change::Rescaled(scales))
+    (scales.iter().filter(|scale| is_other_unit(**scale)).count() > 1)
+        .then_some(ModelChange::Rescaled(scales))
 }
 
 /// The scale of one torque with the least squares for given scales of the others, and these squares.
-fn best_scale((channels, factors, sigma, bounds): Judged<'_>, scales: &[f64], joint: usize) -> (f64, f64) {
+fn best_scale(
+    (channels, factors, sigma, bounds): AssignmentCase<'_>,
+    scales: &[f64],
+    joint: usize,
+) -> (f64, f64) {
     let order: Vec<usize> = (0..factors.len()).collect();
     let misfit = |scale: f64| {
         let mut scales = scales.to_vec();
@@ -239,26 +250,26 @@ fn is_other_unit(scale: f64) -> bool {
 }
 
 /// The mistake of a description with the least squares, and the best change of one number.
-fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<Change> {
+fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<ModelChange> {
     let robot = &level.robot;
     let misfit = |robot: &Robot| compared.misfit(&Reading::of(robot));
-    let least = |a: &(f64, Change), b: &(f64, Change)| a.0.total_cmp(&b.0);
+    let least = |a: &(f64, ModelChange), b: &(f64, ModelChange)| a.0.total_cmp(&b.0);
     let mistaken = mistakes(robot)
         .into_iter()
-        .map(|(words, other)| (misfit(&other), Change::Described(words, Box::new(other))));
+        .map(|(words, other)| (misfit(&other), ModelChange::Described(words, Box::new(other))));
     let described = misfit(robot);
     let numbers = compared.asked_for(level).into_iter().take(NUMBERS_TRIED).map(|(number, change)| {
         let (change, left) = lowest(|change| misfit(&number.changed(robot, change)), described, change);
         let other = Box::new(number.changed(robot, change));
-        (left, Change::Described(words(robot, number, change), other))
+        (left, ModelChange::Described(words(robot, number, change), other))
     });
     [mistaken.min_by(least), numbers.min_by(least)].into_iter().flatten().map(|(_, change)| change).collect()
 }
 
 /// The best direction of gravity, if it is another mounting.
-fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Option<(Change, f64)> {
+fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &BaseTilt) -> Option<(ModelChange, f64)> {
     let described = level.described;
-    let reading = |gravity: Vector3<f64>| Change::Mounted(gravity).reading(level.robot());
+    let reading = |gravity: Vector3<f64>| ModelChange::Mounted(gravity).reading(level.robot());
     let misfit = |gravity: &Vector3<f64>| coarse.misfit(&reading(*gravity));
     let grid = directions().into_iter().map(|towards| described.norm() * towards);
     let rounded = grid.map(|gravity| (misfit(&gravity), gravity)).min_by(|a, b| a.0.total_cmp(&b.0))?.1;
@@ -282,7 +293,7 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &Level) -> Opt
     };
     // first moments that turn with gravity may make a floor off level look like a wall
     let is_floor = level.misfit <= ROUNDED * least;
-    (described.angle(&gravity) > MOUNTING && !is_floor).then_some((Change::Mounted(gravity), found))
+    (described.angle(&gravity) > MOUNTING && !is_floor).then_some((ModelChange::Mounted(gravity), found))
 }
 
 /// Checks if an arm without gravity explains the torques as well as the description.
@@ -290,8 +301,9 @@ pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();
     let compared = Compared::new(*channels, rows, sigma);
-    let [described, weightless] = [Reading::of(channels.robot), Change::Weightless.reading(channels.robot)]
-        .map(|reading| compared.misfit(&reading));
+    let [described, weightless] =
+        [Reading::of(channels.robot), ModelChange::Weightless.reading(channels.robot)]
+            .map(|reading| compared.misfit(&reading));
     weightless <= AS_WELL * described
 }
 

@@ -11,7 +11,7 @@ use armwatch_model::robot::{JointIndex, Robot};
 
 /// One change of channels, mounting or description.
 #[derive(Debug, Clone)]
-pub(super) enum Change {
+pub(super) enum ModelChange {
     /// Torques of the other sign.
     Turned(Vec<usize>),
     /// Two torques exchanged.
@@ -28,7 +28,7 @@ pub(super) enum Change {
     Described(String, Box<Robot>),
 }
 
-impl Change {
+impl ModelChange {
     /// The recording of a robot with this change.
     pub(super) fn reading(&self, robot: &Robot) -> Reading {
         let mut reading = Reading::of(robot);

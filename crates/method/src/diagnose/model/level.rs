@@ -25,7 +25,7 @@ const SHOWN: f64 = 12.0 / INDEPENDENT;
 
 /// The description with the likeliest tilt of its base.
 #[derive(Debug, Clone)]
-pub(crate) struct Level {
+pub(crate) struct BaseTilt {
     /// The recording with gravity in this direction.
     pub(super) reading: Reading,
     /// Base parameters under it. The first moments of link 1 are among them.
@@ -44,7 +44,7 @@ pub(crate) struct Level {
     rows: Vec<usize>,
 }
 
-impl Level {
+impl BaseTilt {
     /// The likeliest tilt; `None` with too few rows, or if the base parameters under it are unclear.
     pub(crate) fn of(channels: &Channels<'_>) -> Option<Self> {
         let rows = channels.rows(INSTANTS);

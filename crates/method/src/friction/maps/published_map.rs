@@ -240,7 +240,7 @@ fn covariance(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<D
 }
 
 /// Sums over the points of a map that its covariance is made of.
-struct NormalEquations {
+struct CovarianceSums {
     /// `sum g gᵀ`.
     information: DMatrix<f64>,
     /// `sum r g` over the points of each run, a column a run.
@@ -251,7 +251,7 @@ struct NormalEquations {
 
 /// Sums of the gradients `g` of relative friction over the map's unknowns and of the relative residuals `r`. Both
 /// are fractions of the warm friction of the point's level.
-fn normal_equations(record: &JointRecord, fitted: &FittedMap, runs: usize) -> NormalEquations {
+fn normal_equations(record: &JointRecord, fitted: &FittedMap, runs: usize) -> CovarianceSums {
     let layout = MapLayout::of(record);
     let size = layout.size(covariance_parameters(record));
     let deficits = point_deficits(record, &fitted.law);
@@ -275,7 +275,7 @@ fn normal_equations(record: &JointRecord, fitted: &FittedMap, runs: usize) -> No
         information.ger(1.0, &gradient, &gradient, 1.0);
         scores.column_mut(p.run).axpy(residual, &gradient, 1.0);
     }
-    NormalEquations { information, scores, squares }
+    CovarianceSums { information, scores, squares }
 }
 
 /// Derivative of the predicted friction of each point by each fitted parameter of the law, levels fixed, by central

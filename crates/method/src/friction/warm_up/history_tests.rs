@@ -212,7 +212,6 @@ fn a_simulated_run_is_followed_to_one_percent_of_every_joint() {
                 means.iter().map(|m| (warm_up_torque(&fit, m.time / 60.0) / m.torque - 1.0).powi(2)).sum();
             let relative = (squares / means.len() as f64).sqrt();
             assert!(relative < 0.01, "{relative} {fit:?}");
-            assert!(fit.extrapolates(130.0) && !fit.extrapolates(60.0));
         }
     }
 }

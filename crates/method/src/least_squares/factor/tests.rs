@@ -176,30 +176,6 @@ fn rows_pushed_one_by_one_make_the_factor_of_the_blocks() {
 
 /// Whole blocks give the very bits, since they are folded at the same rows; other pieces the same factor.
 #[test]
-fn rows_pushed_column_by_column_are_those_pushed_one_by_one() {
-    let all = problem(2 * BLOCK_ROWS + 57);
-    let rows: Vec<usize> = (0..all.nrows()).collect();
-    let by_rows = {
-        let mut builder = FactorBuilder::new(4);
-        rows.iter().for_each(|&i| builder.push((0..5).map(|j| all[(i, j)])));
-        builder.take()
-    };
-    for piece in [BLOCK_ROWS, 100, 1] {
-        let mut builder = FactorBuilder::new(4);
-        for rows in rows.chunks(piece) {
-            builder.push_columns(rows.len(), |k, entries| {
-                entries.iter_mut().zip(rows).for_each(|(entry, &row)| *entry = all[(row, k)]);
-            });
-        }
-        let by_columns = builder.take();
-        if piece == BLOCK_ROWS {
-            assert_eq!(by_columns, by_rows);
-        }
-        assert_factor_of(&by_columns, &all);
-    }
-}
-
-#[test]
 fn a_factor_gives_the_sums_of_squares_of_its_rows() {
     let all = problem(3000);
     let mut factor = TriangularFactor::new(4);

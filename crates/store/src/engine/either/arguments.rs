@@ -9,7 +9,7 @@ use sqlx::sqlite::SqliteArguments;
 use sqlx::{Arguments, Type};
 
 use super::name::Engine;
-use super::type_info::{EngineTypeInfo, Kind};
+use super::type_info::{EngineTypeInfo, ValueKind};
 
 /// A value, or NULL of a type: PostgreSQL wants to know the type of every place when it reads a statement first.
 #[derive(Debug)]
@@ -22,13 +22,13 @@ pub(crate) enum Argument {
 }
 
 impl Argument {
-    fn null(kind: Kind) -> Self {
+    fn null(kind: ValueKind) -> Self {
         match kind {
-            Kind::Flag => Self::Flag(None),
-            Kind::Integer => Self::Integer(None),
-            Kind::Real => Self::Real(None),
-            Kind::Text => Self::Text(None),
-            Kind::Blob => Self::Blob(None),
+            ValueKind::Flag => Self::Flag(None),
+            ValueKind::Integer => Self::Integer(None),
+            ValueKind::Real => Self::Real(None),
+            ValueKind::Text => Self::Text(None),
+            ValueKind::Blob => Self::Blob(None),
         }
     }
 }

@@ -186,7 +186,7 @@ impl TransactionManager for EngineTransactionManager {
 }
 
 /// A statement as one of the engines takes it.
-struct Asked<A> {
+struct EngineQuery<A> {
     sql: SqlStr,
     arguments: Option<A>,
     persistent: bool,
@@ -196,15 +196,15 @@ struct Asked<A> {
 fn asked<'q, E: Execute<'q, Engine>, A>(
     mut query: E,
     convert: impl FnOnce(EngineArguments) -> Result<A, BoxDynError>,
-) -> Result<Asked<A>, Error> {
+) -> Result<EngineQuery<A>, Error> {
     let arguments = query.take_arguments().map_err(Error::Encode)?;
     let persistent = query.persistent();
     let arguments = arguments.map(convert).transpose().map_err(Error::Encode)?;
-    Ok(Asked { sql: query.sql(), arguments, persistent })
+    Ok(EngineQuery { sql: query.sql(), arguments, persistent })
 }
 
 /// Converts a query for SQLite.
-fn asked_of_sqlite<'q, E: Execute<'q, Engine>>(query: E) -> Result<Asked<SqliteArguments>, Error> {
+fn asked_of_sqlite<'q, E: Execute<'q, Engine>>(query: E) -> Result<EngineQuery<SqliteArguments>, Error> {
     let mut places = 0;
     let mut asked = asked(query, |arguments| {
         places = arguments.len();
@@ -247,8 +247,10 @@ macro_rules! steps {
     ($connection:expr, $asked:expr, $database:ty) => {
         match $asked {
             Err(error) => stream::once(ready(Err(error))).boxed(),
-            Ok(Asked { sql, arguments: None, .. }) => $connection.fetch_many(sql).map_ok(either).boxed(),
-            Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
+            Ok(EngineQuery { sql, arguments: None, .. }) => {
+                $connection.fetch_many(sql).map_ok(either).boxed()
+            }
+            Ok(EngineQuery { sql, arguments: Some(arguments), persistent }) => {
                 let query = sqlx::query_with::<$database, _>(sql, arguments).persistent(persistent);
                 $connection.fetch_many(query).map_ok(either).boxed()
             }
@@ -261,10 +263,10 @@ macro_rules! first {
     ($connection:expr, $asked:expr, $database:ty) => {
         match $asked {
             Err(error) => ready(Err(error)).boxed(),
-            Ok(Asked { sql, arguments: None, .. }) => {
+            Ok(EngineQuery { sql, arguments: None, .. }) => {
                 $connection.fetch_optional(sql).map_ok(|row| row.map(EngineRow::from)).boxed()
             }
-            Ok(Asked { sql, arguments: Some(arguments), persistent }) => {
+            Ok(EngineQuery { sql, arguments: Some(arguments), persistent }) => {
                 let query = sqlx::query_with::<$database, _>(sql, arguments).persistent(persistent);
                 $connection.fetch_optional(query).map_ok(|row| row.map(EngineRow::from)).boxed()
             }

@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteTypeInfo;
 
 /// What the store's values are, whatever an engine calls them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum ValueKind {
     Flag,
     Integer,
     Real,
@@ -16,7 +16,7 @@ pub(crate) enum Kind {
     Blob,
 }
 
-impl Kind {
+impl ValueKind {
     fn name(self) -> &'static str {
         match self {
             Self::Flag => "BOOLEAN",
@@ -31,20 +31,20 @@ impl Kind {
 /// The type of a value: that of an engine, or what a value of the program is.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum EngineTypeInfo {
-    Own(Kind),
+    Own(ValueKind),
     Sqlite(SqliteTypeInfo),
     Postgres(PgTypeInfo),
 }
 
 impl EngineTypeInfo {
     /// What a value of this type of PostgreSQL is; `None` for one that the store does not use.
-    pub(super) fn kind_of_postgres(of: &PgTypeInfo) -> Option<Kind> {
+    pub(super) fn kind_of_postgres(of: &PgTypeInfo) -> Option<ValueKind> {
         match of.name() {
-            "BOOL" => Some(Kind::Flag),
-            "INT2" | "INT4" | "INT8" => Some(Kind::Integer),
-            "FLOAT4" | "FLOAT8" => Some(Kind::Real),
-            "TEXT" | "VARCHAR" | "CHAR" | "BPCHAR" | "NAME" | "UNKNOWN" => Some(Kind::Text),
-            "BYTEA" => Some(Kind::Blob),
+            "BOOL" => Some(ValueKind::Flag),
+            "INT2" | "INT4" | "INT8" => Some(ValueKind::Integer),
+            "FLOAT4" | "FLOAT8" => Some(ValueKind::Real),
+            "TEXT" | "VARCHAR" | "CHAR" | "BPCHAR" | "NAME" | "UNKNOWN" => Some(ValueKind::Text),
+            "BYTEA" => Some(ValueKind::Blob),
             _ => None,
         }
     }

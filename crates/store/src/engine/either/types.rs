@@ -8,11 +8,11 @@ use sqlx::{Decode, Type, TypeInfo, ValueRef};
 
 use super::arguments::Argument;
 use super::name::Engine;
-use super::type_info::{EngineTypeInfo, Kind};
+use super::type_info::{EngineTypeInfo, ValueKind};
 use super::value::EngineValueRef;
 
 /// Whether a value of a type can be read as `T`; `kinds` are those of PostgreSQL.
-fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[Kind]) -> bool {
+fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[ValueKind]) -> bool {
     match of {
         EngineTypeInfo::Own(kind) => kinds.contains(kind),
         EngineTypeInfo::Sqlite(of) => T::compatible(of),
@@ -25,7 +25,7 @@ fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[Kind]) -> bool {
 /// A whole number of PostgreSQL, of any width; a truth value is 0 or 1, as in SQLite.
 fn integer(value: PgValueRef<'_>) -> Result<i64, BoxDynError> {
     match EngineTypeInfo::kind_of_postgres(&value.type_info()) {
-        Some(Kind::Flag) => <bool as Decode<Postgres>>::decode(value).map(i64::from),
+        Some(ValueKind::Flag) => <bool as Decode<Postgres>>::decode(value).map(i64::from),
         _ => <i64 as Decode<Postgres>>::decode(value),
     }
 }
@@ -34,11 +34,11 @@ macro_rules! integers {
     ($($type:ty),*) => {$(
         impl Type<Engine> for $type {
             fn type_info() -> EngineTypeInfo {
-                EngineTypeInfo::Own(Kind::Integer)
+                EngineTypeInfo::Own(ValueKind::Integer)
             }
 
             fn compatible(of: &EngineTypeInfo) -> bool {
-                compatible::<Self>(of, &[Kind::Integer])
+                compatible::<Self>(of, &[ValueKind::Integer])
             }
         }
 
@@ -65,11 +65,11 @@ integers!(i8, i16, i32, i64, u8, u16, u32);
 // read only: no column is wide enough for all of them
 impl Type<Engine> for u64 {
     fn type_info() -> EngineTypeInfo {
-        EngineTypeInfo::Own(Kind::Integer)
+        EngineTypeInfo::Own(ValueKind::Integer)
     }
 
     fn compatible(of: &EngineTypeInfo) -> bool {
-        compatible::<Self>(of, &[Kind::Integer])
+        compatible::<Self>(of, &[ValueKind::Integer])
     }
 }
 
@@ -84,11 +84,11 @@ impl<'r> Decode<'r, Engine> for u64 {
 
 impl Type<Engine> for bool {
     fn type_info() -> EngineTypeInfo {
-        EngineTypeInfo::Own(Kind::Flag)
+        EngineTypeInfo::Own(ValueKind::Flag)
     }
 
     fn compatible(of: &EngineTypeInfo) -> bool {
-        compatible::<Self>(of, &[Kind::Flag, Kind::Integer])
+        compatible::<Self>(of, &[ValueKind::Flag, ValueKind::Integer])
     }
 }
 
@@ -110,11 +110,11 @@ impl<'r> Decode<'r, Engine> for bool {
 
 impl Type<Engine> for f64 {
     fn type_info() -> EngineTypeInfo {
-        EngineTypeInfo::Own(Kind::Real)
+        EngineTypeInfo::Own(ValueKind::Real)
     }
 
     fn compatible(of: &EngineTypeInfo) -> bool {
-        compatible::<Self>(of, &[Kind::Real])
+        compatible::<Self>(of, &[ValueKind::Real])
     }
 }
 
@@ -180,15 +180,15 @@ macro_rules! types {
     ($($type:ty, $kind:ident;)*) => {$(
         impl Type<Engine> for $type {
             fn type_info() -> EngineTypeInfo {
-                EngineTypeInfo::Own(Kind::$kind)
+                EngineTypeInfo::Own(ValueKind::$kind)
             }
 
             fn compatible(of: &EngineTypeInfo) -> bool {
                 match of {
                     EngineTypeInfo::Sqlite(of) => <$type as Type<Sqlite>>::compatible(of),
-                    EngineTypeInfo::Own(kind) => *kind == Kind::$kind,
+                    EngineTypeInfo::Own(kind) => *kind == ValueKind::$kind,
                     EngineTypeInfo::Postgres(of) => {
-                        EngineTypeInfo::kind_of_postgres(of) == Some(Kind::$kind)
+                        EngineTypeInfo::kind_of_postgres(of) == Some(ValueKind::$kind)
                     }
                 }
             }

@@ -1,0 +1,72 @@
+//! How far a run is read, and its end.
+
+use crate::engine::EngineExecutor;
+use crate::values::{count, finite};
+use armwatch_model::run::ContentPrefix;
+
+/// Figures of a run that are known once its last row is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RunTotals {
+    /// Rows of the export.
+    pub rows: usize,
+    /// Bad rows that were passed over, beyond those.
+    pub rows_skipped: usize,
+    /// Sample rate, Hz.
+    pub sample_rate: f64,
+    /// Cycles of the export; all of them must be stored.
+    pub cycles: u32,
+}
+
+/// The description that a cycle was analysed with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Description {
+    /// Its key.
+    pub(crate) robot_model_id: i64,
+    /// Hash of all that figures depend on.
+    pub(crate) figures_hash: [u8; 32],
+}
+
+/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
+pub(crate) async fn advance(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    description: &Description,
+    read: Option<&ContentPrefix>,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET cycles_stored = cycles_stored + 1, robot_model_id = $1, figures_hash = $2,
+             prefix_bytes = coalesce($3, prefix_bytes),
+             prefix_hash = coalesce($4, prefix_hash)
+         WHERE run_id = $5",
+    )
+    .bind(description.robot_model_id)
+    .bind(&description.figures_hash[..])
+    .bind(read.map(|prefix| count(prefix.bytes)))
+    .bind(read.map(|prefix| &prefix.hash.0[..]))
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
+
+pub(crate) async fn mark_complete(
+    executor: impl EngineExecutor<'_>,
+    run_id: i64,
+    totals: RunTotals,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "UPDATE run
+         SET status = 'complete', rows = $1, rows_skipped = $2, sample_rate_hz = $3, cycles_total = $4,
+             growing = FALSE, prefix_bytes = NULL, prefix_hash = NULL
+         WHERE run_id = $5",
+    )
+    .bind(count(totals.rows))
+    .bind(count(totals.rows_skipped))
+    .bind(finite(totals.sample_rate))
+    .bind(totals.cycles)
+    .bind(run_id)
+    .execute(executor)
+    .await?;
+    Ok(())
+}
