@@ -342,6 +342,9 @@ CREATE TABLE friction_point (
     samples INTEGER NOT NULL CHECK (samples >= 0),
     -- How the load of gravity was subtracted.
     gravity TEXT NOT NULL CHECK (gravity IN ('axis_vertical', 'fitted', 'model')),
+    -- Where friction depends on load: mean magnitude of the torque that the gear carries, and friction per carried torque.
+    load_nm REAL,
+    load_friction REAL,
     PRIMARY KEY (cycle_id, speed_fraction, number)
 ) STRICT, WITHOUT ROWID;
 

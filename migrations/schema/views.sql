@@ -13,7 +13,9 @@ SELECT robot.name AS robot,
        friction_point.torque_nm,
        friction_point.std_nm,
        friction_point.samples,
-       friction_point.gravity
+       friction_point.gravity,
+       friction_point.load_nm,
+       friction_point.load_friction
 FROM friction_point
 JOIN cycle USING (cycle_id)
 JOIN run USING (run_id)

@@ -237,6 +237,7 @@ mod tests {
             std: 0.1,
             samples: 50,
             gravity: GravityRemoval::AxisVertical,
+            load: None,
         }
     }
 

@@ -61,6 +61,8 @@ pub(super) enum Function {
     Cosine,
     /// Hyperbolic tangent.
     Tanh,
+    /// `exp(-x²)`.
+    Bell,
     /// Magnitude.
     Magnitude,
     /// -1, 0 or 1.
@@ -77,6 +79,7 @@ impl Function {
             Self::Sine => x.sin(),
             Self::Cosine => x.cos(),
             Self::Tanh => x.tanh(),
+            Self::Bell => (-x * x).exp(),
             Self::Magnitude => x.abs(),
             Self::Sign if x == 0.0 => 0.0,
             Self::Sign => x.signum(),
@@ -218,7 +221,7 @@ impl ExpressionGraph {
             Function::NegativePart if negative => Function::PositivePart,
             other => other,
         };
-        let is_even = matches!(function, Function::Cosine | Function::Magnitude);
+        let is_even = matches!(function, Function::Cosine | Function::Bell | Function::Magnitude);
         Signed { node: self.place(Node::Call(mirrored, node)), negative: negative && !is_even }
     }
 
@@ -322,6 +325,7 @@ mod tests {
             Function::Sine,
             Function::Cosine,
             Function::Tanh,
+            Function::Bell,
             Function::Magnitude,
             Function::Sign,
             Function::PositivePart,
@@ -331,7 +335,7 @@ mod tests {
         let (x, y) = (0.3, 1.5);
         let values = graph.values(&outputs, |leaf| if leaf == Node::Speed(0) { x } else { y });
         let d: f64 = x - y;
-        assert_eq!(values, [d.sin(), d.cos(), d.tanh(), d.abs(), -1.0, 0.0, d]);
+        assert_eq!(values, [d.sin(), d.cos(), d.tanh(), (-d * d).exp(), d.abs(), -1.0, 0.0, d]);
         let sides = [graph.cross([a, b, Expression::Zero], [b, a, Expression::Zero])[2], graph.divide(a, b)];
         let values = graph.values(&sides, |leaf| if leaf == Node::Speed(0) { x } else { y });
         assert_eq!(values, [x * x - y * y, x / y]);

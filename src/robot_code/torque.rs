@@ -3,7 +3,10 @@
 //! Constants that are zero, and products with them, are left out. Base parameters have many zeros, which is why their
 //! code is short.
 
+mod load_friction;
+
 use super::expression::{Expression, ExpressionGraph, Function, Node, Vector};
+use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::robot::{
     CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, ParameterId, ParameterKind, Robot,
     StandardParameters,
@@ -83,7 +86,9 @@ pub(super) struct TorquePrograms {
 impl TorquePrograms {
     /// Friction and torque of `robot` with the given parameters; those that are missing are zero.
     pub(super) fn new(robot: &Robot, parameters: &[ModelParameter]) -> Self {
-        let mut builder = Builder { robot, parameters, constants: Vec::new() };
+        let model = DynamicModel::from_parameters(robot, parameters.iter().map(|of| (of.id, of.value)));
+        let grouped_motor_inertia = model.grouped_motor_inertia;
+        let mut builder = Builder { robot, parameters, grouped_motor_inertia, constants: Vec::new() };
         let inertial: Vec<[Expression; 10]> = Vec::new();
         let mut torque = Program::new(robot.joint_count());
         let inertial = robot.joint_indices().fold(inertial, |mut all, joint| {
@@ -119,6 +124,8 @@ impl TorquePrograms {
 struct Builder<'a> {
     robot: &'a Robot,
     parameters: &'a [ModelParameter],
+    /// As in [`DynamicModel::grouped_motor_inertia`].
+    grouped_motor_inertia: Vec<f64>,
     constants: Vec<Constant>,
 }
 
@@ -389,6 +396,11 @@ impl<'a> Builder<'a> {
     /// Adds motor inertias, coupled motors and friction to the torque of the links.
     fn motors(&mut self, program: &mut Program, mut torque: Vec<Expression>, friction: &Program) {
         program.section("motors and friction".to_owned());
+        let losses: Vec<Expression> = self
+            .robot
+            .joint_indices()
+            .map(|joint| self.load_friction(&mut program.graph, joint, torque[joint.index()]))
+            .collect();
         let graph = &mut program.graph;
         let accelerations: Vec<Expression> =
             (0..torque.len()).map(|j| graph.leaf(Node::Acceleration(j))).collect();
@@ -415,6 +427,9 @@ impl<'a> Builder<'a> {
             debug_assert!(*loss != Expression::Zero);
             let loss = graph.leaf(Node::Friction(j));
             torque[j] = graph.add(torque[j], loss);
+        }
+        for (torque, loss) in torque.iter_mut().zip(losses) {
+            *torque = graph.add(*torque, loss);
         }
         program.outputs = torque;
     }

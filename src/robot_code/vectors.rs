@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use super::torque::ModelParameter;
 use armwatch_method::model::base_parameters::{JointState, probe_state};
-use armwatch_method::model::regressor::{Regressor, joint_torque_regressor};
+use armwatch_method::model::dynamics::DynamicModel;
+use armwatch_method::model::regressor::{Regressor, joint_torque_regressor, write_load_columns};
 use armwatch_model::robot::{JointKind, ParameterId, Robot};
 
 /// States in a table.
@@ -38,9 +39,12 @@ impl TestVectors {
         let phi: Vec<f64> = ParameterId::natural_order(robot).iter().map(value).collect();
         let states: Vec<JointState> = (0..VECTOR_STATES).map(|index| state(robot, index)).collect();
         let mut y = Regressor::new(robot);
+        let model = DynamicModel::from_parameters(robot, parameters.iter().map(|of| (of.id, of.value)));
         let torque = |state: &JointState| {
-            let mut tau = vec![0.0; robot.joint_count()];
+            let (mut tau, mut load) = (vec![0.0; robot.joint_count()], vec![0.0; robot.joint_count()]);
             joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+            model.gear_load(robot, &state.q, &state.qd, &state.qdd, &mut load);
+            write_load_columns(robot, &state.qd, &load, &mut y);
             y.torque(&phi, &mut tau);
             tau
         };

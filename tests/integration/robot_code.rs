@@ -327,10 +327,11 @@ fn every_friction_law_and_coupled_motors_become_code() {
     let laws = [
         "smooth\"\nsmooth_speed_rad_s = 0.1",
         "smooth\"\nsmooth_speed_rad_s = 0.2\nasymmetric = true",
-        "viscous_coulomb",
-        "viscous_coulomb\"\nasymmetric = true",
+        "viscous_coulomb\"\nload_friction = \"linear\"",
+        "viscous_coulomb\"\nasymmetric = true\nload_friction = \"quadratic\"",
         "none",
-        "polynomial",
+        "polynomial\"\nload_friction = \"directional\"",
+        "viscous_coulomb\"\nload_friction = \"stribeck\"\nload_speed_rad_s = 0.3",
     ];
     let text = seven_joints();
     let mut parts = text.split("\n[[joint]]\n");

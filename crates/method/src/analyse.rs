@@ -16,6 +16,7 @@ use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::filtered_columns::filtered_coulomb_columns;
 use super::identify::joint_factors::{FactorColumns, Factored, FactoredRows, pack};
+use super::identify::load_iteration::add_load_columns;
 use super::identify::torque_noise::torque_noise;
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::model::base_parameters::{BaseParameters, base_parameters};
@@ -143,6 +144,10 @@ fn analysed(
         },
         || filtered_coulomb_columns(&method.robot, &filtered),
     );
+    if method.robot.has_load_friction() {
+        let settled = add_load_columns(method, &filtered, samples, &mut filtered_coulomb_columns);
+        analysis.remarks.extend(settled.remark());
+    }
     let rows = FactoredRows {
         robot: &method.robot,
         columns: &method.columns,

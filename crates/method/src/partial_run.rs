@@ -102,6 +102,7 @@ mod tests {
             std: 0.1,
             samples: 100,
             gravity: GravityRemoval::Model,
+            load: None,
         };
         let identified = |id: ParameterId, value: f64| IdentifiedParameter {
             id,

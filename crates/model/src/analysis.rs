@@ -331,6 +331,17 @@ pub struct FrictionPoint {
     pub samples: usize,
     /// How gravity was removed.
     pub gravity: GravityRemoval,
+    /// What the gear carried, where the joint's friction law depends on it.
+    pub load: Option<CarriedLoad>,
+}
+
+/// What a gear carried on a plateau.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CarriedLoad {
+    /// Mean magnitude of the torque that the gear carries, Nm (N).
+    pub torque: f64,
+    /// Friction under load per carried torque, of the cycle's own parameters.
+    pub friction: f64,
 }
 
 /// How the load of gravity was taken from a friction point.

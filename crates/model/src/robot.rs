@@ -5,6 +5,7 @@ mod geometry;
 mod coupling;
 mod joint_index;
 mod friction_law;
+mod load_friction;
 mod standard_parameters;
 mod parameter;
 mod shape;
@@ -17,6 +18,7 @@ pub use self::coupling::{Coupling, CouplingTerm};
 pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm, LawKind};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
+pub use self::load_friction::{LoadFriction, LoadKind};
 pub use self::parameter::{ParameterId, ParameterKind, shares_of_link};
 pub use self::shape::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
 pub use self::standard_parameters::StandardParameters;
@@ -71,6 +73,21 @@ impl Robot {
         self.joints.get(joint.index()).and_then(|joint| joint.friction).unwrap_or(self.friction)
     }
 
+    /// Whether the friction of a joint depends on the torque that its gear carries.
+    #[must_use]
+    pub fn has_load_friction(&self) -> bool {
+        self.joint_indices().any(|joint| self.friction_of(joint).load != LoadFriction::None)
+    }
+
+    /// The same arm without friction that depends on load.
+    #[must_use]
+    pub fn without_load_friction(&self) -> Self {
+        let mut robot = self.clone();
+        robot.friction.load = LoadFriction::None;
+        robot.joints.iter_mut().flat_map(|joint| &mut joint.friction).for_each(|of| of.load = LoadFriction::None);
+        robot
+    }
+
     /// Whether motor inertias are part of the measured torque.
     #[must_use]
     pub fn has_motor_inertia(&self) -> bool {
@@ -81,7 +98,7 @@ impl Robot {
     /// terms and, where torque is the motors', a motor inertia for each joint, and three for each coupling.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
-        let friction: usize = self.joint_indices().map(|joint| self.friction_of(joint).terms().len()).sum();
+        let friction: usize = self.joint_indices().map(|joint| self.friction_of(joint).all_terms().count()).sum();
         let per_joint = StandardParameters::COUNT + usize::from(self.has_motor_inertia());
         per_joint * self.joints.len() + friction + CouplingTerm::ALL.len() * self.couplings.len()
     }

@@ -190,7 +190,12 @@ fn recording_of_unit(
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
         let worn = wear(&settings.faults, index, run);
-        let mut gearbox = joint_friction(joint, nominal, settings.friction_load, &worn);
+        let mut gearbox = joint_friction(
+            joint,
+            nominal,
+            (settings.friction_load, 1.0 - settings.gear_efficiency),
+            &worn,
+        );
         gearbox.warm_up = longer_slow_part(gearbox.warm_up, warm_up_factor(&settings.faults, index, run));
         let is_last = index.number() == robot.joint_count();
         let mut gearbox = gearbox.in_shape(settings.friction, is_last, joint.limits.velocity);
@@ -322,7 +327,7 @@ fn ripple_truth(asked: &RippleOrder, friction: &JointFriction) -> RippleTruth {
 /// Rise of warm friction by wear, a fraction, at [`WEAR_SPEED`] of the largest speed, without that of loads.
 fn worn_by(joint: &Joint, nominal: &NominalJoint, worn: &Wear) -> f64 {
     let speed = WEAR_SPEED * joint.limits.velocity;
-    let at = |worn: &Wear| joint_friction(joint, nominal, 0.0, worn).warm_torque(speed);
+    let at = |worn: &Wear| joint_friction(joint, nominal, (0.0, 0.0), worn).warm_torque(speed);
     if *worn == Wear::default() { 0.0 } else { at(worn) / at(&Wear::default()) - 1.0 }
 }
 
@@ -348,6 +353,7 @@ fn joint_truths(
                 ripples: settings.ripples.iter().flatten().map(|of| ripple_truth(of, friction)).collect(),
                 friction_direction: friction.direction,
                 friction_load: friction.load,
+                teeth_loss: friction.teeth.loss,
                 torque_noise_nm: nominal.torque_noise,
             })
         })

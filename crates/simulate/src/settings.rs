@@ -85,6 +85,8 @@ pub struct SimulationSettings {
     pub friction_direction: f64,
     /// Friction for each Nm (N) that a gear carries.
     pub friction_load: f64,
+    /// Part of the power that gears transmit to the load at speed, 0.5 to 1, apart from friction without load.
+    pub gear_efficiency: f64,
     /// Standard deviation of the friction of each joint from run to run, as a fraction.
     pub friction_day: f64,
     /// Stiffness of gears that bend, Nm/rad (N/m): see `simulate::elastic`. The planned motion is that of the links then.
@@ -132,6 +134,7 @@ impl Default for SimulationSettings {
             ripples: None,
             friction_direction: 0.0,
             friction_load: 0.0,
+            gear_efficiency: 1.0,
             friction_day: 0.0,
             stiffness: Vec::new(),
             grows: false,
@@ -213,6 +216,10 @@ pub(super) fn check(robot: &Robot, settings: &SimulationSettings) -> Result<(), 
     {
         let hint = "choose a frequency above 0 Hz and an amplitude of 0 Nm (N) or more";
         return setting("torque_hum", format!("{hertz}, {amplitude}"), hint);
+    }
+    if !(0.5..=1.0).contains(&settings.gear_efficiency) {
+        let value = settings.gear_efficiency.to_string();
+        return setting("gear_efficiency", value, "choose 0.5 to 1");
     }
     if settings.friction_direction.is_nan() || settings.friction_direction.abs() >= 1.0 {
         let value = settings.friction_direction.to_string();

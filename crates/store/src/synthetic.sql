@@ -35,7 +35,7 @@ INSERT INTO torque_rmsd (cycle_id, joint, stage, verification, rmsd_nm, relative
     0.05 + (cycle_id * 7919 % 1000) * 1e-6, 2000, 1500, 'weighted' FROM of_cycle CROSS JOIN (SELECT 'all' AS stage
     UNION ALL SELECT 'excitation') CROSS JOIN joints;
 INSERT INTO friction_point SELECT cycle_id, level, joint, joint, number * 300.0, 0.5 * level, 1, 1.0, 0.01, 200,
-    'model' FROM of_cycle CROSS JOIN (SELECT 0.6 AS level UNION ALL SELECT 1.0) CROSS JOIN joints;
+    'model', NULL, NULL FROM of_cycle CROSS JOIN (SELECT 0.6 AS level UNION ALL SELECT 1.0) CROSS JOIN joints;
 INSERT INTO cycle_friction_level SELECT cycle_id, joint, number * 5.0, (cycle_id * 104729 % 1000) * 1e-5, 0.0, 2, 0.8
     FROM of_cycle CROSS JOIN joints;
 INSERT INTO cycle_parameter (cycle_id, model_parameter_id, value, std_error) SELECT cycle_id, model_parameter_id, 1.0,

@@ -100,7 +100,7 @@ fn robot(draws: &mut Draws) -> Robot {
         joints,
         gravity: Vector3::new(0.0, 0.0, -9.81),
         tool: Transform::IDENTITY,
-        friction: FrictionModel { law, asymmetric: false },
+        friction: FrictionModel { law, ..FrictionModel::POLYNOMIAL },
         torque_sensors: TorqueSensors::Motor,
         couplings: Vec::new(),
         speed_levels: vec![0.2, 0.4, 0.6, 0.8],

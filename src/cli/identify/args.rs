@@ -19,6 +19,7 @@ Examples:
   armwatch identify --run 9 --cycles 1 --estimator prior --prior left-warm \\
       --prior-std-fraction 0.1
   armwatch identify --run 3 --essential
+  armwatch identify --run 3 --choose-friction
   armwatch identify --robot Left --each-cycle --estimator weighted \\
       --save left-weighted
 
@@ -44,6 +45,11 @@ From 8 cycles on, standard errors come from the scatter between the cycles, whic
 happens inside them; with fewer, from the residual and the share of rows that are independent. Intervals hold
 the truth with 95 %. Parameters with a standard error above 30 % are marked with *. Exit status 1 if the
 motion does not show every parameter (they are named), or with --each-cycle if a cycle gave none.
+
+--choose-friction identifies with each value of load_friction of the description in turn, holds one cycle out after the
+other (parts of cycles, where there are fewer than three), and prints the error on the held-out rows. A joint needs a law
+if it lowers that error by 3 % and the information criterion too. Nothing is changed: write the chosen value into the
+description.
 
 --each-cycle identifies each chosen cycle alone, prints one line a parameter, or with --json one object a
 cycle, and the statistics of each run as in the view parameter_statistics. --save keeps it for the views
@@ -82,6 +88,9 @@ pub(in crate::cli) struct IdentifyArgs {
     /// Identify each cycle alone
     #[arg(help_heading = "Estimator", long, conflicts_with = "essential")]
     pub(in crate::cli) each_cycle: bool,
+    /// Compare how friction may depend on load, and say which joints need it; reads the exports again
+    #[arg(help_heading = "Estimator", long, conflicts_with_all = ["estimator", "essential", "each_cycle", "save"])]
+    pub(in crate::cli) choose_friction: bool,
     /// Print the sum of link parameters that each parameter stands for
     #[arg(help_heading = "Results", long)]
     pub(in crate::cli) groupings: bool,

@@ -1,6 +1,7 @@
 //! `armwatch identify`: one parameter set from chosen cycles, or one from each, without their exports.
 
 use super::args::{IdentifyArgs, name_taken};
+use super::choose_friction::choose_friction;
 use super::each_cycle;
 use super::output::{Report, print};
 use super::prior_choice::{prior_choice, sources_overlap};
@@ -102,6 +103,9 @@ async fn identify_stored(
         EstimatorKind::Huber => (Choice::Stacked(StackedEstimator::Huber), Vec::new()),
         EstimatorKind::Prior => prior_choice(args, &chosen, robot.as_deref(), config, store).await?,
     };
+    if args.choose_friction {
+        return choose_friction(global, &chosen, config, store).await;
+    }
     if args.each_cycle {
         let expected = each_cycle::expected(&known, &chosen);
         return each_cycle::each_cycle(global, args, &chosen, &choice, expected, store).await;

@@ -10,9 +10,12 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::programme::read;
 use armwatch_config::read_robot;
+use armwatch_method::model::base_parameters::JointState;
+use armwatch_method::model::load_visibility::{LEAST_OWN_PART, LoadVisibility, load_visibility};
 use armwatch_method::model::robot_check;
 use armwatch_method::model::robot_check::{ReferenceAgreement, ReferenceRow, RobotCheck};
-use armwatch_model::robot::Robot;
+use armwatch_model::robot::{FourierExcitation, LoadFriction, Robot};
+use armwatch_trajectory::series::state_at;
 
 /// Largest relative difference from reference data that agrees: reference tables carry twelve
 /// digits, and summing them over a chain loses two or three.
@@ -48,12 +51,17 @@ pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8
     let robot = read_robot(&args.file)?;
     let checked = robot_check::check(&robot)
         .map_err(|error| CliError::Usage(format!("{}: {error}", args.file.display())))?;
+    let shown = match &robot.excitation {
+        Some(excitation) => load_visibility(&robot, &excitation_states(excitation))
+            .map_err(|error| CliError::Usage(format!("{}: {error}", args.file.display())))?,
+        None => None,
+    };
     let agreement = match &args.reference {
         Some(path) => Some(compare(&robot, path)?),
         None => None,
     };
     if global.json {
-        output::json(&as_value(&robot, &checked, agreement.as_ref()));
+        output::json(&as_value(&robot, &checked, agreement.as_ref(), shown.as_deref()));
     } else {
         output::block(&checked.to_string());
         robot.remarks.iter().for_each(|remark| output::line(&format!("remark: {remark}")));
@@ -61,11 +69,62 @@ pub(in crate::cli) fn check(global: &Global, args: &RobotCheckArgs) -> Result<u8
             output::line(&agreement_text(agreement));
         }
     }
+    if !global.json {
+        load_friction_lines(&robot, shown.as_deref()).iter().for_each(|line| output::line(line));
+    }
     if let Some(problem) = inconsistency(&checked) {
         output::print_hint(&problem);
     }
     let agrees = agreement.is_none_or(|found| within(&found)) && inconsistency(&checked).is_none();
     Ok(if agrees { EXIT_DONE } else { EXIT_FOUND })
+}
+
+/// Instants of one period of an excitation that are looked at.
+const EXCITATION_STATES: usize = 1000;
+
+fn excitation_states(excitation: &FourierExcitation) -> Vec<JointState> {
+    let period = 1.0 / excitation.base_frequency;
+    let state = |k: usize| {
+        let joints = state_at(excitation, period * k as f64 / EXCITATION_STATES as f64);
+        let of = |power: usize| joints.iter().map(|joint| joint[power]).collect();
+        JointState { q: of(0), qd: of(1), qdd: of(2) }
+    };
+    (0..EXCITATION_STATES).map(state).collect()
+}
+
+/// Whether the described excitation shows friction under load, a line per joint whose friction depends on it, or one line
+/// that says where it would be shown.
+fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<String> {
+    let Some(shown) = shown else {
+        return match robot.has_load_friction() {
+            true => vec![
+                "Friction under load: the description has no excitation or no nominal parameters to tell whether a motion \
+                 shows it"
+                    .to_owned(),
+            ],
+            false => Vec::new(),
+        };
+    };
+    let is_asked = |of: &&LoadVisibility| robot.friction_of(of.joint).load != LoadFriction::None;
+    if !shown.iter().any(|of| is_asked(&of)) {
+        let visible = shown.iter().filter(|of| of.own_part >= LEAST_OWN_PART);
+        let joints: Vec<String> = visible.map(|of| of.joint.to_string()).collect();
+        let joints = if joints.is_empty() { "none".to_owned() } else { joints.join(", ") };
+        return vec![format!("Friction under load: the excitation would show it in these joints: {joints}")];
+    }
+    let line = |of: &LoadVisibility| {
+        let verdict = match of.own_part >= LEAST_OWN_PART {
+            true => "shown",
+            false => "NOT SHOWN, let the joint move at equal speed under different loads",
+        };
+        format!(
+            "Friction under load of joint {}: {:.0} % of its column is its own, largest load {:.1} Nm (N): {verdict}",
+            of.joint,
+            100.0 * of.own_part,
+            of.largest_load
+        )
+    };
+    shown.iter().filter(is_asked).map(line).collect()
 }
 
 /// Whether the reference agrees; a description without nominal inertia says nothing of torque.
@@ -160,6 +219,7 @@ fn as_value(
     robot: &Robot,
     checked: &RobotCheck,
     agreement: Option<&ReferenceAgreement>,
+    shown: Option<&[LoadVisibility]>,
 ) -> serde_json::Value {
     let base = &checked.base;
     json!({
@@ -177,6 +237,13 @@ fn as_value(
         "rank": base.rank,
         "condition_number": base.condition_number,
         "scaled_condition_number": base.scaled_condition_number,
+        "load_friction": shown.map(|shown| shown.iter().map(|of| json!({
+            "joint": of.joint.number(),
+            "law": robot.friction_of(of.joint).load.name(),
+            "largest_load_nm": of.largest_load,
+            "own_part": of.own_part,
+            "is_shown": of.own_part >= LEAST_OWN_PART,
+        })).collect::<Vec<_>>()),
         "remarks": robot.remarks,
         "problem": inconsistency(checked),
         "reference": agreement,

@@ -60,6 +60,9 @@ pub(in crate::cli) struct ArmOptions {
     /// Friction for each Nm (N) that a gear carries, such as 0.03
     #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
     friction_load: f64,
+    /// Part of its power that a gear transmits to the load at speed, 0.5 to 1, such as 0.93; it transmits less at low speed
+    #[arg(help_heading = "Friction", long, default_value_t = 1.0, value_name = "PART")]
+    gear_efficiency: f64,
     /// Standard deviation of each joint's friction from run to run, such as 0.015
     #[arg(help_heading = "Friction", long, default_value_t = 0.0, value_name = "PART")]
     friction_day: f64,
@@ -117,6 +120,7 @@ impl ArmOptions {
             ripples: self.ripple.clone().map(|ripples| ripples.0),
             friction_direction: self.friction_direction,
             friction_load: self.friction_load,
+            gear_efficiency: self.gear_efficiency,
             friction_day: self.friction_day,
             heating: if self.heating_by_work { Heating::Work } else { Heating::Time },
             unit_spread: UnitSpread {

@@ -71,6 +71,7 @@ fn points(test: Test, cycle: u32) -> Vec<FrictionPoint> {
                     std: 0.1,
                     samples: 100,
                     gravity: GravityRemoval::AxisVertical,
+                    load: None,
                 });
             }
         }

@@ -178,7 +178,11 @@ impl Replay {
         .await?
     }
 
-    fn read(&self, export: &Path) -> Result<Cycle, ReplayError> {
+    /// Reads the cycle out of `export`, no further than to its end.
+    ///
+    /// # Errors
+    /// Those of [`Replay::torque`] about the export.
+    pub fn read(&self, export: &Path) -> Result<Cycle, ReplayError> {
         let CycleState { cycle: wanted, rows, .. } = self.cycle;
         let Some(cycle) = read_cycle(export, &self.layout, &self.robot, wanted)? else {
             return Err(self.cut_otherwise("is no longer found in the export"));

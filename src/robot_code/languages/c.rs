@@ -23,6 +23,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Sine => "sin",
         Function::Cosine => "cos",
         Function::Tanh => "tanh",
+        Function::Bell => "bell",
         Function::Magnitude => "fabs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",
@@ -57,6 +58,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     source += "\n";
     let helpers = [
         (Function::Sign, "static double sign(double x) { return (double)((x > 0.0) - (x < 0.0)); }\n\n"),
+        (Function::Bell, "static double bell(double x) { return exp(-x * x); }\n\n"),
         (Function::PositivePart, "static double positive_part(double x) { return x > 0.0 ? x : 0.0; }\n\n"),
         (Function::NegativePart, "static double negative_part(double x) { return x < 0.0 ? x : 0.0; }\n\n"),
     ];

@@ -23,6 +23,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Sine => "sin",
         Function::Cosine => "cos",
         Function::Tanh => "tanh",
+        Function::Bell => "_bell",
         Function::Magnitude => "fabs",
         Function::Sign => "_sign",
         Function::PositivePart => "_positive_part",
@@ -36,8 +37,9 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     let comment: Vec<String> = header.iter().map(|line| safe(line)).collect();
     let mut source = format!("\"\"\"{}\n\"\"\"\n\n", comment.join("\n"));
     let imported = [Function::Cosine, Function::Magnitude, Function::Sine, Function::Tanh];
-    let imported: Vec<&str> =
+    let mut imported: Vec<&str> =
         imported.into_iter().filter(|of| functions.calls(*of)).map(function_name).collect();
+    imported.extend(functions.calls(Function::Bell).then_some("exp"));
     if !imported.is_empty() {
         source += &format!("from math import {}\n\n", imported.join(", "));
     }
@@ -45,6 +47,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     source += &constants(&functions.constants, &SYNTAX);
     let helpers = [
         (Function::Sign, "\n\ndef _sign(x):\n    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else 0.0\n"),
+        (Function::Bell, "\n\ndef _bell(x):\n    return exp(-x * x)\n"),
         (Function::PositivePart, "\n\ndef _positive_part(x):\n    return x if x > 0.0 else 0.0\n"),
         (Function::NegativePart, "\n\ndef _negative_part(x):\n    return x if x < 0.0 else 0.0\n"),
     ];

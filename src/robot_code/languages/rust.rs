@@ -23,6 +23,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Sine => "f64::sin",
         Function::Cosine => "f64::cos",
         Function::Tanh => "f64::tanh",
+        Function::Bell => "bell",
         Function::Magnitude => "f64::abs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",
@@ -44,6 +45,7 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
             Function::Sign,
             "fn sign(x: f64) -> f64 {\n    f64::from(i8::from(x > 0.0) - i8::from(x < 0.0))\n}\n\n",
         ),
+        (Function::Bell, "fn bell(x: f64) -> f64 {\n    (-x * x).exp()\n}\n\n"),
         (Function::PositivePart, "fn positive_part(x: f64) -> f64 {\n    x.max(0.0)\n}\n\n"),
         (Function::NegativePart, "fn negative_part(x: f64) -> f64 {\n    x.min(0.0)\n}\n\n"),
     ];

@@ -2,10 +2,11 @@
 
 use crate::toml::range::Limits;
 use crate::toml::table::{Table, Value};
-use armwatch_model::robot::{FrictionLaw, FrictionModel, Joint, JointKind, LawKind};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, Joint, JointKind, LawKind, LoadFriction, LoadKind};
 
 const MODEL: &str = "friction_model";
 const ASYMMETRIC: &str = "asymmetric";
+const LOAD: &str = "load_friction";
 
 const RAD_S: Limits = Limits::above(0.0, 10.0, "rad/s");
 const M_S: Limits = Limits::above(0.0, 10.0, "m/s");
@@ -13,12 +14,16 @@ const M_S: Limits = Limits::above(0.0, 10.0, "m/s");
 /// Every law.
 static LAWS: [LawKind; FrictionLaw::KINDS.len()] = FrictionLaw::KINDS;
 
+/// Every dependence on load.
+static LOADS: [LoadKind; LoadFriction::KINDS.len()] = LoadFriction::KINDS;
+
 /// What a table says of friction, each part where it says it.
 struct Given<'d> {
     law: Option<&'static LawKind>,
     /// Speeds with the laws that they belong to.
     speeds: Vec<(&'static LawKind, Value<'d>, f64)>,
     asymmetric: Option<bool>,
+    load: Option<LoadFriction>,
 }
 
 /// The model of an arm as its root gives it.
@@ -36,7 +41,8 @@ pub(crate) fn read_of_arm(root: &Table<'_>) -> Option<ArmModel> {
     match given.law.filter(|_| given.speeds.is_empty()) {
         Some(law) if law.speed_keys.is_some() => {
             let asymmetric = given.asymmetric.unwrap_or(false);
-            let model = FrictionModel { law: (law.with_speed)(0.0), asymmetric };
+            let load = given.load.unwrap_or_default();
+            let model = FrictionModel { law: (law.with_speed)(0.0), asymmetric, load };
             check_directions(root, law, asymmetric)?;
             Some(ArmModel { model, missing_speed: speed_key(law, JointKind::Revolute) })
         }
@@ -71,7 +77,8 @@ pub(crate) fn read_of_joint(
     arm: FrictionModel,
 ) -> Option<Option<FrictionModel>> {
     let given = read(table, kind)?;
-    if given.law.is_none() && given.speeds.is_empty() && given.asymmetric.is_none() {
+    let law_alone = given.law.is_none() && given.speeds.is_empty() && given.asymmetric.is_none();
+    if law_alone && given.load.is_none() {
         return Some(None);
     }
     resolved(table, kind, &given, arm).map(Some)
@@ -98,6 +105,7 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
         .map(|(law, value)| value.number(&limits).map(|speed| (law, value, speed)))
         .collect();
     let asymmetric = table.optional(ASYMMETRIC).map(|value| value.boolean());
+    let load = read_load(table, kind, &limits);
     let law = match law {
         Some(law) => Some(law?),
         None => None,
@@ -107,7 +115,45 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
         Some(asymmetric) => Some(asymmetric?),
         None => None,
     };
-    Some(Given { law, speeds, asymmetric })
+    Some(Given { law, speeds, asymmetric, load: load? })
+}
+
+/// Reads how friction depends on load; `Some(None)` where the table says nothing.
+fn read_load(table: &Table<'_>, kind: JointKind, limits: &Limits) -> Option<Option<LoadFriction>> {
+    let key = match kind {
+        JointKind::Revolute => "load_speed_rad_s",
+        JointKind::Prismatic => "load_speed_m_s",
+    };
+    let (given, speed) = (table.optional(LOAD), table.optional(key));
+    let Some(given) = given else {
+        return match speed {
+            Some(speed) => {
+                speed.refuse(format!("only means something with {LOAD} = \"stribeck\""), None);
+                None
+            }
+            None => Some(None),
+        };
+    };
+    let name = given.text()?;
+    let Some(found) = LOADS.iter().find(|of| of.name == name) else {
+        let about: Vec<String> = LOADS.iter().map(|of| format!("{}: {}", of.name, of.about)).collect();
+        let names = listed(LOADS.iter().map(|of| of.name));
+        given.refuse(format!("must be {names}"), Some(about.join("; ")));
+        return None;
+    };
+    match ((found.with_speed)(0.0).speed(), speed) {
+        (Some(_), Some(speed)) => speed.number(limits).map(|speed| Some((found.with_speed)(speed))),
+        (Some(_), None) => {
+            // notes that it is missing
+            let _ = table.required(key);
+            None
+        }
+        (None, Some(speed)) => {
+            speed.refuse(format!("only means something with {LOAD} = \"stribeck\""), None);
+            None
+        }
+        (None, None) => Some(Some((found.with_speed)(0.0))),
+    }
 }
 
 /// Names in quotes, the last after "or".
@@ -156,7 +202,14 @@ fn resolved(
     let law = (chosen.with_speed)(speed.unwrap_or_default());
     let asymmetric = given.asymmetric.unwrap_or(default.asymmetric && chosen.has_directions);
     check_directions(table, chosen, asymmetric)?;
-    Some(FrictionModel { law, asymmetric })
+    let of_arm = if law == FrictionLaw::None { LoadFriction::None } else { default.load };
+    let load = given.load.unwrap_or(of_arm);
+    if law == FrictionLaw::None && load != LoadFriction::None {
+        let hint = Some(format!("choose another {MODEL}, or {LOAD} = \"none\""));
+        table.refuse("friction under load has no columns in the model \"none\"".to_owned(), hint);
+        return None;
+    }
+    Some(FrictionModel { law, asymmetric, load })
 }
 
 /// Notes that a law has no columns for one direction alone, where that is asked for.
@@ -177,7 +230,7 @@ fn check_directions(table: &Table<'_>, law: &LawKind, asymmetric: bool) -> Optio
 #[cfg(test)]
 mod tests {
     use crate::robot::robot_file::parse_robot;
-    use armwatch_model::robot::{FrictionLaw, FrictionModel, Robot};
+    use armwatch_model::robot::{FrictionLaw, FrictionModel, LoadFriction, Robot};
 
     const ER3A: &str = include_str!("../../../../config/robots/er3a.toml");
 
@@ -199,7 +252,7 @@ mod tests {
 
     #[test]
     fn a_joint_may_have_a_law_and_a_smooth_speed_of_its_own() {
-        let smooth = |speed| FrictionModel { law: FrictionLaw::Smooth { speed }, asymmetric: false };
+        let smooth = |speed| FrictionModel { law: FrictionLaw::Smooth { speed }, ..FrictionModel::POLYNOMIAL };
         let robot =
             with("friction_model = \"smooth\"\nsmooth_speed_rad_s = 0.03", 4, "smooth_speed_rad_s = 0.2");
         let robot = robot.expect("no problems");
@@ -214,12 +267,27 @@ mod tests {
         let third = robot.joint_indices().nth(2).expect("six joints");
         assert_eq!(
             robot.friction_of(third),
-            FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: true }
+            FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: true, load: LoadFriction::None }
         );
         assert_eq!(robot.friction, FrictionModel::POLYNOMIAL);
         assert_eq!(robot.parameter_count(), 6 * 15);
         let robot = with("", 2, "friction_model = \"none\"").expect("no problems");
         assert_eq!(robot.parameter_count(), 6 * 15 - 4);
+    }
+
+    #[test]
+    fn a_joint_may_have_friction_under_load_of_its_own() {
+        let root = "friction_model = \"polynomial\"\nload_friction = \"linear\"";
+        let robot = with(root, 2, "load_friction = \"stribeck\"\nload_speed_rad_s = 0.05").expect("no problems");
+        let loads: Vec<LoadFriction> = robot.joint_indices().map(|joint| robot.friction_of(joint).load).collect();
+        let mut expected = vec![LoadFriction::Linear; 6];
+        expected[2] = LoadFriction::Stribeck { speed: 0.05 };
+        assert_eq!(loads, expected);
+        assert_eq!(robot.parameter_count(), 6 * 16 + 1);
+        // a joint without friction has none under load either
+        let robot = with(root, 2, "friction_model = \"none\"").expect("no problems");
+        assert_eq!(robot.parameter_count(), 6 * 16 - 5);
+        assert_eq!(robot.without_load_friction().parameter_count(), 6 * 15 - 4);
     }
 
     #[test]
@@ -257,6 +325,11 @@ mod tests {
             ("", "friction_model = \"none\"\nasymmetric = true", "no columns in the model \"none\""),
             ("", "friction_model = \"stribeck\"", "must be \"polynomial\""),
             ("friction_model = \"smooth\"", "", "smooth_speed_rad_s: is missing"),
+            ("", "load_friction = \"cubic\"", "must be \"none\", \"linear\""),
+            ("", "load_friction = \"stribeck\"", "load_speed_rad_s: is missing"),
+            ("", "load_friction = \"linear\"\nload_speed_rad_s = 0.1", "only means something with load_friction"),
+            ("", "load_speed_rad_s = 0.1", "only means something with load_friction"),
+            ("", "friction_model = \"none\"\nload_friction = \"linear\"", "no columns in the model \"none\""),
             ("torque_sensors = \"axle\"", "", "must be \"motor\" or \"link\""),
         ] {
             let errors = with(root, 1, keys).expect_err(said);

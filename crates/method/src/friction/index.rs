@@ -1,5 +1,5 @@
 //! The warm friction index: friction of each run against the robot's own baseline, at equal speed and equal
-//! thermal state.
+//! thermal state. Where the friction law depends on the load, it is compared at the load of the baseline.
 //!
 //! In a run, friction of joint `j` at level `l` differs from the map's by the factor `1 + w_j` and by a thermal
 //! deficit that the map does not predict. The wear `w_j` is the same at all speeds. The deficit has a part `ambient_j`

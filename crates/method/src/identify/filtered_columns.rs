@@ -1,14 +1,15 @@
 //! Coulomb friction jumps where a motion turns round. The low-pass smears the jump in the measured
 //! torque, so the columns that jump go through the same low-pass: both sides of `tau = w theta` are
-//! filtered alike (Gautier 1997, Dynamic identification of robots with power model). The other
-//! columns are smooth functions of channels that were filtered before.
+//! filtered alike (Gautier 1997, Dynamic identification of robots with power model). Friction under load jumps in
+//! the same way, by the load of a model. The other columns are smooth functions of channels that were filtered before.
 
 use crate::lanes::{LANES, Lanes};
 use crate::model::actuator::coupling_columns;
-use crate::model::regressor::Regressor;
+use crate::model::dynamics::DynamicModel;
+use crate::model::regressor::{Regressor, load_places};
 use crate::model::regressor_lanes::RegressorLanes;
 use crate::signal::filter::FilteredSignals;
-use armwatch_model::robot::{CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot};
+use armwatch_model::robot::{CouplingTerm, JointIndex, MAX_JOINTS, ParameterId, ParameterKind, Robot};
 
 /// A column of the regressor that jumps, low-passed, in the rows of one joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +67,47 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
     }
     filtered.give_back(raw);
     found
+}
+
+/// Columns of friction under load, low-passed over the rows of a cycle: the load is that of `model` in its motion.
+#[must_use]
+pub fn filtered_load_columns(
+    robot: &Robot,
+    filtered: &FilteredSignals,
+    model: &DynamicModel,
+) -> Vec<FilteredColumn> {
+    let (mut found, mut raw): (Vec<FilteredColumn>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+    let loads = gear_loads(robot, filtered, model);
+    for (joint, first) in load_places(robot) {
+        let (j, friction) = (joint.index(), robot.friction_of(joint));
+        for (k, &term) in friction.load.terms().iter().enumerate() {
+            let id = ParameterId { joint, kind: ParameterKind::Friction(term) };
+            found.push(FilteredColumn { id, column: first + k, joint, values: Vec::new() });
+            let mut values = filtered.room();
+            let rows = loads[j].iter().zip(&filtered.qd[j]);
+            values.extend(rows.map(|(load, qd)| friction.load_columns(*load, *qd)[k]));
+            raw.push(values);
+        }
+    }
+    for (column, values) in found.iter_mut().zip(filtered.low_passed(&raw)) {
+        column.values = values;
+    }
+    filtered.give_back(raw);
+    filtered.give_back(loads);
+    found
+}
+
+/// Torque that each gear carries by `model`, `[n][rows]`, Nm (N).
+fn gear_loads(robot: &Robot, filtered: &FilteredSignals, model: &DynamicModel) -> Vec<Vec<f64>> {
+    let n = robot.joint_count();
+    let mut loads: Vec<Vec<f64>> = (0..n).map(|_| filtered.room()).collect();
+    let [mut q, mut qd, mut qdd, mut tau, mut load] = [[0.0; MAX_JOINTS]; 5];
+    for row in 0..filtered.rows() {
+        filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+        model.gear_load(robot, &q[..n], &qd[..n], &qdd[..n], &mut load[..n]);
+        loads.iter_mut().zip(load).for_each(|(loads, load)| loads.push(load));
+    }
+    loads
 }
 
 fn series(filtered: &FilteredSignals, value: impl Fn(usize) -> f64) -> Vec<f64> {

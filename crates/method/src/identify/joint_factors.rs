@@ -13,8 +13,7 @@ use super::filtered_columns::FilteredColumn;
 use super::row_lanes::RowLanes;
 use crate::NumericsError;
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor, ZERO_COLUMN_THRESHOLD};
-use crate::model::base_parameters::{BaseParameters, PROBE_STATES, probe_state};
-use crate::model::regressor::{Regressor, joint_torque_regressor};
+use crate::model::base_parameters::{BaseParameters, PROBE_STATES, ProbeRegressor};
 use crate::signal::filter::FilteredSignals;
 use crate::spare_threads::SpareThreads;
 use armwatch_model::analysis::{CycleFactors, Motion, TorqueFactor};
@@ -36,12 +35,11 @@ impl FactorColumns {
     pub fn new(robot: &Robot, base: &BaseParameters) -> Self {
         let n = robot.joint_count();
         let mut largest = vec![vec![0.0_f64; n]; base.kept_columns.len()];
-        let mut y = Regressor::new(robot);
+        let mut probe = ProbeRegressor::new(robot);
         for index in 0..PROBE_STATES {
-            let state = probe_state(robot, index);
-            joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+            probe.write(index);
             for (largest, &column) in largest.iter_mut().zip(&base.kept_columns) {
-                largest.iter_mut().zip(y.column(column)).for_each(|(max, x)| *max = max.max(x.abs()));
+                largest.iter_mut().zip(probe.y.column(column)).for_each(|(max, x)| *max = max.max(x.abs()));
             }
         }
         let seen = |of: &[f64], joint: usize| {
@@ -184,6 +182,18 @@ impl FactoredRows<'_> {
         let rows = self.filtered.observed_rows().filter(|&row| self.samples.stage[row] == Stage::Excitation);
         let factors = JointFactorBuilders::new(self).factor(Stage::Excitation, self.filtered, rows);
         Factored { factors, ..Factored::default() }
+    }
+
+    /// Factors of the excitation in `parts` parts of equal length, one after another.
+    #[must_use]
+    pub fn factored_parts(&self, parts: usize) -> Vec<Vec<JointFactor>> {
+        let excitation = |row: &usize| self.samples.stage[*row] == Stage::Excitation;
+        let rows: Vec<usize> = self.filtered.observed_rows().filter(excitation).collect();
+        let mut builders = JointFactorBuilders::new(self);
+        let length = rows.len().div_ceil(parts).max(1);
+        rows.chunks(length)
+            .map(|part| builders.factor(Stage::Excitation, self.filtered, part.iter().copied()))
+            .collect()
     }
 
     /// Their factors as [`factor_cycle`] gives them, stages on more threads than one while some are `spare`.

@@ -3,9 +3,10 @@
 //! The rows that count are those that [`super::joint_factors::factor_cycle`] folds in, and the estimate is made
 //! of the same columns, so the RMSD of the rows is that of the factors.
 
-use super::filtered_columns::{filtered_coulomb_columns, write_filtered_columns};
+use super::filtered_columns::{filtered_coulomb_columns, filtered_load_columns, write_filtered_columns};
 use super::verify::TorqueSums;
 use crate::NumericsError;
+use crate::model::dynamics::DynamicModel;
 use crate::model::regressor::{Regressor, joint_torque_regressor};
 use crate::signal::filter::{FilteredSignals, state};
 use armwatch_model::analysis::{Motion, RmsdScope, TorqueRmsd};
@@ -78,7 +79,11 @@ pub fn torque_series(
     let n = robot.joint_count();
     let mut counted = vec![false; filtered.rows()];
     filtered.observed_rows().for_each(|row| counted[row] = true);
-    let filtered_coulomb_columns = filtered_coulomb_columns(robot, filtered);
+    let mut filtered_coulomb_columns = filtered_coulomb_columns(robot, filtered);
+    if robot.has_load_friction() {
+        let model = DynamicModel::from_parameters(robot, parameters.iter().copied());
+        filtered_coulomb_columns.extend(filtered_load_columns(robot, filtered, &model));
+    }
     let mut series =
         TorqueSeries { joints: vec![JointTorqueSeries::default(); n], ..TorqueSeries::default() };
     let mut y = Regressor::new(robot);

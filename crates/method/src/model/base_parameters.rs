@@ -4,10 +4,11 @@ use std::fmt::Write;
 
 use faer::Mat;
 
-use super::regressor::{Regressor, joint_torque_regressor};
+use super::dynamics::DynamicModel;
+use super::regressor::{Regressor, joint_torque_regressor, write_load_columns};
 use crate::NumericsError;
 use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
-use armwatch_model::robot::{ParameterId, ParameterKind, Robot};
+use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
 /// A column of unit norm is kept if more than this of it is independent of the columns before it;
 /// the threshold of the source [3.2, D].
@@ -27,6 +28,9 @@ const GROUPING_THRESHOLD: f64 = 1e-10;
 
 /// States the regressor is stacked over: each gives `n` rows, so that there are 17 rows a column.
 pub const PROBE_STATES: usize = 256;
+
+/// A body of 1 kg beside its axis.
+const UNIT_BODY: StandardParameters = StandardParameters([1.0, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
 
 /// Posture, speed and acceleration of all joints: `[n]` each, rad, rad/s, rad/s² (m).
 #[derive(Debug, Clone, PartialEq)]
@@ -199,6 +203,37 @@ pub fn probe_state(robot: &Robot, index: usize) -> JointState {
     state
 }
 
+/// Regressor of the probe states, `[n x p]` each, with friction under load by some load: which columns depend on each
+/// other does not change with the bodies that bring it about. They are those of the description, or else unit ones.
+pub(crate) struct ProbeRegressor<'a> {
+    robot: &'a Robot,
+    bodies: DynamicModel,
+    load: Vec<f64>,
+    /// Of the latest state.
+    pub y: Regressor,
+}
+
+impl<'a> ProbeRegressor<'a> {
+    pub(crate) fn new(robot: &'a Robot) -> Self {
+        let mut bodies = DynamicModel::from_parameters(robot, std::iter::empty());
+        for (body, joint) in bodies.inertial.iter_mut().zip(&robot.joints) {
+            *body = joint.nominal.map_or(UNIT_BODY, |nominal| nominal.inertial);
+        }
+        bodies.grouped_motor_inertia.fill(0.0);
+        Self { robot, bodies, load: vec![0.0; robot.joint_count()], y: Regressor::new(robot) }
+    }
+
+    /// Writes the regressor of [`probe_state`] number `index`.
+    pub(crate) fn write(&mut self, index: usize) {
+        let (robot, JointState { q, qd, qdd }) = (self.robot, probe_state(self.robot, index));
+        joint_torque_regressor(robot, &q, &qd, &qdd, &mut self.y);
+        if robot.has_load_friction() {
+            self.bodies.gear_load(robot, &q, &qd, &qdd, &mut self.load);
+            write_load_columns(robot, &qd, &self.load, &mut self.y);
+        }
+    }
+}
+
 fn is_prime(p: u32) -> bool {
     (2..p).take_while(|d| d * d <= p).all(|d| !p.is_multiple_of(d))
 }
@@ -208,12 +243,11 @@ fn is_prime(p: u32) -> bool {
 fn probe_factor(robot: &Robot) -> Result<Mat<f64>, NumericsError> {
     let n = robot.joint_count();
     let mut w = Mat::<f64>::zeros(n * PROBE_STATES, robot.parameter_count());
-    let mut y = Regressor::new(robot);
+    let mut probe = ProbeRegressor::new(robot);
     for index in 0..PROBE_STATES {
-        let state = probe_state(robot, index);
-        joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
-        for c in 0..y.columns() {
-            for (j, value) in y.column(c).iter().enumerate() {
+        probe.write(index);
+        for c in 0..probe.y.columns() {
+            for (j, value) in probe.y.column(c).iter().enumerate() {
                 w[(n * index + j, c)] = *value;
             }
         }

@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use super::actuator::coupling_columns;
 use super::kinematics::joint_transform;
 use armwatch_model::robot::{
-    CouplingTerm, FrictionModel, JointKind, MAX_JOINTS, ParameterId, ParameterKind, Robot,
-    StandardParameters, Transform,
+    CouplingTerm, FrictionModel, FrictionTerm, Joint, JointIndex, JointKind, LoadFriction, MAX_JOINTS,
+    ParameterId, ParameterKind, Robot, StandardParameters, Transform,
 };
 
 /// Torque of the rigid links: recursive Newton-Euler [3.1-3.9, C].
@@ -121,6 +121,11 @@ pub struct DynamicModel {
     pub motor_inertia: Vec<f64>,
     /// `Iam`, `fvm`, `fsm` of each of the robot's couplings.
     pub coupling: Vec<[f64; CouplingTerm::ALL.len()]>,
+    /// Load coefficients of each joint `[n]`, in the order of [`LoadFriction::terms`].
+    pub load: Vec<[f64; LoadFriction::MAX_TERMS]>,
+    /// Inertia of each joint's motor by the description `[n]`, kg m² (kg), where the parameters have it in those of
+    /// the links; zero elsewhere. The gear does not carry it.
+    pub grouped_motor_inertia: Vec<f64>,
 }
 
 impl DynamicModel {
@@ -129,13 +134,22 @@ impl DynamicModel {
     #[must_use]
     pub fn from_parameters(robot: &Robot, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
         let n = robot.joint_count();
+        let described = |joint: &Joint| match joint.nominal {
+            Some(nominal) if robot.has_motor_inertia() => nominal.motor_inertia,
+            _ => 0.0,
+        };
         let mut model = Self {
             inertial: vec![StandardParameters::default(); n],
             friction: vec![[0.0; FrictionModel::MAX_TERMS]; n],
             motor_inertia: vec![0.0; n],
             coupling: vec![[0.0; CouplingTerm::ALL.len()]; robot.couplings.len()],
+            load: vec![[0.0; LoadFriction::MAX_TERMS]; n],
+            grouped_motor_inertia: robot.joints.iter().map(described).collect(),
         };
         for (id, value) in parameters.filter(|(id, _)| id.joint.index() < n) {
+            if id.kind == ParameterKind::MotorInertia {
+                model.grouped_motor_inertia[id.joint.index()] = 0.0;
+            }
             if let Some(place) = model.place(robot, id) {
                 *place = value;
             }
@@ -148,8 +162,12 @@ impl DynamicModel {
         match id.kind {
             ParameterKind::Inertial(k) => self.inertial[joint].0.get_mut(usize::from(k)),
             ParameterKind::Friction(term) => {
-                let k = robot.friction_of(id.joint).terms().iter().position(|known| *known == term)?;
-                self.friction[joint].get_mut(k)
+                let model = robot.friction_of(id.joint);
+                let place = |terms: &[FrictionTerm]| terms.iter().position(|known| *known == term);
+                match place(model.terms()) {
+                    Some(k) => self.friction[joint].get_mut(k),
+                    None => self.load[joint].get_mut(place(model.load.terms())?),
+                }
             }
             ParameterKind::MotorInertia => {
                 self.motor_inertia.get_mut(joint).filter(|_| robot.has_motor_inertia())
@@ -160,6 +178,26 @@ impl DynamicModel {
                 self.coupling[coupling].get_mut(k)
             }
         }
+    }
+
+    /// Torque that the gears carry: that of the rigid links, without the inertia of the motors.
+    ///
+    /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `load` `[n]` in Nm (N).
+    ///
+    /// # Panics
+    /// As [`DynamicModel::torque`].
+    pub fn gear_load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], load: &mut [f64]) {
+        inverse_dynamics(robot, &self.inertial, q, qd, qdd, load);
+        for ((load, inertia), qdd) in load.iter_mut().zip(&self.grouped_motor_inertia).zip(qdd) {
+            *load -= inertia * qdd;
+        }
+    }
+
+    /// Friction of a joint from the torque `load` that its gear carries at the speed `qd`, Nm (N).
+    #[must_use]
+    pub fn load_friction(&self, robot: &Robot, joint: JointIndex, load: f64, qd: f64) -> f64 {
+        let columns = robot.friction_of(joint).load_columns(load, qd);
+        columns.iter().zip(&self.load[joint.index()]).map(|(column, mu)| column * mu).sum()
     }
 
     /// Motor torque at the joints: rigid links, friction, `I_m qdd` and couplings.
@@ -173,7 +211,9 @@ impl DynamicModel {
         for joint in robot.joint_indices() {
             let i = joint.index();
             let friction = robot.friction_of(joint).torque(&self.friction[i], qd[i]);
-            tau[i] += friction + self.motor_inertia[i] * qdd[i];
+            let load = tau[i] - self.grouped_motor_inertia[i] * qdd[i];
+            let of_load = self.load_friction(robot, joint, load, qd[i]);
+            tau[i] += friction + of_load + self.motor_inertia[i] * qdd[i];
         }
         for (coupling, parameters) in robot.couplings.iter().zip(&self.coupling) {
             let columns = coupling_columns(coupling, robot.friction_of(coupling.motor_joint).law, qd, qdd);

@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 use super::actuator::coupling_columns;
 use super::dynamics::LinkMotion;
 use super::kinematics::joint_transform;
-use armwatch_model::robot::{CouplingTerm, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform};
+use armwatch_model::robot::{
+    CouplingTerm, JointIndex, JointKind, MAX_JOINTS, Robot, StandardParameters, Transform,
+};
 
 /// Regressor of one sample, `[n x p]`, columns in the order of
 /// [`ParameterId::natural_order`](armwatch_model::robot::ParameterId::natural_order). Meant to be used again
@@ -69,8 +71,8 @@ impl Regressor {
 /// [`inverse_dynamics`](super::dynamics::inverse_dynamics), so one checks the other.
 ///
 /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints). Writes all of `y`
-/// `[n x p]`: links, friction, motor inertia and couplings, gravity that of the robot. Nothing is
-/// allocated if `y` has the robot's size.
+/// `[n x p]`: links, friction, motor inertia and couplings, gravity that of the robot. The columns of friction under
+/// load stay zero: [`write_load_columns`] fills them. Nothing is allocated if `y` has the robot's size.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
@@ -108,7 +110,7 @@ fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
         for (k, value) in model.columns(qd[i]).into_iter().take(terms).enumerate() {
             y.set(i, next + k, value);
         }
-        next += terms;
+        next += terms + model.load.terms().len();
     }
     if robot.has_motor_inertia() {
         for (i, qdd) in qdd.iter().enumerate().take(n) {
@@ -122,6 +124,30 @@ fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
         for k in 0..CouplingTerm::ALL.len() {
             y.set(coupling.joint.index(), first + k, columns.joint[k]);
             y.set(coupling.motor_joint.index(), first + k, columns.motor_joint[k]);
+        }
+    }
+}
+
+/// First column of each joint's friction under load, of the joints that have such friction.
+pub(crate) fn load_places(robot: &Robot) -> impl Iterator<Item = (JointIndex, usize)> {
+    let mut next = StandardParameters::COUNT * robot.joint_count();
+    robot.joint_indices().filter_map(move |joint| {
+        let model = robot.friction_of(joint);
+        let first = next + model.terms().len();
+        next = first + model.load.terms().len();
+        (next > first).then_some((joint, first))
+    })
+}
+
+/// Writes the columns of friction under load for gears that carry `load` `[n]`, Nm (N), at the speeds `qd` `[n]`,
+/// rad/s (m/s): [`FrictionModel::load_columns`](armwatch_model::robot::FrictionModel::load_columns). The load follows
+/// from parameters ([`DynamicModel::gear_load`](super::dynamics::DynamicModel::gear_load)), so these columns are those of a
+/// linearisation.
+pub fn write_load_columns(robot: &Robot, qd: &[f64], load: &[f64], y: &mut Regressor) {
+    for (joint, first) in load_places(robot) {
+        let (i, model) = (joint.index(), robot.friction_of(joint));
+        for (k, _) in model.load.terms().iter().enumerate() {
+            y.set(i, first + k, model.load_columns(load[i], qd[i])[k]);
         }
     }
 }
@@ -235,7 +261,7 @@ mod tests {
 
     use super::*;
     use crate::model::dynamics::DynamicModel;
-    use armwatch_model::robot::{FrictionLaw, FrictionModel, ParameterId, TorqueSensors};
+    use armwatch_model::robot::{FrictionLaw, FrictionModel, LoadFriction, ParameterId, TorqueSensors};
     use armwatch_testing::arms::{any_arm, numbers};
     use armwatch_testing::er3a;
 
@@ -253,7 +279,8 @@ mod tests {
                 let laws = [None, Some(FrictionLaw::None), Some(FrictionLaw::Smooth { speed: 0.2 }),
                     Some(FrictionLaw::ViscousCoulomb), Some(FrictionLaw::Polynomial)];
                 for (k, joint) in robot.joints.iter_mut().enumerate() {
-                    joint.friction = laws[k % 5].map(|law| FrictionModel { law, asymmetric: k % 5 == 2 });
+                    let load = [LoadFriction::Linear, LoadFriction::Directional, LoadFriction::None][k % 3];
+                    joint.friction = laws[k % 5].map(|law| FrictionModel { law, asymmetric: k % 5 == 2, load });
                 }
             }
             if link_sensors {
@@ -270,6 +297,9 @@ mod tests {
             model.torque(&robot, &q, &qd, &qdd, &mut expected);
             let mut y = Regressor::new(&robot);
             joint_torque_regressor(&robot, &q, &qd, &qdd, &mut y);
+            let mut load = vec![0.0; n];
+            model.gear_load(&robot, &q, &qd, &qdd, &mut load);
+            write_load_columns(&robot, &qd, &load, &mut y);
             y.torque(&phi[..robot.parameter_count()], &mut tau);
             let norm = expected.iter().map(|x| x * x).sum::<f64>().sqrt();
             for (tau, expected) in tau.iter().zip(&expected) {

@@ -128,7 +128,7 @@ fn write_actuators(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
         for k in 0..model.terms().len() {
             y.set(i, next + k, Lanes(columns.map(|of| of[k])));
         }
-        next += model.terms().len();
+        next += model.terms().len() + model.load.terms().len();
     }
     if robot.has_motor_inertia() {
         for i in 0..n {

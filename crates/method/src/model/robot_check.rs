@@ -7,9 +7,9 @@ use serde::Serialize;
 use super::base_parameters::{BaseParameters, JointState, PROBE_STATES, base_parameters, probe_state};
 use super::dynamics::{DynamicModel, gravity_torque, inverse_dynamics, mechanical_energy};
 use super::kinematics::forward_kinematics;
-use super::regressor::{Regressor, joint_torque_regressor};
+use super::regressor::{Regressor, joint_torque_regressor, write_load_columns};
 use crate::NumericsError;
-use armwatch_model::robot::{ParameterId, Robot, StandardParameters, Transform};
+use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters, Transform};
 
 /// States of the self-check; none of them is one that the base parameters were found on.
 pub const CHECK_STATES: usize = 32;
@@ -139,15 +139,23 @@ fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     // Any numbers will do, since every identity is linear in them; bodies need not exist.
     let phi: Vec<f64> = (1..=ids.len()).map(|k| 0.1 + (k as f64 * 2_f64.sqrt()).fract()).collect();
     let full = DynamicModel::from_parameters(robot, ids.iter().copied().zip(phi.iter().copied()));
-    let grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(&phi)));
+    let mut grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(&phi)));
+    // the numbers have a motor inertia of their own in place of the description's
+    let motors = grouped.grouped_motor_inertia.iter_mut().zip(&full.motor_inertia).zip(robot.joint_indices());
+    for ((grouped, motor), joint) in motors {
+        let id = ParameterId { joint, kind: ParameterKind::MotorInertia };
+        *grouped = if base.kept.contains(&id) { 0.0 } else { *motor };
+    }
     let mut result =
         IdentityCheck { states: CHECK_STATES, regressor: 0.0, grouping: 0.0, gravity: 0.0, power: 0.0 };
     let mut y = Regressor::new(robot);
-    let [mut expected, mut other] = [vec![0.0; n], vec![0.0; n]];
+    let [mut expected, mut other, mut load] = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
     for index in PROBE_STATES..PROBE_STATES + CHECK_STATES {
         let state = probe_state(robot, index);
         full.torque(robot, &state.q, &state.qd, &state.qdd, &mut expected);
         joint_torque_regressor(robot, &state.q, &state.qd, &state.qdd, &mut y);
+        full.gear_load(robot, &state.q, &state.qd, &state.qdd, &mut load);
+        write_load_columns(robot, &state.qd, &load, &mut y);
         y.torque(&phi, &mut other);
         result.regressor = larger(result.regressor, relative(distance(&other, &expected), norm(&expected)));
         grouped.torque(robot, &state.q, &state.qd, &state.qdd, &mut other);

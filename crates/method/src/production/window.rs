@@ -7,9 +7,10 @@ use super::evidence::window_evidence;
 use super::reference::Reference;
 use crate::NumericsError;
 use crate::analyse::{Method, keep_factors, note_gaps, unanalysed, without_positions};
-use crate::identify::filtered_columns::filtered_coulomb_columns;
+use crate::identify::filtered_columns::{filtered_coulomb_columns, filtered_load_columns};
 use crate::identify::joint_factors::{FactorColumns, JointFactor, factor_cycle};
 use crate::identify::verify::torque_rmsd;
+use crate::model::dynamics::DynamicModel;
 use crate::signal::filter::filter_signals;
 use crate::signal::restore::restore;
 use armwatch_model::analysis::{
@@ -53,7 +54,12 @@ pub fn analyse_window(method: &Method, cycle: &Cycle, reference: Option<&Referen
     analysis.identification = Err(NO_IDENTIFICATION.into());
     analysis.sample_rate = filtered.sample_rate;
     note_gaps(samples, &filtered, &mut analysis.remarks);
-    let filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
+    let mut filtered_coulomb_columns = filtered_coulomb_columns(&method.robot, &filtered);
+    // without a reference the windows have no load: their own rows do not identify one
+    if let Some(reference) = reference.filter(|_| method.robot.has_load_friction()) {
+        let model = DynamicModel::from_parameters(&method.robot, reference.parameters.iter().copied());
+        filtered_coulomb_columns.extend(filtered_load_columns(&method.robot, &filtered, &model));
+    }
     let kept = &method.base.kept_columns;
     let factored =
         factor_cycle(&method.robot, &method.columns, kept, &filtered, &filtered_coulomb_columns, samples);

@@ -80,6 +80,7 @@ mod tests {
             std: 0.1,
             samples: 10,
             gravity: GravityRemoval::Fitted,
+            load: None,
         }
     }
 

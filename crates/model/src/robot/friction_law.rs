@@ -1,5 +1,7 @@
 //! How friction depends on speed: the laws, with their terms, columns, names, units and what descriptions write for
-//! them. A new law is an edit of this file and of `docs/robots.md`.
+//! them. A new law is an edit of this file and of `docs/robots.md`. `load_friction.rs` has the dependence on load.
+
+use super::load_friction::LoadFriction;
 
 /// Which columns describe the friction of a robot's joints.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -10,6 +12,8 @@ pub struct FrictionModel {
     /// then no column of its own: it is half the difference of the two Coulomb parts. Not for
     /// [`FrictionLaw::Polynomial`].
     pub asymmetric: bool,
+    /// Friction in addition that depends on the torque that the gear carries.
+    pub load: LoadFriction,
 }
 
 /// How friction depends on speed.
@@ -121,11 +125,12 @@ impl FrictionLaw {
 
 impl FrictionModel {
     /// The source's law [3.10].
-    pub const POLYNOMIAL: Self = Self { law: FrictionLaw::Polynomial, asymmetric: false };
+    pub const POLYNOMIAL: Self =
+        Self { law: FrictionLaw::Polynomial, asymmetric: false, load: LoadFriction::None };
     /// Most terms that a model has.
     pub const MAX_TERMS: usize = 4;
 
-    /// Terms of each joint, in natural order.
+    /// Terms of each joint that depend on its speed alone, in natural order. Those of [`LoadFriction::terms`] follow.
     #[must_use]
     pub fn terms(&self) -> &'static [FrictionTerm] {
         use FrictionTerm::{
@@ -167,9 +172,36 @@ impl FrictionModel {
         self.columns(qd).iter().zip(f).map(|(column, f)| f * column).sum()
     }
 
-    /// The friction torque at the speed `v` as a formula.
+    /// All terms of a joint, in natural order: those of speed, then those of load.
+    pub fn all_terms(&self) -> impl Iterator<Item = FrictionTerm> + use<> {
+        self.terms().iter().chain(self.load.terms()).copied()
+    }
+
+    /// What the load coefficients multiply where the gear carries `load`, Nm (N), at the speed `qd`, rad/s (m/s), in the
+    /// order of [`LoadFriction::terms`]; zero beyond them.
+    #[inline]
+    #[must_use]
+    pub fn load_columns(&self, load: f64, qd: f64) -> [f64; LoadFriction::MAX_TERMS] {
+        self.load.columns(load, qd, self.law.sign(qd))
+    }
+
+    /// The friction torque at the speed `v` as a formula; `L` is the torque that the gear carries.
     #[must_use]
     pub fn formula(&self) -> String {
+        let of_speed = self.speed_formula();
+        match self.load {
+            LoadFriction::None => of_speed,
+            load => {
+                let sign = match self.law {
+                    FrictionLaw::Smooth { speed } => format!("tanh(v / {speed})"),
+                    _ => "sign(v)".to_owned(),
+                };
+                format!("{of_speed} + {} {sign}, L: torque that the gear carries", load.formula())
+            }
+        }
+    }
+
+    fn speed_formula(&self) -> String {
         match (self.law, self.asymmetric) {
             (FrictionLaw::None, _) => "none".to_owned(),
             (FrictionLaw::Polynomial, _) => "f1 sign(v) + f2 v + f3 v^2 sign(v) + f4 v^3".to_owned(),
@@ -188,6 +220,9 @@ impl FrictionModel {
     /// completes "friction was identified as ..".
     #[must_use]
     pub fn beside_a_line(&self) -> &'static str {
+        if self.load != LoadFriction::None {
+            return "dependent on the load, of which the part that no load changes is written as its nearest line";
+        }
         match (self.law, self.asymmetric) {
             (FrictionLaw::None, _) => "none: the torque was measured behind the gears",
             (FrictionLaw::Polynomial, _) => "a polynomial of speed, of which the nearest line is written",
@@ -197,11 +232,20 @@ impl FrictionModel {
         }
     }
 
-    /// Numbers that stand for it in the hash of a description.
+    /// Numbers that stand for it in the hash of a description. A model without load friction has those that it had
+    /// before there was any.
     #[must_use]
-    pub fn numbers(&self) -> [f64; 3] {
-        [self.law.code(), self.law.speed().unwrap_or(0.0), f64::from(u8::from(self.asymmetric))]
+    pub fn numbers(&self) -> Vec<f64> {
+        let of_speed = [self.law.code(), self.law.speed().unwrap_or(0.0), f64::from(u8::from(self.asymmetric))];
+        of_speed.into_iter().chain(self.load.numbers()).collect()
     }
+}
+
+/// Power of a speed or of a carried torque.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum TermFactor {
+    Speed(u8),
+    Load(u8),
 }
 
 /// A friction coefficient of a joint.
@@ -229,11 +273,21 @@ pub enum FrictionTerm {
     ViscousNegative,
     /// `off`: offset of the torque signal.
     Offset,
+    /// `mu`: friction per torque that the gear carries.
+    Load,
+    /// `mu_d`: the same while the motor drives the load.
+    LoadDriving,
+    /// `mu_b`: the same while the load drives the motor.
+    LoadBackdriving,
+    /// `mu2`: friction per square of the torque that the gear carries.
+    LoadSquared,
+    /// `mu_s`: what `mu` has more at a standstill.
+    LoadStribeck,
 }
 
 impl FrictionTerm {
     /// Every term of every model.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 16] = [
         Self::F1,
         Self::F2,
         Self::F3,
@@ -245,6 +299,11 @@ impl FrictionTerm {
         Self::ViscousPositive,
         Self::ViscousNegative,
         Self::Offset,
+        Self::Load,
+        Self::LoadDriving,
+        Self::LoadBackdriving,
+        Self::LoadSquared,
+        Self::LoadStribeck,
     ];
 
     pub(super) fn name(self) -> &'static str {
@@ -260,17 +319,32 @@ impl FrictionTerm {
             Self::ViscousPositive => "fv_p",
             Self::ViscousNegative => "fv_n",
             Self::Offset => "off",
+            Self::Load => "mu",
+            Self::LoadDriving => "mu_d",
+            Self::LoadBackdriving => "mu_b",
+            Self::LoadSquared => "mu2",
+            Self::LoadStribeck => "mu_s",
         }
     }
 
-    /// Power of the speed that the coefficient multiplies.
-    pub(super) fn degree(self) -> u8 {
+    /// What the coefficient multiplies.
+    pub(super) fn factor(self) -> TermFactor {
         match self {
-            Self::F1 | Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative | Self::Offset => 0,
-            Self::F2 | Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => 1,
-            Self::F3 => 2,
-            Self::F4 => 3,
+            Self::F1 | Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative | Self::Offset => {
+                TermFactor::Speed(0)
+            }
+            Self::F2 | Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => TermFactor::Speed(1),
+            Self::F3 => TermFactor::Speed(2),
+            Self::F4 => TermFactor::Speed(3),
+            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadStribeck => TermFactor::Load(1),
+            Self::LoadSquared => TermFactor::Load(2),
         }
+    }
+
+    /// Whether it multiplies the torque that the gear carries.
+    #[must_use]
+    pub fn is_of_load(self) -> bool {
+        matches!(self.factor(), TermFactor::Load(_))
     }
 
     /// Its value by the nominal friction, a polynomial with these coefficients [3.10]. The laws without its higher
@@ -286,6 +360,8 @@ impl FrictionTerm {
             Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative => is_linear.then_some(*f1),
             Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
             Self::Offset => Some(0.0),
+            // the nominal friction knows no load
+            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadSquared | Self::LoadStribeck => None,
         }
     }
 
@@ -304,7 +380,7 @@ mod tests {
     const ROUNDING: f64 = 1e-14;
 
     fn model(law: FrictionLaw, asymmetric: bool) -> FrictionModel {
-        FrictionModel { law, asymmetric }
+        FrictionModel { law, asymmetric, load: LoadFriction::None }
     }
 
     #[test]
@@ -351,7 +427,7 @@ mod tests {
         let of_kind = |kind: &LawKind| {
             let law = (kind.with_speed)(0.1);
             let both = [false, true].into_iter().take(1 + usize::from(kind.has_directions));
-            both.map(move |asymmetric| FrictionModel { law, asymmetric }).collect::<Vec<_>>()
+            both.map(move |asymmetric| model(law, asymmetric)).collect::<Vec<_>>()
         };
         FrictionLaw::KINDS.iter().flat_map(of_kind).collect()
     }

@@ -4,7 +4,7 @@
 use std::fmt;
 
 use super::coupling::CouplingTerm;
-use super::friction_law::FrictionTerm;
+use super::friction_law::{FrictionTerm, TermFactor};
 use super::joint_index::JointIndex;
 use super::standard_parameters::StandardParameters;
 use super::{JointKind, Robot};
@@ -50,7 +50,7 @@ impl ParameterId {
         let joints = || robot.joint_indices();
         let inertial = joints().flat_map(|j| (0..10).map(move |k| (j, ParameterKind::Inertial(k))));
         let friction = joints()
-            .flat_map(|j| robot.friction_of(j).terms().iter().map(move |&k| (j, ParameterKind::Friction(k))));
+            .flat_map(|j| robot.friction_of(j).all_terms().map(move |k| (j, ParameterKind::Friction(k))));
         let motor = joints().filter(|_| robot.has_motor_inertia()).map(|j| (j, ParameterKind::MotorInertia));
         let coupling = robot.couplings.iter().flat_map(|coupling| {
             CouplingTerm::ALL.map(|term| (coupling.motor_joint, ParameterKind::Coupling(term)))
@@ -95,7 +95,12 @@ impl ParameterId {
             ParameterKind::Inertial(0) => "kg",
             ParameterKind::Inertial(1..=3) => "kg m",
             ParameterKind::Inertial(_) => "kg m^2",
-            ParameterKind::Friction(term) => friction(term.degree()),
+            ParameterKind::Friction(term) => match (term.factor(), joint) {
+                (TermFactor::Speed(degree), _) => friction(degree),
+                (TermFactor::Load(0 | 1), _) => "1",
+                (TermFactor::Load(_), JointKind::Revolute) => "1/Nm",
+                (TermFactor::Load(_), JointKind::Prismatic) => "1/N",
+            },
             ParameterKind::MotorInertia | ParameterKind::Coupling(CouplingTerm::Inertia) => motor,
             ParameterKind::Coupling(CouplingTerm::Viscous) => friction(1),
             ParameterKind::Coupling(CouplingTerm::Coulomb) => friction(0),

@@ -5,6 +5,7 @@
 
 use std::f64::consts::TAU;
 
+use super::efficiency::Teeth;
 use super::fault::Wear;
 use armwatch_model::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 
@@ -90,6 +91,8 @@ pub struct JointFriction {
     pub direction: f64,
     /// Friction for each Nm (N) that the gear carries.
     pub load: f64,
+    /// What the teeth lose of the power that they transmit.
+    pub teeth: Teeth,
 }
 
 /// Ripples beside the first that a joint can have.
@@ -113,9 +116,15 @@ pub struct RippleOrder {
     pub part: f64,
 }
 
-/// Friction of a joint with `wear`; `load` is its healthy friction for each Nm (N) that the gear carries.
+/// Friction of a joint with `wear`; `load` is its healthy friction for each Nm (N) that the gear carries, `teeth_loss` the
+/// part of the transmitted power that healthy teeth lose.
 #[must_use]
-pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, load: f64, wear: &Wear) -> JointFriction {
+pub fn joint_friction(
+    joint: &Joint,
+    nominal: &NominalJoint,
+    (load, teeth_loss): (f64, f64),
+    wear: &Wear,
+) -> JointFriction {
     let warm = std::array::from_fn(|k| nominal.friction[k] * (1.0 + wear.coefficients[k]));
     JointFriction {
         warm,
@@ -129,6 +138,7 @@ pub fn joint_friction(joint: &Joint, nominal: &NominalJoint, load: f64, wear: &W
         presliding_travel: 0.0,
         direction: 0.0,
         load: load * (1.0 + wear.load),
+        teeth: Teeth { loss: teeth_loss * (1.0 + wear.load), top_speed: joint.limits.velocity },
     }
 }
 
@@ -140,6 +150,7 @@ impl JointFriction {
             warm: self.warm.map(|f| f * factor),
             ripple: self.ripple * factor,
             load: self.load * factor,
+            teeth: Teeth { loss: self.teeth.loss * factor, ..self.teeth },
             ..self
         }
     }
@@ -262,10 +273,16 @@ pub fn friction_torque_at(
 }
 
 /// Friction of a gear that loses more in one direction and under load, from what it loses without: `lost`, Nm, where it
-/// carries `carried`, Nm, and the part `turned` of its Coulomb friction is there.
+/// carries `carried`, Nm, at the speed `qd`, rad/s, and the part `turned` of its Coulomb friction is there.
 #[must_use]
-pub fn with_direction_and_load(friction: &JointFriction, lost: f64, carried: f64, turned: f64) -> f64 {
-    lost * (1.0 + friction.direction * turned) + friction.load * carried.abs() * turned
+pub fn with_direction_and_load(
+    friction: &JointFriction,
+    lost: f64,
+    (carried, qd): (f64, f64),
+    turned: f64,
+) -> f64 {
+    let of_load = friction.load * carried.abs() + friction.teeth.lost(carried, qd);
+    lost * (1.0 + friction.direction * turned) + of_load * turned
 }
 
 /// Part of the Coulomb friction behind a small travel `dq` at the speed `qd`, from the part `before` it: Dahl's
@@ -300,7 +317,7 @@ mod tests {
     fn first_joint(wear: f64) -> JointFriction {
         let robot = er3a();
         let wear = Wear { coefficients: [wear; FRICTION_COUNT], load: wear };
-        joint_friction(&robot.joints[0], &robot.joints[0].nominal.unwrap(), 0.0, &wear)
+        joint_friction(&robot.joints[0], &robot.joints[0].nominal.unwrap(), (0.0, 0.0), &wear)
     }
 
     fn after(seconds: f64) -> ThermalState {
@@ -405,10 +422,10 @@ mod tests {
     fn friction_depends_on_direction_and_load_where_it_is_asked_for() {
         let plain = first_joint(0.0);
         let friction = JointFriction { direction: 0.1, load: 0.05, ..plain };
-        let at = |lost: f64, turned: f64| with_direction_and_load(&friction, lost, -40.0, turned);
+        let at = |lost: f64, turned: f64| with_direction_and_load(&friction, lost, (-40.0, turned), turned);
         assert!((at(2.0, 1.0) - (2.2 + 2.0)).abs() < 1e-12);
         assert!((at(-2.0, -1.0) - (-1.8 - 2.0)).abs() < 1e-12);
-        assert_eq!(with_direction_and_load(&plain, 2.0, -40.0, 1.0), 2.0);
+        assert_eq!(with_direction_and_load(&plain, 2.0, (-40.0, 1.0), 1.0), 2.0);
     }
 
     #[test]

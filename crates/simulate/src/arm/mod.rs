@@ -2,6 +2,7 @@
 
 pub mod load;
 pub mod dynamics;
+pub mod efficiency;
 pub(super) mod elastic;
 pub mod friction;
 pub mod fault;

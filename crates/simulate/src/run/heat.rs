@@ -145,7 +145,7 @@ pub(super) fn usual_losses(recording: &Recording) -> Vec<[f64; 2]> {
                 rigid[j] - recording.chain.motor_inertia(JointIndex::new(j)) * state.acceleration[j];
             let turned = turned_at(friction, qd);
             let plain = friction_torque_at(friction, &friction.warm, qd, turned);
-            let lost = with_direction_and_load(friction, plain, carried, turned);
+            let lost = with_direction_and_load(friction, plain, (carried, qd), turned);
             sums[j][0] += (rigid[j] + lost).powi(2);
             sums[j][1] += lost * qd;
         }

@@ -131,7 +131,7 @@ fn true_torque(
         let (q, qd) = (state.position[j], state.velocity[j]);
         let plain = friction_torque_at(friction, &coefficients_with(friction, warmth[j]), qd, turned[j]);
         let carried = rigid[j] - recording.chain.motor_inertia(JointIndex::new(j)) * state.acceleration[j];
-        let lost = friction_factor[j] * with_direction_and_load(friction, plain, carried, turned[j]);
+        let lost = friction_factor[j] * with_direction_and_load(friction, plain, (carried, qd), turned[j]);
         torque[j] += lost + ripple_torque(friction, q, qd);
         all_lost[j] = lost;
         if let Some((joint, direction)) = plateau

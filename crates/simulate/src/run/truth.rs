@@ -94,6 +94,9 @@ pub struct JointTruth {
     /// Friction for each Nm that the gear carries; absent where it does not depend on the load.
     #[serde(skip_serializing_if = "is_zero")]
     pub friction_load: f64,
+    /// Part of the transmitted power that the gear's teeth lose at speed; absent where they lose none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub teeth_loss: f64,
     /// Standard deviation of the torque signal, Nm.
     pub torque_noise_nm: f64,
 }

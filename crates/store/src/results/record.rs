@@ -290,7 +290,7 @@ async fn insert_friction_points(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Engine>::new(
         "INSERT INTO friction_point (cycle_id, number, joint, time_s, speed_fraction, speed_rad_s, direction,
-                                     torque_nm, std_nm, samples, gravity) ",
+                                     torque_nm, std_nm, samples, gravity, load_nm, load_friction) ",
     )
     .push_values(rows, |mut row, (number, point)| {
         row.push_bind(cycle_id)
@@ -303,7 +303,9 @@ async fn insert_friction_points(
             .push_bind(finite(point.torque))
             .push_bind(finite(point.std))
             .push_bind(count(point.samples))
-            .push_bind(point.gravity.name());
+            .push_bind(point.gravity.name())
+            .push_bind(point.load.and_then(|load| finite(load.torque)))
+            .push_bind(point.load.and_then(|load| finite(load.friction)));
     })
     .build()
     .execute(executor)

@@ -11,7 +11,7 @@ use crate::handle::Store;
 use crate::results::torque_noise;
 use crate::values::{identified, joint, named, size};
 use armwatch_model::analysis::measurements::{CycleParameters, CyclePoint, CycleRmsd, RunMeasurements};
-use armwatch_model::analysis::{FrictionPoint, GravityRemoval, IdentifiedParameter};
+use armwatch_model::analysis::{CarriedLoad, FrictionPoint, GravityRemoval, IdentifiedParameter};
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
@@ -166,7 +166,8 @@ pub(crate) async fn friction_points(
     sqlx::query(
         concat!(
             "SELECT cycle.number AS cycle, joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm,
-                    friction_point.samples, gravity
+                    friction_point.samples, gravity,
+                    load_nm, load_friction
              FROM cycle
              JOIN friction_point USING (cycle_id)
              WHERE cycle.run_id = $1 AND ",
@@ -274,7 +275,7 @@ pub(crate) async fn friction_points_at(
     sqlx::query(
         concat!(
             "SELECT joint, time_s, speed_fraction, speed_rad_s, direction, torque_nm, std_nm, friction_point.samples,
-                    gravity
+                    gravity, load_nm, load_friction
              FROM cycle
              CROSS JOIN friction_point
              WHERE friction_point.cycle_id = cycle.cycle_id AND cycle.run_id = $1
@@ -293,6 +294,8 @@ pub(crate) async fn friction_points_at(
 
 fn friction_point(row: &EngineRow) -> Result<FrictionPoint, sqlx::Error> {
     let std: Option<f64> = row.try_get("std_nm")?;
+    let (carried, friction): (Option<f64>, Option<f64>) =
+        (row.try_get("load_nm")?, row.try_get("load_friction")?);
     Ok(FrictionPoint {
         joint: joint(row, "joint")?,
         time: row.try_get("time_s")?,
@@ -303,6 +306,7 @@ fn friction_point(row: &EngineRow) -> Result<FrictionPoint, sqlx::Error> {
         std: std.unwrap_or(f64::NAN),
         samples: size(row, "samples")?,
         gravity: named(row, "gravity", &GRAVITY_REMOVALS, GravityRemoval::name)?,
+        load: carried.zip(friction).map(|(torque, friction)| CarriedLoad { torque, friction }),
     })
 }
 

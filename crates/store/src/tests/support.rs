@@ -10,7 +10,7 @@ use crate::ledger::quarantine::ExportFault;
 use crate::ledger::run_progress::RunTotals;
 use crate::robot::conclude::StaleRobot;
 use armwatch_model::analysis::{
-    CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
+    CarriedLoad, CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
     GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,
     Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueNoise, TorqueRmsd, WarmFriction,
     WarmUpFit, WarmUpModel,
@@ -199,6 +199,7 @@ fn friction_points(start: f64) -> Vec<FrictionPoint> {
                     } else {
                         GravityRemoval::Fitted
                     },
+                    load: (joint.index() > 0).then_some(CarriedLoad { torque: 20.0 + place, friction: 0.05 }),
                 });
             }
         }

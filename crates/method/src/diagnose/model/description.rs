@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 use super::friction_shapes::SHAPES;
 use super::numbers::DescribedNumber;
 use crate::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns, write_filtered_columns};
+use crate::identify::load_iteration::is_of_load;
 use crate::lanes::{LANES, Lanes};
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::least_squares::orthonormal::{OrthonormalBasis, dot};
@@ -74,6 +75,8 @@ pub struct JudgedRows<'a> {
     /// Friction of other shapes `[n][SHAPES][rows of the recording]`, which every description may have
     /// ([`friction_shapes`](super::friction_shapes::friction_shapes)); empty for none.
     pub shapes: &'a [Vec<Vec<f64>>],
+    /// Columns of friction under load, low-passed, which another description shares.
+    pub of_load: Vec<&'a FilteredColumn>,
 }
 
 impl<'a> JudgedRows<'a> {
@@ -84,10 +87,13 @@ impl<'a> JudgedRows<'a> {
         excitation: &[usize],
         noise: Vec<f64>,
         shapes: &'a [Vec<Vec<f64>>],
+        filtered_coulomb_columns: &'a [FilteredColumn],
     ) -> Self {
         let apart = (filtered.sample_rate / (2.0 * filtered.cutoff)).ceil().max(1.0) as usize;
         let stride = apart.max(excitation.len().div_ceil(MOST_INSTANTS));
-        Self { filtered, rows: excitation.iter().copied().step_by(stride).collect(), noise, shapes }
+        let of_load = filtered_coulomb_columns.iter().filter(|column| is_of_load(column.id)).collect();
+        let rows = excitation.iter().copied().step_by(stride).collect();
+        Self { filtered, rows, noise, shapes, of_load }
     }
 
     /// The same with at most so many instants.
@@ -146,7 +152,8 @@ impl<'a> JudgedRows<'a> {
 
     /// Calls `take(joint, entries)` with the weighted row of the whole regressor, the shapes of friction and the torque.
     fn each_entry(&self, robot: &Robot, gains: &[f64], mut take: impl FnMut(usize, &[f64])) {
-        let filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
+        let mut filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
+        filtered_coulomb_columns.extend(self.of_load.iter().copied().cloned());
         let mut y = Regressor::new(robot);
         let mut entries = Vec::new();
         self.each(robot, &filtered_coulomb_columns, &mut y, |row, j, y, state| {

@@ -62,7 +62,7 @@ impl Explained {
     }
 
     fn judged_rows(&self) -> JudgedRows<'_> {
-        JudgedRows::new(&self.filtered, &self.rows, self.noise.clone(), &self.shapes)
+        JudgedRows::new(&self.filtered, &self.rows, self.noise.clone(), &self.shapes, &[])
     }
 
     fn test(&self) -> DescriptionTest {

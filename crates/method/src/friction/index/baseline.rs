@@ -10,7 +10,9 @@
 //! surroundings as they do.
 
 use super::held_map::{HeldMap, Zero, held_record};
-use super::run_record::{activities, known_speed, level_mean, level_points, speed_fractions, timeline};
+use super::run_record::{
+    Level, activities, known_speed, level_mean, level_points, mean_load, speed_fractions, timeline,
+};
 use crate::friction::maps::map::{FittedMap, fit_map};
 use crate::friction::maps::published_map::published;
 use crate::friction::maps::record::{JointRecord, RecordPoint, ThermalSensor, runs_of};
@@ -52,6 +54,7 @@ pub fn fit_maps(
     let (spans, all_starts) = timeline(&all);
     let starts: Vec<f64> = learnt.iter().map(|run| all_starts[*run]).collect();
     let runs: Vec<&MapRun> = learnt.iter().map(|run| &runs[*run]).collect();
+    let first_runs = &runs[..baseline_runs.min(runs.len())];
     let mut records = Vec::new();
     for joint in joints {
         match record(*joint, &runs, &spans, &starts, baseline_runs) {
@@ -86,6 +89,7 @@ pub fn fit_maps(
             ambient_scale: scales.ambient(),
             zero: zeros[at].clone(),
             usual: usual_friction(record, baseline_runs),
+            loads: record.levels.iter().map(|level| mean_load(first_runs, record.joint, *level)).collect(),
         });
     }
     found
@@ -148,7 +152,7 @@ fn record(
     starts: &[f64],
     baseline_runs: usize,
 ) -> Result<JointRecord, String> {
-    let (levels, points) = points_by_level(joint, runs, starts);
+    let (levels, points) = points_by_level(joint, runs, starts, baseline_runs);
     let mut full = runs_of(points.iter().filter(|p| p.in_map));
     full.retain(|run| *run < baseline_runs);
     if full.is_empty() || full.len() < baseline_runs {
@@ -165,11 +169,18 @@ fn record(
 }
 
 /// Speed levels of a joint with points that enter the map, and all points at these levels in the order of time.
-fn points_by_level(joint: JointIndex, runs: &[&MapRun], starts: &[f64]) -> (Vec<f64>, Vec<RecordPoint>) {
+fn points_by_level(
+    joint: JointIndex,
+    runs: &[&MapRun],
+    starts: &[f64],
+    baseline_runs: usize,
+) -> (Vec<f64>, Vec<RecordPoint>) {
+    let first_runs = &runs[..baseline_runs.min(runs.len())];
     let of_joint = runs.iter().flat_map(|run| &run.points).filter(|p| p.joint == joint);
     let (mut levels, mut points) = (Vec::new(), Vec::new());
     for speed_fraction in speed_fractions(of_joint.map(|p| p.speed_fraction)) {
-        let of_level = level_points(joint, speed_fraction, levels.len(), runs, starts);
+        let load = mean_load(first_runs, joint, speed_fraction);
+        let of_level = level_points(joint, Level { place: levels.len(), speed_fraction, load }, runs, starts);
         if of_level.iter().any(|p| p.in_map) {
             levels.push(speed_fraction);
             points.extend(of_level);

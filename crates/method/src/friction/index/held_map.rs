@@ -1,6 +1,6 @@
 //! A friction map that is held: what the indices of runs are computed from.
 
-use super::run_record::{activities, level_points};
+use super::run_record::{Level, activities, level_points};
 use crate::friction::maps::map::FittedMap;
 use crate::friction::maps::record::{JointRecord, RecordPoint, ThermalSensor};
 use crate::friction::maps::run_effects::{JointScales, RunEffect};
@@ -26,6 +26,8 @@ pub struct HeldMap {
     pub(super) zero: Zero,
     /// Mean friction of the baseline as measured, by level, Nm.
     pub(in crate::friction) usual: Vec<Option<f64>>,
+    /// Mean load of the gear in the baseline, by level, Nm (N), where friction depends on it: runs are compared at it.
+    pub(super) loads: Vec<Option<f64>>,
 }
 
 /// Least change of friction between runs of a baseline, as a fraction, that ends the part that is counted from.
@@ -140,8 +142,10 @@ pub(super) fn held_record(
 ) -> Option<JointRecord> {
     let joint = held.map.joint;
     let levels: Vec<f64> = held.map.levels.iter().map(|level| level.speed_fraction).collect();
-    let of_level =
-        |(level, speed_fraction): (usize, &f64)| level_points(joint, *speed_fraction, level, runs, starts);
+    let of_level = |(place, &speed_fraction): (usize, &f64)| {
+        let load = held.loads.get(place).copied().flatten();
+        level_points(joint, Level { place, speed_fraction, load }, runs, starts)
+    };
     let mut points: Vec<RecordPoint> = levels.iter().enumerate().flat_map(of_level).collect();
     points.sort_by(|a, b| a.time.total_cmp(&b.time));
     Some(JointRecord {

@@ -4,8 +4,9 @@
 use super::jump::jump;
 use crate::friction::maps::record::{JointRecord, RecordPoint};
 use crate::friction::maps::thermal_state::MotionSpan;
-use crate::friction::points::level_means::friction_means;
+use crate::friction::points::level_means::{at_level, friction_means};
 use crate::statistics::descriptive::mean;
+use armwatch_model::analysis::CarriedLoad;
 use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
@@ -35,15 +36,26 @@ pub(super) fn timeline(runs: &[&MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     (spans, runs.iter().map(|run| run.started_at - epoch).collect())
 }
 
-/// Points of a joint at one speed, which has the index `level`, from the runs with enough of them. Points before a jump
+/// A speed level of a map.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Level {
+    /// Its place among the levels of the map.
+    pub place: usize,
+    /// Nominal speed as a fraction of the joint's largest speed.
+    pub speed_fraction: f64,
+    /// Load at which friction is compared, Nm (N), where it depends on load.
+    pub load: Option<f64>,
+}
+
+/// Points of a joint at one speed from the runs with enough of them, at the load of the level. Points before a jump
 /// inside a run are scaled to the friction after it.
 pub(super) fn level_points(
     joint: JointIndex,
-    speed_fraction: f64,
-    level: usize,
+    level: Level,
     runs: &[&MapRun],
     starts: &[f64],
 ) -> Vec<RecordPoint> {
+    let speed_fraction = level.speed_fraction;
     let mut points = Vec::new();
     for (run, (of_run, start)) in runs.iter().zip(starts).enumerate() {
         let means = usable_means(of_run, joint, speed_fraction);
@@ -51,14 +63,15 @@ pub(super) fn level_points(
             continue;
         }
         let in_map = means.len() >= FULL_RUN_POINTS;
+        let to_load = level.load.map_or(0.0, |load| load_difference(of_run, joint, speed_fraction, load));
         let jump = jump(of_run, joint, &run_levels(of_run, joint));
         points.extend(means.into_iter().map(|(time, torque)| {
             let jump = jump.map_or(1.0, |jump| jump.factor(time));
             RecordPoint {
                 run,
                 time: start + time,
-                level,
-                torque: torque * jump,
+                level: level.place,
+                torque: (torque + to_load) * jump,
                 jump,
                 in_map,
                 offset: 0.0,
@@ -67,6 +80,28 @@ pub(super) fn level_points(
         }));
     }
     points
+}
+
+/// Mean load, Nm (N), of the gear of a joint at one speed over the points of these runs; `None` where friction does not
+/// depend on it.
+pub(super) fn mean_load(runs: &[&MapRun], joint: JointIndex, speed_fraction: f64) -> Option<f64> {
+    let points = runs.iter().flat_map(|run| at_level(&run.points, joint, speed_fraction));
+    mean(&points.filter_map(|point| Some(point.load?.torque)).collect::<Vec<f64>>())
+}
+
+/// What the gear would lose more than it did if it carried `load`, Nm (N), in this run.
+///
+/// `m (load - L)`: the carried torque `L` and the friction `m` per carried torque are means over the points of the level,
+/// as a single cycle knows neither as well. Exact where friction is proportional to the load.
+fn load_difference(run: &MapRun, joint: JointIndex, speed_fraction: f64, load: f64) -> f64 {
+    let of = |what: fn(&CarriedLoad) -> f64| {
+        let points = at_level(&run.points, joint, speed_fraction);
+        mean(&points.filter_map(|point| point.load.as_ref().map(what)).collect::<Vec<f64>>())
+    };
+    match (of(|of| of.torque), of(|of| of.friction)) {
+        (Some(carried), Some(friction)) => friction * (load - carried),
+        _ => 0.0,
+    }
 }
 
 /// Time since the start, s, and friction, Nm, of each pass of a joint at one speed of a run.

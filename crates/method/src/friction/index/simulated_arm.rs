@@ -277,6 +277,7 @@ impl Arm {
                         std: 0.1,
                         samples: 100,
                         gravity: GravityRemoval::AxisVertical,
+                        load: None,
                     });
                 }
             }

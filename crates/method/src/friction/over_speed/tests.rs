@@ -57,6 +57,7 @@ fn points(curve: Curve, levels: &[f64], sigma: f64, more: f64, seed: u64) -> Vec
                 std: (squares / (independent - 1) as f64).sqrt(),
                 samples: ROWS,
                 gravity: GravityRemoval::AxisVertical,
+                load: None,
             });
         }
     }

@@ -95,6 +95,7 @@ mod tests {
             std: 0.1,
             samples: 50,
             gravity: GravityRemoval::AxisVertical,
+            load: None,
         }
     }
 

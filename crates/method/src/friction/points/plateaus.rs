@@ -6,8 +6,8 @@ use crate::model::dynamics::DynamicModel;
 use crate::segment::cycles::ranges_where;
 use crate::signal::filter::FilteredSignals;
 use crate::statistics::descriptive::{mean, median};
-use armwatch_model::analysis::FrictionPoint;
-use armwatch_model::robot::{JointIndex, Robot};
+use armwatch_model::analysis::{CarriedLoad, FrictionPoint};
+use armwatch_model::robot::{JointIndex, LoadFriction, MAX_JOINTS, Robot};
 use armwatch_model::run::{Samples, Stage};
 
 /// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
@@ -136,6 +136,7 @@ fn joint_points(
             std: freed.std,
             samples: plateau.rows.len(),
             gravity: freed.how,
+            load: model.and_then(|model| carried_load(robot, filtered, model, joint, &plateau.rows)),
         });
     }
     if !unclear.is_empty() {
@@ -146,6 +147,30 @@ fn joint_points(
         ));
     }
     true
+}
+
+/// What the gear of a joint carries in these rows, where its friction depends on that.
+fn carried_load(
+    robot: &Robot,
+    filtered: &FilteredSignals,
+    model: &DynamicModel,
+    joint: JointIndex,
+    rows: &[usize],
+) -> Option<CarriedLoad> {
+    if robot.friction_of(joint).load == LoadFriction::None {
+        return None;
+    }
+    let (n, j) = (robot.joint_count(), joint.index());
+    let [mut q, mut qd, mut qdd, mut tau, mut load] = [[0.0; MAX_JOINTS]; 5];
+    let (mut carried, mut lost) = (0.0, 0.0);
+    for &row in rows {
+        filtered.row(row, &mut q[..n], &mut qd[..n], &mut qdd[..n], &mut tau[..n]);
+        model.gear_load(robot, &q[..n], &qd[..n], &qdd[..n], &mut load[..n]);
+        carried += load[j].abs();
+        lost += model.load_friction(robot, joint, load[j], qd[j]) * qd[j].signum();
+    }
+    let friction = if carried > 0.0 { lost / carried } else { 0.0 };
+    Some(CarriedLoad { torque: carried / rows.len().max(1) as f64, friction })
 }
 
 /// Rows in which `joint` is under test.

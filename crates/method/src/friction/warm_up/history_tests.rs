@@ -174,7 +174,7 @@ fn simulated_run(seed: u64) -> Vec<FrictionPoint> {
     for cycle in 0..24 {
         for (joint, description) in robot.joint_indices().zip(&robot.joints) {
             let nominal = description.nominal.as_ref().expect("nominal");
-            let friction = joint_friction(description, nominal, 0.0, &Wear::default());
+            let friction = joint_friction(description, nominal, (0.0, 0.0), &Wear::default());
             for direction in [-1_i8, 1] {
                 let time =
                     300.0 * f64::from(cycle) + 60.0 + 12.0 * joint.index() as f64 + f64::from(direction);
@@ -194,6 +194,7 @@ fn simulated_run(seed: u64) -> Vec<FrictionPoint> {
                     std: 0.3 * nominal.torque_noise,
                     samples: 125,
                     gravity: GravityRemoval::AxisVertical,
+                    load: None,
                 });
             }
         }
