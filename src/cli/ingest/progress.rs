@@ -92,7 +92,7 @@ impl ProgressLine {
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:20}] {percent:>3} % {wide_msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        let work = IngestWork { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..Work::default() };
+        let work = IngestWork { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..IngestWork::default() };
         Self {
             bar: bar.with_finish(ProgressFinish::AndClear),
             work: Arc::new(Mutex::new(work)),
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn work_is_counted_in_cycles_that_are_stored_and_not_in_bytes_that_are_read() {
-        let mut work = IngestWork { ahead: 2000, ..Work::default() };
+        let mut work = IngestWork { ahead: 2000, ..IngestWork::default() };
         work.begin(1000);
         work.read = 1000;
         assert_eq!((work.fraction(), work.left(Duration::from_secs(5))), (0.0, None), "nothing is stored");
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn an_export_that_is_known_says_nothing_of_the_time_that_others_take() {
-        let mut work = IngestWork { ahead: 2000, ..Work::default() };
+        let mut work = IngestWork { ahead: 2000, ..IngestWork::default() };
         work.begin(1000);
         work.end(&Outcome::AlreadyStored { run_id: 1 });
         work.begin(1000);
