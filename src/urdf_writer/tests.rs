@@ -144,7 +144,8 @@ fn frames_and_names_of_a_urdf_arm_are_its_own() {
 fn the_line_of_friction_is_exact_where_urdf_can_say_it_and_never_drives() {
     let joint = JointIndex::new(0);
     let line = |law: FrictionLaw, asymmetric: bool, f: [f64; 4]| {
-        let robot = Robot { friction: FrictionModel { law, asymmetric, ..FrictionModel::POLYNOMIAL }, ..er3a() };
+        let robot =
+            Robot { friction: FrictionModel { law, asymmetric, ..FrictionModel::POLYNOMIAL }, ..er3a() };
         let mut model = DynamicModel::from_parameters(&robot, std::iter::empty());
         model.friction[0] = f;
         straight_friction(&robot, &model, joint)

@@ -141,7 +141,12 @@ impl Coverage {
 }
 
 /// Coverage over seeds of the law `load` for gears with these settings.
-fn coverage(robot: &Robot, load: LoadFriction, seeds: u64, gears: impl Fn(u64) -> SimulationSettings) -> Coverage {
+fn coverage(
+    robot: &Robot,
+    load: LoadFriction,
+    seeds: u64,
+    gears: impl Fn(u64) -> SimulationSettings,
+) -> Coverage {
     let method = method(with_load(robot.clone(), load));
     let truth = truth(&method.robot, &method.base);
     let mut coverage = Coverage::default();

@@ -84,7 +84,11 @@ impl Robot {
     pub fn without_load_friction(&self) -> Self {
         let mut robot = self.clone();
         robot.friction.load = LoadFriction::None;
-        robot.joints.iter_mut().flat_map(|joint| &mut joint.friction).for_each(|of| of.load = LoadFriction::None);
+        robot
+            .joints
+            .iter_mut()
+            .flat_map(|joint| &mut joint.friction)
+            .for_each(|of| of.load = LoadFriction::None);
         robot
     }
 
@@ -98,7 +102,8 @@ impl Robot {
     /// terms and, where torque is the motors', a motor inertia for each joint, and three for each coupling.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
-        let friction: usize = self.joint_indices().map(|joint| self.friction_of(joint).all_terms().count()).sum();
+        let friction: usize =
+            self.joint_indices().map(|joint| self.friction_of(joint).all_terms().count()).sum();
         let per_joint = StandardParameters::COUNT + usize::from(self.has_motor_inertia());
         per_joint * self.joints.len() + friction + CouplingTerm::ALL.len() * self.couplings.len()
     }

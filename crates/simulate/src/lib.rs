@@ -190,12 +190,8 @@ fn recording_of_unit(
     for (joint, index) in robot.joints.iter().zip(robot.joint_indices()) {
         let nominal = joint.nominal.as_ref().ok_or(SimulateError::NoNominal { joint: index })?;
         let worn = wear(&settings.faults, index, run);
-        let mut gearbox = joint_friction(
-            joint,
-            nominal,
-            (settings.friction_load, 1.0 - settings.gear_efficiency),
-            &worn,
-        );
+        let mut gearbox =
+            joint_friction(joint, nominal, (settings.friction_load, 1.0 - settings.gear_efficiency), &worn);
         gearbox.warm_up = longer_slow_part(gearbox.warm_up, warm_up_factor(&settings.faults, index, run));
         let is_last = index.number() == robot.joint_count();
         let mut gearbox = gearbox.in_shape(settings.friction, is_last, joint.limits.velocity);

@@ -79,9 +79,16 @@ pub fn any_arm() -> impl Strategy<Value = Robot> {
     let pull = prop_oneof![Just(0.0), 3.0..9.81, -9.81..-3.0];
     let friction = prop_oneof![
         Just(FrictionModel::POLYNOMIAL),
-        (any::<bool>()).prop_map(|asymmetric| FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric, ..FrictionModel::POLYNOMIAL }),
-        (any::<bool>())
-            .prop_map(|asymmetric| FrictionModel { law: FrictionLaw::Smooth { speed: 0.1 }, asymmetric, ..FrictionModel::POLYNOMIAL }),
+        (any::<bool>()).prop_map(|asymmetric| FrictionModel {
+            law: FrictionLaw::ViscousCoulomb,
+            asymmetric,
+            ..FrictionModel::POLYNOMIAL
+        }),
+        (any::<bool>()).prop_map(|asymmetric| FrictionModel {
+            law: FrictionLaw::Smooth { speed: 0.1 },
+            asymmetric,
+            ..FrictionModel::POLYNOMIAL
+        }),
     ];
     let joints = proptest::collection::vec(any_joint, 1..=MAX_JOINTS);
     (joints, proptest::array::uniform3(pull), friction, 0..3_u8, any::<bool>()).prop_map(

@@ -58,7 +58,8 @@ pub(in crate::cli) async fn choose_friction(
 
 fn as_text(found: &FrictionChoice) -> String {
     let laws = LoadFriction::KINDS.map(|kind| kind.name);
-    let header: Vec<String> = ["joint", "needs"].map(str::to_owned).into_iter().chain(laws.map(|law| format!("{law}_%"))).collect();
+    let header: Vec<String> =
+        ["joint", "needs"].map(str::to_owned).into_iter().chain(laws.map(|law| format!("{law}_%"))).collect();
     let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let row = |joint: &JointChoice| {
         let error = |name: &str| {

@@ -92,7 +92,8 @@ impl ProgressLine {
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:20}] {percent:>3} % {wide_msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        let work = IngestWork { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..IngestWork::default() };
+        let work =
+            IngestWork { ahead: exports.iter().map(|path| bytes_of(path)).sum(), ..IngestWork::default() };
         Self {
             bar: bar.with_finish(ProgressFinish::AndClear),
             work: Arc::new(Mutex::new(work)),

@@ -15,9 +15,10 @@ impl Builder<'_> {
     ) -> Expression {
         let model = self.robot.friction_of(joint);
         let i = joint.index();
-        let values = model.load.terms().iter().map(|&term| {
-            self.parameter(graph, ParameterId { joint, kind: ParameterKind::Friction(term) })
-        });
+        let values =
+            model.load.terms().iter().map(|&term| {
+                self.parameter(graph, ParameterId { joint, kind: ParameterKind::Friction(term) })
+            });
         let values: Vec<Expression> = values.collect();
         if values.iter().all(|value| *value == Expression::Zero) {
             return Expression::Zero;
@@ -27,7 +28,8 @@ impl Builder<'_> {
         let grouped = self.grouped_motor_inertia[i];
         if grouped != 0.0 {
             let name = format!("J{joint}_I_M_IN_LINKS");
-            let about = "motor inertia that the parameters of the links contain, by the description".to_owned();
+            let about =
+                "motor inertia that the parameters of the links contain, by the description".to_owned();
             let inertia = self.constant(graph, name, grouped, about);
             let acceleration = graph.leaf(Node::Acceleration(i));
             let own = graph.multiply(inertia, acceleration);
@@ -48,7 +50,8 @@ impl Builder<'_> {
         let more = match model.load {
             LoadFriction::Stribeck { speed } => {
                 let name = format!("J{joint}_LOAD_SPEED");
-                let about = "friction under load falls within a few of it from that at a standstill".to_owned();
+                let about =
+                    "friction under load falls within a few of it from that at a standstill".to_owned();
                 let scale = self.constant(graph, name, speed, about);
                 let ratio = graph.divide(v, scale);
                 graph.call(Function::Bell, ratio)

@@ -68,12 +68,15 @@ pub struct PartName {
     pub names: Vec<String>,
     /// How long the recording waits for its last part.
     pub wait: Duration,
+    /// A layout says so, and not only the name.
+    pub is_told: bool,
 }
 
 impl PartRule {
     /// The part that a file name says; `None` if it says none.
     pub(crate) fn part_of(&self, file_name: &str) -> Option<PartName> {
-        part_by(&self.pattern, file_name, &self.names, self.wait)
+        let part = part_by(&self.pattern, file_name, &self.names, self.wait)?;
+        Some(PartName { is_told: true, ..part })
     }
 }
 
@@ -94,6 +97,7 @@ fn part_by(pattern: &Regex, file_name: &str, names: &[String], wait: Duration) -
         after: file_name[part.end()..].to_owned(),
         names: names.to_vec(),
         wait,
+        is_told: false,
     })
 }
 

@@ -252,7 +252,8 @@ mod tests {
 
     #[test]
     fn a_joint_may_have_a_law_and_a_smooth_speed_of_its_own() {
-        let smooth = |speed| FrictionModel { law: FrictionLaw::Smooth { speed }, ..FrictionModel::POLYNOMIAL };
+        let smooth =
+            |speed| FrictionModel { law: FrictionLaw::Smooth { speed }, ..FrictionModel::POLYNOMIAL };
         let robot =
             with("friction_model = \"smooth\"\nsmooth_speed_rad_s = 0.03", 4, "smooth_speed_rad_s = 0.2");
         let robot = robot.expect("no problems");
@@ -278,8 +279,10 @@ mod tests {
     #[test]
     fn a_joint_may_have_friction_under_load_of_its_own() {
         let root = "friction_model = \"polynomial\"\nload_friction = \"linear\"";
-        let robot = with(root, 2, "load_friction = \"stribeck\"\nload_speed_rad_s = 0.05").expect("no problems");
-        let loads: Vec<LoadFriction> = robot.joint_indices().map(|joint| robot.friction_of(joint).load).collect();
+        let robot =
+            with(root, 2, "load_friction = \"stribeck\"\nload_speed_rad_s = 0.05").expect("no problems");
+        let loads: Vec<LoadFriction> =
+            robot.joint_indices().map(|joint| robot.friction_of(joint).load).collect();
         let mut expected = vec![LoadFriction::Linear; 6];
         expected[2] = LoadFriction::Stribeck { speed: 0.05 };
         assert_eq!(loads, expected);
@@ -327,7 +330,11 @@ mod tests {
             ("friction_model = \"smooth\"", "", "smooth_speed_rad_s: is missing"),
             ("", "load_friction = \"cubic\"", "must be \"none\", \"linear\""),
             ("", "load_friction = \"stribeck\"", "load_speed_rad_s: is missing"),
-            ("", "load_friction = \"linear\"\nload_speed_rad_s = 0.1", "only means something with load_friction"),
+            (
+                "",
+                "load_friction = \"linear\"\nload_speed_rad_s = 0.1",
+                "only means something with load_friction",
+            ),
             ("", "load_speed_rad_s = 0.1", "only means something with load_friction"),
             ("", "friction_model = \"none\"\nload_friction = \"linear\"", "no columns in the model \"none\""),
             ("torque_sensors = \"axle\"", "", "must be \"motor\" or \"link\""),

@@ -59,10 +59,11 @@ impl Parts {
     }
 
     /// The recording that the file at `path` is a part of. Of numbered parts, it begins with the first of those that follow
-    /// each other up to this one.
+    /// each other up to this one. `None` if only the name says a number, and no file has the first one: it may number
+    /// something else.
     #[must_use]
     pub fn containing(path: &Path, part: &PartName, is_there: impl Fn(&Path) -> bool) -> Option<Self> {
-        let PartName { before, part, after, names, .. } = part;
+        let PartName { before, part, after, names, is_told, .. } = part;
         let mut found = Self {
             folder: path.parent()?.to_owned(),
             before: before.clone(),
@@ -72,8 +73,16 @@ impl Parts {
         if names.is_empty() {
             let mut number: u64 = part.parse().ok()?;
             // numbers without leading zeros become longer
-            let width = if part.starts_with('0') { part.len() } else { 1 };
-            while number > 0 && is_there(&found.file(&padded(number - 1, width))) {
+            let mut width = if part.starts_with('0') { part.len() } else { 1 };
+            let has = |number: u64, width: usize| is_there(&found.file(&padded(number, width)));
+            if !is_told && !(0..=1).any(|first| has(first, width) || has(first, part.len())) {
+                return None;
+            }
+            while number > 0 {
+                width = match [width, part.len()].into_iter().find(|width| has(number - 1, *width)) {
+                    Some(width) => width,
+                    None => break,
+                };
                 number -= 1;
             }
             found.which = Which::From(number, padded(number, width).len());
@@ -199,6 +208,7 @@ mod tests {
             after: ".csv".into(),
             names: names.iter().map(|name| (*name).to_owned()).collect(),
             wait: std::time::Duration::ZERO,
+            is_told: true,
         }
     }
 
@@ -223,12 +233,19 @@ mod tests {
         assert_eq!(a.missing(), Some(path("a_8.csv")));
         let b = Parts::containing(&path("b_09.csv"), &part("b_", "09", &[]), |path| path.exists()).unwrap();
         assert_eq!((b.path(), names(&b).len()), (path("b_{08+}.csv"), 3));
+        assert_eq!(
+            Parts::containing(&path("b_10.csv"), &part("b_", "10", &[]), |path| path.exists()),
+            Some(b.clone())
+        );
         let late =
             Parts::containing(&path("a_13.csv"), &part("a_", "13", &[]), |path| path.exists()).unwrap();
         assert_eq!(late.missing(), Some(path("a_12.csv")));
         let c = Parts::containing(&path("c_q.csv"), &part("c_", "q", &["q", "tau"]), |path| path.exists())
             .unwrap();
         assert_eq!((c.path(), c.missing()), (path("c_{q|tau}.csv"), Some(path("c_tau.csv"))));
+        // a number that no layout explains
+        let unexplained = PartName { is_told: false, ..part("a_", "11", &[]) };
+        assert_eq!(Parts::containing(&path("a_11.csv"), &unexplained, |path| path.exists()), None);
         for parts in [a, b, c] {
             assert_eq!(Parts::of(&parts.path()), Some(parts));
         }

@@ -100,7 +100,14 @@ mod tests {
         let is_number = part.parse::<u64>().is_ok();
         let names = if is_number { Vec::new() } else { vec!["pos".into(), "trq".into()] };
         let wait = Duration::from_secs(9);
-        Some(PartName { before: format!("{stem}_"), part: part.into(), after: ".csv".into(), names, wait })
+        Some(PartName {
+            before: format!("{stem}_"),
+            part: part.into(),
+            after: ".csv".into(),
+            names,
+            wait,
+            is_told: true,
+        })
     }
 
     #[test]

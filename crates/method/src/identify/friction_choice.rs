@@ -12,9 +12,7 @@ use crate::signal::restore::restore;
 use crate::signal::time_grid::sample_rate;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{Estimator, IdentifiedParameter};
-use armwatch_model::robot::{
-    FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterKind, Robot,
-};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterKind, Robot};
 use armwatch_model::run::Samples;
 use std::borrow::Cow;
 
@@ -179,12 +177,15 @@ impl FrictionComparison {
             false => candidate.cycles.concat(),
         };
         if folds.len() < 2 {
-            return Err(NumericsError::TooShort { what: "the comparison, in sets of rows,", rows: 0, needed: 2 });
+            return Err(NumericsError::TooShort {
+                what: "the comparison, in sets of rows,",
+                rows: 0,
+                needed: 2,
+            });
         }
         let shares = vec![1.0; n];
-        let identify = |factors: &[TriangularFactor]| {
-            identify_factors(kept, factors, &shares, Estimator::Weighted)
-        };
+        let identify =
+            |factors: &[TriangularFactor]| identify_factors(kept, factors, &shares, Estimator::Weighted);
         let (mut errors, mut torques) = (vec![0.0; n], vec![0.0; n]);
         let nothing = vec![0.0; kept.len()];
         for held in 0..folds.len() {

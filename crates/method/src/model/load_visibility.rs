@@ -47,16 +47,16 @@ pub fn load_visibility(
     let columns = FactorColumns::new(robot, &base);
     let mut y = Regressor::new(robot);
     let mut load = vec![0.0; robot.joint_count()];
-    let mut rows: Vec<Vec<Vec<f64>>> = robot
-        .joint_indices()
-        .map(|joint| vec![Vec::new(); columns.places(joint).len()])
-        .collect();
+    let mut rows: Vec<Vec<Vec<f64>>> =
+        robot.joint_indices().map(|joint| vec![Vec::new(); columns.places(joint).len()]).collect();
     let mut largest = vec![0.0_f64; robot.joint_count()];
     for JointState { q, qd, qdd } in states {
         joint_torque_regressor(robot, q, qd, qdd, &mut y);
         bodies.gear_load(robot, q, qd, qdd, &mut load);
         write_load_columns(robot, qd, &load, &mut y);
-        for joint in robot.joint_indices().filter(|j| qd[j.index()].abs() >= robot.joints[j.index()].low_speed) {
+        for joint in
+            robot.joint_indices().filter(|j| qd[j.index()].abs() >= robot.joints[j.index()].low_speed)
+        {
             let j = joint.index();
             largest[j] = largest[j].max(load[j].abs());
             for (column, &place) in rows[j].iter_mut().zip(columns.places(joint)) {
@@ -108,7 +108,9 @@ mod tests {
         // the same small arc at any speed: the load is nearly a constant
         let narrow = shoulder(&states(|t| [0.02 * (7.0 * t).sin(), 0.14 * (7.0 * t).cos() * (1.0 + t)]));
         assert!(narrow.own_part < LEAST_OWN_PART && narrow.largest_load > 1.0, "{narrow:?}");
-        let wide = shoulder(&states(|t| [1.2 * (1.3 * t).sin(), 1.56 * (1.3 * t).cos() * (1.0 + 0.3 * (5.0 * t).sin())]));
+        let wide = shoulder(&states(|t| {
+            [1.2 * (1.3 * t).sin(), 1.56 * (1.3 * t).cos() * (1.0 + 0.3 * (5.0 * t).sin())]
+        }));
         assert!(wide.own_part > LEAST_OWN_PART, "{wide:?}");
     }
 }

@@ -236,7 +236,8 @@ impl FrictionModel {
     /// before there was any.
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
-        let of_speed = [self.law.code(), self.law.speed().unwrap_or(0.0), f64::from(u8::from(self.asymmetric))];
+        let of_speed =
+            [self.law.code(), self.law.speed().unwrap_or(0.0), f64::from(u8::from(self.asymmetric))];
         of_speed.into_iter().chain(self.load.numbers()).collect()
     }
 }
@@ -336,7 +337,9 @@ impl FrictionTerm {
             Self::F2 | Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => TermFactor::Speed(1),
             Self::F3 => TermFactor::Speed(2),
             Self::F4 => TermFactor::Speed(3),
-            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadStribeck => TermFactor::Load(1),
+            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadStribeck => {
+                TermFactor::Load(1)
+            }
             Self::LoadSquared => TermFactor::Load(2),
         }
     }
@@ -361,7 +364,11 @@ impl FrictionTerm {
             Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
             Self::Offset => Some(0.0),
             // the nominal friction knows no load
-            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadSquared | Self::LoadStribeck => None,
+            Self::Load
+            | Self::LoadDriving
+            | Self::LoadBackdriving
+            | Self::LoadSquared
+            | Self::LoadStribeck => None,
         }
     }
 

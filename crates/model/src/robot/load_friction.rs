@@ -38,7 +38,11 @@ impl LoadFriction {
     /// Every dependence, in the order of messages.
     pub const KINDS: [LoadKind; 5] = [
         LoadKind { name: "none", about: "friction depends on speed alone", with_speed: |_| Self::None },
-        LoadKind { name: "linear", about: "proportional to the carried torque", with_speed: |_| Self::Linear },
+        LoadKind {
+            name: "linear",
+            about: "proportional to the carried torque",
+            with_speed: |_| Self::Linear,
+        },
         LoadKind { name: "quadratic", about: "the same and its square", with_speed: |_| Self::Quadratic },
         LoadKind {
             name: "directional",

@@ -115,7 +115,8 @@ pub(crate) async fn record_cycle(
     if let Some(point) = read.and_then(|read| read.resume.as_ref()) {
         resume::set(&mut *connection, run_id, point).await?;
     }
-    let description = run_progress::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
+    let description =
+        run_progress::Description { robot_model_id: model, figures_hash: models::figures_hash(robot) };
     run_progress::advance(connection, run_id, &description, read.map(|read| &read.prefix)).await?;
     Ok(Recorded::Stored)
 }

@@ -5,8 +5,8 @@ use sqlx::Connection;
 use super::*;
 use crate::engine::{EnginePool, begin_writing, dialect};
 use crate::handle::Store;
-use crate::tests::upgrade::make_schema;
 use crate::tests::support::{fresh, number, text};
+use crate::tests::upgrade::make_schema;
 
 /// Columns and references of the tables of a file, and the statements of everything else.
 async fn definitions(store: &Store) -> Vec<String> {

@@ -10,10 +10,10 @@ use crate::ledger::quarantine::ExportFault;
 use crate::ledger::run_progress::RunTotals;
 use crate::robot::conclude::StaleRobot;
 use armwatch_model::analysis::{
-    CarriedLoad, CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown, FrictionPoint,
-    GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary, ParameterStatistics,
-    Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueNoise, TorqueRmsd, WarmFriction,
-    WarmUpFit, WarmUpModel,
+    CarriedLoad, CycleAnalysis, CycleFactors, CycleTemperatures, Decay, Estimate, Estimator, FastShown,
+    FrictionPoint, GravityRemoval, Identification, IdentifiedParameter, JointResidual, JointSummary,
+    ParameterStatistics, Rmsd, RmsdScope, RmsdSwing, RunAnalysis, StatisticsWindow, TorqueNoise, TorqueRmsd,
+    WarmFriction, WarmUpFit, WarmUpModel,
 };
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Findings, JointHealth, Knowledge, Onset, Severity};

@@ -127,7 +127,7 @@ fn a_recording_begins_with_the_bytes_that_it_had_before_the_next_part_came() {
         MOST,
     )
     .unwrap();
-    while let Some(chunk) = export.next() {
+    for chunk in export {
         chunk.unwrap();
         let read = running.prefix();
         assert_eq!(prefix(&all, read.bytes).unwrap(), Some(read));

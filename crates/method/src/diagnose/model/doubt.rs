@@ -152,7 +152,8 @@ fn contradicted<'s>(
     settings: &DoubtSettings,
     (noise, shapes): (Vec<f64>, MakeShapes<'_, 's>),
 ) -> Option<Finding> {
-    let judged_rows = JudgedRows::new(judged.filtered, judged.excitation, noise, &[], judged.filtered_coulomb_columns);
+    let judged_rows =
+        JudgedRows::new(judged.filtered, judged.excitation, noise, &[], judged.filtered_coulomb_columns);
     let tested = |judged_rows: &JudgedRows<'_>| {
         test_description(
             judged.robot,

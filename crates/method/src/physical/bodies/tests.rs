@@ -125,7 +125,8 @@ fn every_friction_model_is_reached() {
         (FrictionLaw::Smooth { speed: 0.2 }, false),
         (FrictionLaw::Smooth { speed: 0.2 }, true),
     ] {
-        let robot = Robot { friction: FrictionModel { law, asymmetric, ..FrictionModel::POLYNOMIAL }, ..er3a() };
+        let robot =
+            Robot { friction: FrictionModel { law, asymmetric, ..FrictionModel::POLYNOMIAL }, ..er3a() };
         let (_, fit) = fitted(&robot, 0.0);
         assert_reached(&fit);
         assert_eq!(fit.start.sources, [BodySource::Description; 6]);
