@@ -78,14 +78,23 @@ pub(crate) fn robust_deviation(values: &[f64]) -> Option<f64> {
 /// How much a series swings from one value to the next: `sqrt(sum (x[i+1] - x[i])² / (2 (n-1)))`.
 /// A slow trend, such as warming up, hardly counts (von Neumann 1941). `None` below four values,
 /// where chance decides.
+///
+/// One odd value is no swing: the value without which the series swings by less than half is left out. The first one
+/// counts always, since it may be that of a cold arm.
 #[must_use]
 pub fn swing(series: &[f64]) -> Option<RmsdSwing> {
     const FEWEST: usize = 4;
-    if series.len() < FEWEST {
-        return None;
-    }
-    let squares: f64 = series.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
-    Some(RmsdSwing { value: (squares / (2 * (series.len() - 1)) as f64).sqrt(), cycles: series.len() })
+    const ODD_SHARE: f64 = 0.5;
+    let without = |odd: usize| [&series[..odd], &series[odd + 1..]].concat();
+    let of = |series: &[f64]| {
+        let squares: f64 = series.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
+        let value = (squares / (2 * (series.len() - 1)) as f64).sqrt();
+        RmsdSwing { value, cycles: series.len() }
+    };
+    let all = (series.len() >= FEWEST).then(|| of(series))?;
+    let others = (1..series.len()).filter(|_| series.len() > FEWEST).map(|odd| of(&without(odd)));
+    let least = others.min_by(|a, b| a.value.total_cmp(&b.value));
+    Some(least.filter(|least| least.value < ODD_SHARE * all.value).unwrap_or(all))
 }
 
 #[cfg(test)]
@@ -124,6 +133,23 @@ mod tests {
         assert!((trend.value - 0.01 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert!((alternation.value - 0.1 / 2.0_f64.sqrt()).abs() < 1e-12);
         assert_eq!(swing(&[1.0, 2.0, 3.0]), None);
+    }
+
+    #[test]
+    fn one_odd_value_is_no_swing_and_two_are() {
+        let usual = [0.030, 0.032, 0.031, 0.029, 0.031, 0.030, 0.032, 0.030];
+        let of = |odd: &[usize]| {
+            let with = |(place, value): (usize, &f64)| if odd.contains(&place) { 3.0 * value } else { *value };
+            swing(&usual.iter().enumerate().map(with).collect::<Vec<f64>>()).expect("long")
+        };
+        let quiet = of(&[]);
+        for odd in 1..8 {
+            let found = of(&[odd]);
+            assert!(found.cycles == 7 && found.value < 1.5 * quiet.value, "{odd}: {found:?}");
+        }
+        // a cold first cycle, and more odd ones than one
+        assert!(of(&[0]).value > 10.0 * quiet.value && of(&[2, 5]).value > 10.0 * quiet.value);
+        assert_eq!(of(&[2, 5]).cycles, 8);
     }
 
     #[test]

@@ -475,7 +475,7 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
 
 /// An answer of the parameters as least squares with weights have it: the more a fault leaves of a joint's torque, the less
 /// do that joint's own parameters move. `change` and `left`, a fraction of the torque, are by unit of the fault's size.
-fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
+pub(super) fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
     let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
     let of_strength = |(strength, times): (usize, f64)| FaultResponse {
         joint: JointIndex::new(joint),
@@ -557,6 +557,8 @@ fn a_torque_signal_that_reads_wrong_is_named_and_no_other_joint_is() {
     let found = only(&fleet(9, 8, offset), AnomalyKind::Sensor, Some(2));
     assert_eq!((found.quantity, found.baseline), (Quantity::TorqueOffset, 0.0), "{found:?}");
     assert!((found.value - 1.1).abs() < 0.1 && (found.peak_value - 1.1).abs() < 0.1, "{found:?}");
+    // a cable that pulls looks the same
+    assert!(found.message.contains("a cable, a hose or a seal"), "{found:?}");
     let noisy = |run: i64| State { unexplained: (run >= 7).then_some((3, 4.0)), ..State::default() };
     let found = only(&fleet(9, 9, noisy), AnomalyKind::Sensor, Some(4));
     assert_eq!((found.quantity, found.baseline), (Quantity::TorqueNoiseRatio, 1.0), "{found:?}");

@@ -27,7 +27,7 @@ const NO_SHAPE: f64 = 1e-5;
 const MOST_OWN: f64 = 0.015;
 const MOST_OWN_SHARE: f64 = 0.45;
 /// The same of the thermal deficit at the start, in its prior scales.
-const MOST_OWN_SCALES: f64 = 3.5;
+const MOST_OWN_SCALES: f64 = 2.0;
 /// Standard deviation of an effect that is held: none.
 const HELD: f64 = 1e-5;
 /// Fewest joints for the comparison of one with the median.

@@ -8,7 +8,8 @@ use nalgebra::DVector;
 
 use super::first_level::{FirstLevels, LEVEL_CHANGE};
 use crate::detect::control_chart::median_variance;
-use crate::statistics::descriptive::{median, robust_deviation};
+use crate::detect::rate::monitor::OWN_FROM;
+use crate::statistics::descriptive::{median, robust_deviation, standard_deviation};
 use armwatch_model::analysis::{Estimate, JointSummary, WarmFriction};
 use armwatch_model::anomaly::quantity::Quantity;
 
@@ -36,8 +37,9 @@ pub(in crate::detect::runs) struct FrictionHistory {
     pub(in crate::detect::runs) learnt_runs: usize,
     /// Usual standard deviation from run to run, as a fraction of the baseline.
     pub(in crate::detect::runs) spread: f64,
-    /// Median of this over the arm's joints, if enough of them have an index: the prior of the scatter of one joint.
-    pub(in crate::detect::runs) pooled_spread: Option<f64>,
+    /// The same over the arm's joints, as each run among the first tests finds it: the prior of one joint. Empty unless enough
+    /// joints have an index.
+    pooled: Vec<(usize, f64)>,
     /// Whether the first runs scatter by so much more than those of the arm's other joints that friction changed in them.
     pub(in crate::detect::runs) has_changed_at_first: bool,
     /// Variance of the baseline itself, as a fraction of it squared.
@@ -184,7 +186,7 @@ impl FrictionHistory {
             runs,
             learnt_runs: learnt.iter().map(|(_, runs)| runs.len()).max().unwrap_or(0),
             spread,
-            pooled_spread: None,
+            pooled: Vec::new(),
             has_changed_at_first: false,
             baseline_variance,
             baselines,
@@ -247,6 +249,34 @@ impl FrictionHistory {
         }
     }
 
+    /// Standard deviation of the index in the first tests before `run`, without the bias of its median over several joints;
+    /// `None` without an index or with fewer than two such tests.
+    fn deviation_before(&self, run: usize) -> Option<f64> {
+        let first = self.runs.iter().take(OWN_FROM).filter(|of| of.run < run).map(|of| of.ratio);
+        let first: Vec<f64> = first.collect();
+        let deviation = standard_deviation(&first).filter(|_| self.source == Source::Index)?;
+        // median of chi-square over its degrees of freedom (Wilson and Hilferty 1931)
+        let freedom = first.len() as f64 - 1.0;
+        Some(deviation / (1.0 - 2.0 / (9.0 * freedom)).powf(1.5))
+    }
+
+    /// Standard deviation from run to run that the arm's joints show in the first tests before `run`.
+    pub(in crate::detect::runs) fn pooled_before(&self, run: usize) -> Option<f64> {
+        let known = self.pooled.partition_point(|(of, _)| *of <= run);
+        self.pooled.get(known.checked_sub(1)?).map(|(_, pooled)| *pooled)
+    }
+
+    /// Shrinks the scatter of the first runs towards that of the arm's joints, unless it is no scatter but a change.
+    fn shrink_spread(&mut self) {
+        let pooled = self.pooled_before(self.learnt_from.saturating_add(1));
+        let Some(pooled) = pooled.filter(|_| !self.has_changed_at_first) else { return };
+        let own = (self.learnt_runs as f64 - 1.0).max(0.0);
+        let variance =
+            (POOLED_TESTS * pooled * pooled + own * self.spread * self.spread) / (POOLED_TESTS + own);
+        self.baseline_variance *= variance / (self.spread * self.spread);
+        self.spread = variance.sqrt();
+    }
+
     /// Run-to-run standard deviation of the torques that the baseline is learnt from, as a fraction, and the variance
     /// of their median; those with what all joints share where few of these torques compare.
     fn torque_spread(&self) -> (f64, f64) {
@@ -301,15 +331,17 @@ impl FrictionHistory {
 const MOST_SPREAD: f64 = 3.0;
 /// Fewest other joints whose median says so.
 const FEWEST_OTHERS: usize = 3;
+/// Tests that the scatter of the arm's joints is worth as a prior of one of them.
+pub(in crate::detect::runs) const POOLED_TESTS: f64 = 20.0;
 
-/// Bounds the scatter of each joint's index by that of the other joints of the arm, and gives it their median.
+/// Bounds the scatter of each joint's index by that of the other joints of the arm, and shrinks it towards what all of them
+/// show: the first runs of one joint know it badly.
 pub(in crate::detect::runs) fn bound_spreads(joints: &mut [FrictionHistory]) {
     let own: Vec<Option<f64>> =
         joints.iter().map(|of| (of.source == Source::Index).then_some(of.spread)).collect();
-    let all: Vec<f64> = own.iter().copied().flatten().collect();
-    let pooled = median(&all).filter(|_| all.len() > FEWEST_OTHERS);
-    for (j, joint) in joints.iter_mut().enumerate() {
-        joint.pooled_spread = pooled.filter(|_| own[j].is_some());
+    let pooled: Vec<(usize, f64)> = pooled_by_run(joints);
+    for (j, joint) in joints.iter_mut().enumerate().filter(|(j, _)| own[*j].is_some()) {
+        joint.pooled.clone_from(&pooled);
         let others: Vec<f64> =
             own.iter().enumerate().filter(|(other, _)| *other != j).filter_map(|(_, of)| *of).collect();
         if others.len() >= FEWEST_OTHERS
@@ -317,7 +349,18 @@ pub(in crate::detect::runs) fn bound_spreads(joints: &mut [FrictionHistory]) {
         {
             joint.bound_spread(MOST_SPREAD * usual);
         }
+        joint.shrink_spread();
     }
+}
+
+/// Median over the joints of the standard deviation of the index in the tests before each of the first runs.
+fn pooled_by_run(joints: &[FrictionHistory]) -> Vec<(usize, f64)> {
+    let Some(longest) = joints.iter().max_by_key(|of| of.runs.len()) else { return Vec::new() };
+    let pooled = |run: usize| {
+        let known: Vec<f64> = joints.iter().filter_map(|of| of.deviation_before(run)).collect();
+        median(&known).filter(|_| known.len() > FEWEST_OTHERS).map(|pooled| (run, pooled))
+    };
+    longest.runs.iter().take(OWN_FROM).filter_map(|of| pooled(of.run + 1)).collect()
 }
 
 /// Least square of a jump between two of the tests of a baseline, in variances of a test.

@@ -17,27 +17,41 @@ const CORRELATION: Estimate = Estimate { value: 0.2, std_error: 0.2 };
 /// What is learnt of it until now.
 pub(in crate::detect::runs) struct QuietScatter {
     whitener: Whitener,
+    worth: f64,
     waiting: VecDeque<Estimate>,
-    learnt: usize,
+    learnt: Vec<Estimate>,
     most: usize,
 }
 
 impl QuietScatter {
     /// Before the first test: a standard deviation that is worth so many tests. Nothing is learnt behind `most` tests.
     pub(in crate::detect::runs) fn new(deviation: f64, worth: f64, most: usize) -> Self {
-        let prior = Prior { scale: deviation, worth, correlation: CORRELATION };
-        Self { whitener: Whitener::new(prior), waiting: VecDeque::new(), learnt: 0, most }
+        Self {
+            whitener: whitener(deviation, worth),
+            worth,
+            waiting: VecDeque::new(),
+            learnt: Vec::new(),
+            most,
+        }
+    }
+
+    /// Replaces the standard deviation that is expected before the first test.
+    pub(in crate::detect::runs) fn expect(&mut self, deviation: f64) {
+        self.whitener = whitener(deviation, self.worth);
+        for test in &self.learnt {
+            self.whitener.learn(test.value, test.std_error);
+        }
     }
 
     /// Learns a test of the baseline.
     pub(in crate::detect::runs) fn learn(&mut self, test: Estimate) {
         self.whitener.learn(test.value, test.std_error);
-        self.learnt += 1;
+        self.learnt.push(test);
     }
 
     /// Takes a quiet test, which is learnt when others have followed it. Says whether one was learnt.
     pub(in crate::detect::runs) fn quiet(&mut self, test: Estimate) -> bool {
-        if self.learnt >= self.most {
+        if self.learnt.len() >= self.most {
             return false;
         }
         self.waiting.push_back(test);
@@ -50,13 +64,22 @@ impl QuietScatter {
         self.waiting.clear();
     }
 
+    /// Score of a test that follows one with the value `previous`, standard normal if nothing has changed.
+    pub(in crate::detect::runs) fn score(&self, previous: f64, value: f64, std_error: f64) -> f64 {
+        self.whitener.score(previous, value, std_error)
+    }
+
     /// Tests learnt.
     pub(in crate::detect::runs) fn learnt(&self) -> usize {
-        self.learnt
+        self.learnt.len()
     }
 
     /// What they are like.
     pub(in crate::detect::runs) fn likeness(&self) -> Likeness {
         self.whitener.likeness()
     }
+}
+
+fn whitener(deviation: f64, worth: f64) -> Whitener {
+    Whitener::new(Prior { scale: deviation, worth, correlation: CORRELATION })
 }

@@ -142,10 +142,16 @@ mod tests {
     #[test]
     fn two_joints_that_warm_up_otherwise_at_once_are_one_alarm_of_the_arm() {
         for seed in 1..=4 {
-            let history = fleet(30, seed, |run| State {
+            let mut history = fleet(30, seed, |run| State {
                 friction: (run >= 12).then_some(two_slower),
                 ..State::default()
             });
+            // the index is friction at equal thermal state
+            for (run, healthy) in history.iter_mut().zip(fleet(30, seed, |_| State::default())) {
+                for (joint, healthy) in run.joints.iter_mut().zip(healthy.joints) {
+                    joint.friction_index = healthy.friction_index;
+                }
+            }
             let alarm = only(&history, AnomalyKind::Thermal, None);
             assert_eq!(alarm.quantity, OF_ARM, "{alarm:?}");
             assert!(alarm.message.contains("joints 2, 5 show it by themselves"), "{}", alarm.message);

@@ -16,6 +16,8 @@ const RUNS_OF_RAMP: usize = 60;
 const RUNS_AFTER: usize = 8;
 /// Usual largest rate of wear, as a fraction of friction a run.
 const USUAL_RATE: f64 = 0.06;
+/// By how much less than a ramp a jump must leave, in units of chi²: friction wears more often than it jumps.
+const JUMP_PRICE: f64 = 4.0;
 
 /// How friction came to where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +81,7 @@ pub(super) fn shape(
         let ramp_rest = ramp_rest + (rate / USUAL_RATE).powi(2);
         // a jump shows in the average within a few runs
         let rest = if begin + RUNS_BEFORE >= out { rest } else { f64::INFINITY };
-        let step = (size, rest, Shape::Step { run: place, cycle: None, size });
+        let step = (size, rest + JUMP_PRICE, Shape::Step { run: place, cycle: None, size });
         for (size, rest, shape) in [step, (rate, ramp_rest, Shape::Drift { run: place })] {
             if size * change > 0.0 && best.is_none_or(|(least, _)| rest < least) {
                 best = Some((rest, shape));

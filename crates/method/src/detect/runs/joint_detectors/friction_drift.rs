@@ -161,14 +161,16 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
     let baseline = friction.baseline(friction.source).map_or(1.0, |baseline| baseline.torque);
     let mut chart = UnequalEwma::new(1.0, friction.spread);
     let mut verdicts = vec![Verdict::Unknown; series.runs.len()];
-    let mut was_out = false;
-    // how far the test before was from the average, if beyond chance
-    let mut jump: Option<f64> = None;
+    // limit at which the present episode began
+    let mut opened: Option<f64> = None;
+    // how far the test before was from the average, and whether that was beyond chance
+    let mut before = (0.0, false);
     let mut rises = vec![None; series.runs.len()];
     let mut changes = vec![0.0; series.runs.len()];
     let mut rise: Option<Rise> = None;
     let mut compared: Vec<Observed> = Vec::new();
     for observed in &friction.runs {
+        limit.before(friction, observed.run);
         if friction.is_learnt_from(observed) {
             limit.learn(observed);
             compared.push(*observed);
@@ -182,23 +184,25 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
         compared.push(*observed);
         let average = chart.average();
         let mut change = chart.add(observed.ratio, friction.variance(observed)) - 1.0;
+        let is_shifted = limit.is_shifted(observed);
         // a test that is uncertain moves the average little: two that agree on another level say where it is
         let own = friction.variance(observed).max(observed.uncertainty().powi(2));
         let chance = limit.limits().threshold((own + friction.baseline_variance).sqrt());
-        let beyond = observed.ratio - average;
-        let jumped = (beyond.abs() >= chance).then_some(beyond);
-        if let (Some(now), Some(before)) = (jumped, std::mem::replace(&mut jump, jumped))
-            && now.signum() == before.signum()
-        {
-            let level = average + if now.abs() < before.abs() { now } else { before };
-            chart.restart(level, 0.5 * own);
-            change = level - 1.0;
+        let now = (observed.ratio - average, (observed.ratio - average).abs() >= chance);
+        let last = std::mem::replace(&mut before, now);
+        if (now.1 && last.1 || is_shifted) && now.0.signum() == last.0.signum() {
+            let level = average + if now.0.abs() < last.0.abs() { now.0 } else { last.0 };
+            if now.1 && last.1 || (level - 1.0).abs() > change.abs() {
+                chart.restart(level, 0.5 * own);
+                change = level - 1.0;
+            }
         }
         changes[observed.run] = change;
-        let opening = limit.threshold(chart.variance()).max(MAP_ERRORS * observed.uncertainty());
-        let threshold = if was_out { CLOSING * opening } else { opening };
+        let of_average = if is_shifted { limit.limits().warning } else { limit.threshold(chart.variance()) };
+        let opening = of_average.max(MAP_ERRORS * observed.uncertainty()).min(opened.unwrap_or(f64::INFINITY));
+        let threshold = if opened.is_some() { CLOSING * opening } else { opening };
         let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
-            was_out = false;
+            opened = None;
             rise = rising(friction, &compared, &limit, rise, 1.0 + change);
             match rise {
                 Some(of) => {
@@ -217,7 +221,7 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
             }
             continue;
         };
-        was_out = true;
+        opened = Some(opening);
         limit.out();
         verdicts[observed.run] = Verdict::Out {
             // what is run in and what gets new grease has less friction

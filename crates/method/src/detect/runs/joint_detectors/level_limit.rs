@@ -4,8 +4,9 @@
 //! run length is the joint's share of the rate of false alarms ([`Budget`], [`average::limit`]), in standard deviations
 //! of the smoothed value and of the baseline together. These come from the joint's own tests, with their
 //! autocorrelation ([`QuietScatter`]), which are shrunk towards a prior while they are few: the median scatter of
-//! the first tests of the arm's joints, if four have an index. Student's
-//! distribution widens the limit for as long. First tests of a joint that scatter by more than three times the median
+//! the arm's joints in the tests so far, if four have an index. Student's
+//! distribution widens the limit for as long. A smaller change counts as well if the tests together are beyond chance in a
+//! sequential chart ([`LevelLimit::is_shifted`]). First tests of a joint that scatter by more than three times the median
 //! of the arm's other joints have a change in them, and the limit is that of three times this median until later tests
 //! are learnt. After [`OWN_FROM`] tests nothing is learnt any more: wear of a year would be. `drift_sigma` overrules
 //! all of this.
@@ -18,14 +19,12 @@ use crate::detect::rate::average;
 use crate::detect::rate::budget::Budget;
 use crate::detect::rate::monitor::OWN_FROM;
 use crate::detect::rate::whitening::Likeness;
-use crate::detect::runs::history::friction_history::{Observed, Source};
+use crate::detect::rate::chart::{SequentialChart, sure_limit};
+use crate::detect::runs::history::friction_history::{FrictionHistory, Observed, POOLED_TESTS, Source};
 use crate::detect::runs::history::quiet_scatter::QuietScatter;
 use crate::detect::runs::series::JointSeries;
 use crate::statistics::descriptive::median;
 use armwatch_model::analysis::Estimate;
-
-/// Tests that the prior is worth.
-const WORTH: f64 = 10.0;
 
 /// The limit of one joint, with what has been learnt until now.
 pub(in crate::detect::runs) struct LevelLimit {
@@ -36,8 +35,13 @@ pub(in crate::detect::runs) struct LevelLimit {
     estimated: Cell<Option<f64>>,
     alpha: f64,
     scatter: QuietScatter,
+    /// Whether the level has shifted, by whatever size, and the friction of the test before.
+    chart: SequentialChart,
+    previous: f64,
     /// Whether friction changed in the tests of the baseline, which say nothing of scatter then.
     is_bounded: bool,
+    /// Whether the arm's joints show how much each of them scatters.
+    has_pool: bool,
     /// Tests of the baseline.
     baseline: usize,
     /// Standard deviation that variances are stated for, that of the baseline, and the least one that is believed: the usual
@@ -55,8 +59,7 @@ impl LevelLimit {
             friction.runs.iter().filter(|of| friction.is_learnt_from(of)).map(|of| of.std_error).collect();
         let least = least_spread(friction.source).max(median(&errors).unwrap_or(0.0));
         let is_bounded = friction.has_changed_at_first;
-        let prior =
-            if is_bounded { friction.spread } else { least.max(friction.pooled_spread.unwrap_or(0.0)) };
+        let prior = if is_bounded { friction.spread } else { least };
         let budget = Budget::new(settings.false_alarms_per_robot_year, series.joints, &series.starts);
         let sigma = settings.drift_sigma.unwrap_or_else(|| average::limit(EWMA_WEIGHT, budget.run_length()));
         Self {
@@ -64,8 +67,11 @@ impl LevelLimit {
             overruled: settings.drift_sigma.is_some(),
             estimated: Cell::new(None),
             alpha: budget.alpha(),
-            scatter: QuietScatter::new(prior, WORTH, OWN_FROM),
+            scatter: QuietScatter::new(prior, POOLED_TESTS, OWN_FROM),
+            chart: SequentialChart::default(),
+            previous: 1.0,
             is_bounded,
+            has_pool: false,
             baseline: friction.learnt_runs,
             stated: friction.spread,
             least,
@@ -73,8 +79,19 @@ impl LevelLimit {
         }
     }
 
+    /// Takes what the arm's joints show of the scatter before `run` as the prior of this one.
+    pub(in crate::detect::runs) fn before(&mut self, friction: &FrictionHistory, run: usize) {
+        let pooled = friction.pooled_before(run).filter(|_| !self.is_bounded && self.learnt() < OWN_FROM);
+        if let Some(pooled) = pooled.map(|pooled| pooled.max(self.least)) {
+            self.has_pool = true;
+            self.scatter.expect(pooled);
+            self.estimated.set(None);
+        }
+    }
+
     /// Learns a test of the baseline, unless friction changed in it.
     pub(in crate::detect::runs) fn learn(&mut self, observed: &Observed) {
+        self.previous = observed.ratio;
         if self.is_bounded {
             return;
         }
@@ -89,8 +106,18 @@ impl LevelLimit {
         }
     }
 
+    /// Returns true if this test and those before it are beyond what chance makes of tests of one level: the mixture of
+    /// Shiryaev-Roberts statistics ([`crate::detect::rate::chart`]) over the scores against the tests that are learnt.
+    pub(in crate::detect::runs) fn is_shifted(&mut self, observed: &Observed) -> bool {
+        let Estimate { value, std_error } = estimate(observed);
+        let score = self.scatter.score(self.previous, value, std_error);
+        self.previous = value;
+        self.chart.add(score) >= sure_limit(self.alpha.recip()) && !self.overruled && !self.is_bounded
+    }
+
     /// A test is out: the ones before it may belong to what it shows.
     pub(in crate::detect::runs) fn out(&mut self) {
+        self.chart.restart();
         self.scatter.out();
     }
 
@@ -151,9 +178,9 @@ impl LevelLimit {
         (!self.overruled).then_some(self.alpha)
     }
 
-    /// The baseline's own scatter is a floor until the joint has a history.
+    /// The baseline's own scatter is a floor until the joint has a history, unless other joints show it better.
     fn spread(&self, likeness: &Likeness) -> f64 {
-        let floor = if self.learnt() < OWN_FROM { self.stated } else { self.least };
+        let floor = if self.learnt() < OWN_FROM && !self.has_pool { self.stated } else { self.least };
         likeness.variance().sqrt().max(floor)
     }
 }

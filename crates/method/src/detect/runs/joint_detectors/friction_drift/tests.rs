@@ -177,3 +177,37 @@ fn a_jump_is_no_trend() {
         detect(&with_index(history(40, |_| 12.0), |i| Some((jump(i), 0.005))), &DetectSettings::default());
     assert_eq!(found.health[2].forecast, Some(Forecast::default()), "{:?}", found.anomalies);
 }
+
+/// Healthy indices of six joints with day scatter, five first tests and two years of daily ones.
+#[test]
+#[ignore = "years of histories"]
+fn scatter_of_healthy_indices_raises_less_than_the_rate_that_is_asked_for() {
+    use rand::{RngExt, SeedableRng};
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    // of all joints alike, and of joints that differ by a factor of two to either side
+    for (scatter, unlike) in [(0.003, 0.0), (0.01, 0.0), (0.015, 0.0), (0.02, 0.0), (0.008, 0.7), (0.012, 0.7)] {
+        let (mut alarms, robots, tests) = (0, 25, 730);
+        for _ in 0..robots {
+            let mut runs = history(tests, |_| 12.0);
+            let scatters: Vec<f64> =
+                (0..6).map(|_| scatter * (unlike * rng.random_range(-1.0..1.0_f64)).exp()).collect();
+            for run in &mut runs {
+                run.joints = (0..6)
+                    .map(|j| {
+                        let mut joint = run.joints[2].clone();
+                        let normal: f64 = rng.sample(rand_distr::StandardNormal);
+                        joint.joint = JointIndex::new(j);
+                        joint.friction_index =
+                            Some(Estimate { value: 1.0 + scatters[j] * normal, std_error: 0.005 });
+                        joint
+                    })
+                    .collect();
+            }
+            let found = detect(&runs, &DetectSettings::default()).anomalies;
+            alarms += found.iter().filter(|of| of.severity >= Severity::Warning).count();
+        }
+        let years = robots as f64 * tests as f64 / 365.25;
+        println!("scatter {scatter}, {unlike}: {alarms} false alarms in {years:.0} robot-years");
+        assert!(alarms as f64 <= years, "{scatter}: {alarms} in {years:.0} years");
+    }
+}
