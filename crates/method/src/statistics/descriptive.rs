@@ -139,7 +139,8 @@ mod tests {
     fn one_odd_value_is_no_swing_and_two_are() {
         let usual = [0.030, 0.032, 0.031, 0.029, 0.031, 0.030, 0.032, 0.030];
         let of = |odd: &[usize]| {
-            let with = |(place, value): (usize, &f64)| if odd.contains(&place) { 3.0 * value } else { *value };
+            let with =
+                |(place, value): (usize, &f64)| if odd.contains(&place) { 3.0 * value } else { *value };
             swing(&usual.iter().enumerate().map(with).collect::<Vec<f64>>()).expect("long")
         };
         let quiet = of(&[]);

@@ -119,7 +119,7 @@ fn a_recording_begins_with_the_bytes_that_it_had_before_the_next_part_came() {
     fs::write(case.path("a_1.csv"), &text[cut..]).unwrap();
     assert_eq!(prefix(&all, bytes).unwrap().map(|of| of.hash), Some(hash));
     // what was read when a cycle was stored in the middle of a part
-    let (mut export, running) = ExportReader::open(
+    let (export, running) = ExportReader::open(
         &all,
         &layout("match = \"after\""),
         &er3a(),

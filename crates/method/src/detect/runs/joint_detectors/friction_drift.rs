@@ -199,7 +199,8 @@ pub(in crate::detect::runs) fn judged(series: &JointSeries<'_>) -> Judged {
         }
         changes[observed.run] = change;
         let of_average = if is_shifted { limit.limits().warning } else { limit.threshold(chart.variance()) };
-        let opening = of_average.max(MAP_ERRORS * observed.uncertainty()).min(opened.unwrap_or(f64::INFINITY));
+        let opening =
+            of_average.max(MAP_ERRORS * observed.uncertainty()).min(opened.unwrap_or(f64::INFINITY));
         let threshold = if opened.is_some() { CLOSING * opening } else { opening };
         let Some(severity) = limit.limits().severity(change.abs(), threshold) else {
             opened = None;

@@ -185,7 +185,9 @@ fn scatter_of_healthy_indices_raises_less_than_the_rate_that_is_asked_for() {
     use rand::{RngExt, SeedableRng};
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
     // of all joints alike, and of joints that differ by a factor of two to either side
-    for (scatter, unlike) in [(0.003, 0.0), (0.01, 0.0), (0.015, 0.0), (0.02, 0.0), (0.008, 0.7), (0.012, 0.7)] {
+    for (scatter, unlike) in
+        [(0.003, 0.0), (0.01, 0.0), (0.015, 0.0), (0.02, 0.0), (0.008, 0.7), (0.012, 0.7)]
+    {
         let (mut alarms, robots, tests) = (0, 25, 730);
         for _ in 0..robots {
             let mut runs = history(tests, |_| 12.0);
@@ -194,7 +196,7 @@ fn scatter_of_healthy_indices_raises_less_than_the_rate_that_is_asked_for() {
             for run in &mut runs {
                 run.joints = (0..6)
                     .map(|j| {
-                        let mut joint = run.joints[2].clone();
+                        let mut joint = run.joints[2];
                         let normal: f64 = rng.sample(rand_distr::StandardNormal);
                         joint.joint = JointIndex::new(j);
                         joint.friction_index =
@@ -206,7 +208,7 @@ fn scatter_of_healthy_indices_raises_less_than_the_rate_that_is_asked_for() {
             let found = detect(&runs, &DetectSettings::default()).anomalies;
             alarms += found.iter().filter(|of| of.severity >= Severity::Warning).count();
         }
-        let years = robots as f64 * tests as f64 / 365.25;
+        let years = f64::from(robots) * tests as f64 / 365.25;
         println!("scatter {scatter}, {unlike}: {alarms} false alarms in {years:.0} robot-years");
         assert!(alarms as f64 <= years, "{scatter}: {alarms} in {years:.0} years");
     }
