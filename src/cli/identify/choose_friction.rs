@@ -72,9 +72,8 @@ fn as_text(found: &FrictionChoice) -> String {
     };
     let rows: Vec<Vec<String>> = found.joints.iter().map(row).collect();
     let mut text = format!(
-        "torque error on held-out rows ({}), % of the torque, by law of load; the load settled in at most {}\n\n{}",
+        "torque error on held-out rows ({}), % of the torque, by law of load\n\n{}",
         output::counted(found.held_out_sets, "set"),
-        if found.passes == 1 { "1 pass".to_owned() } else { format!("{} passes", found.passes) },
         output::table(&header, &rows)
     );
     for remark in &found.remarks {
@@ -102,6 +101,7 @@ fn as_value(found: &FrictionChoice) -> Value {
             "load_speed": score.load.speed(),
             "held_out_relative_rmsd": score.held_out,
             "information_criterion": score.criterion,
+            "passes": score.passes,
             "coefficients": coefficients.map(|of| (of.id.name().to_owned(), json!(of.value))).collect::<serde_json::Map<_, _>>(),
         })
     };
@@ -114,7 +114,6 @@ fn as_value(found: &FrictionChoice) -> Value {
     };
     json!({
         "held_out_sets": found.held_out_sets,
-        "passes": found.passes,
         "remarks": found.remarks,
         "joints": found.joints.iter().map(joint).collect::<Vec<Value>>(),
     })

@@ -37,16 +37,13 @@ impl Builder<'_> {
         }
         let v = graph.leaf(Node::Speed(i));
         let sign = self.sign(graph, joint, model.law, v);
-        if model.load == LoadFriction::Directional {
-            let power = graph.multiply(load, sign);
-            let (driving, driven) =
-                (graph.call(Function::PositivePart, power), graph.call(Function::NegativePart, power));
-            let (driving, driven) = (graph.multiply(first, driving), graph.multiply(second, driven));
-            let loss = graph.subtract(driving, driven);
-            let direction = graph.call(Function::Sign, v);
-            return graph.multiply(direction, loss);
-        }
         let magnitude = graph.call(Function::Magnitude, load);
+        if model.load == LoadFriction::Directional {
+            let moves = graph.call(Function::Magnitude, sign);
+            let (both, difference) = (graph.multiply(magnitude, sign), graph.multiply(load, moves));
+            let (both, difference) = (graph.multiply(first, both), graph.multiply(second, difference));
+            return graph.add(both, difference);
+        }
         let more = match model.load {
             LoadFriction::Stribeck { speed } => {
                 let name = format!("J{joint}_LOAD_SPEED");

@@ -12,8 +12,8 @@ use super::parts;
 use super::trace::companions;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 
-/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is. That of several files, which are parts
-/// or belong to one, is the hash of their hashes.
+/// BLAKE3 hash and number of bytes of the file as it lies on disk, compressed if it is, with the files that belong to it. That
+/// of several parts is the hash of their hashes.
 ///
 /// Reads in pieces; memory does not grow with the file.
 ///
@@ -22,21 +22,18 @@ use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 /// regular file, since a pipe would block for ever.
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
     let of_file = |file: &PathBuf| hash_up_to(file, u64::MAX);
-    Ok(joined(&all_files(path).iter().map(of_file).collect::<io::Result<Vec<_>>>()?))
-}
-
-/// The parts of what lies at `path`, each with the files that belong to it.
-fn all_files(path: &Path) -> Vec<PathBuf> {
-    let with_companions = |part: PathBuf| {
-        let companions = companions(&part);
-        std::iter::once(part).chain(companions)
-    };
-    parts::files(path).into_iter().flat_map(with_companions).collect()
+    Ok(joined(&parts::files(path).iter().map(of_file).collect::<io::Result<Vec<_>>>()?))
 }
 
 fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(Asked(regular_file(path)?).take(bytes))?;
+    // an export of several files is never read in part
+    if bytes == u64::MAX {
+        for companion in companions(path) {
+            hasher.update_reader(Asked(regular_file(&companion)?))?;
+        }
+    }
     Ok(identity(&hasher))
 }
 
@@ -65,7 +62,7 @@ fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
 /// As [`fingerprint`].
 pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
     let (mut found, mut left) = (Vec::new(), bytes);
-    for file in all_files(path) {
+    for file in parts::files(path) {
         let part = hash_up_to(&file, left)?;
         left -= part.1;
         found.push(part);

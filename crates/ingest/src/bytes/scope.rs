@@ -56,10 +56,20 @@ pub(super) fn is_scope(head: &[u8]) -> bool {
 /// A text as it is, or the rows of a TwinCAT Scope export as CSV.
 pub(super) fn plain(mut text: impl Read + Send + 'static) -> io::Result<Box<dyn Read + Send>> {
     let mut head = Vec::new();
-    (&mut text).take(HEAD_BYTES).read_to_end(&mut head)?;
+    // the rows before the fault of a damaged stream are read first
+    let failed = Failed((&mut text).take(HEAD_BYTES).read_to_end(&mut head).err());
     let is_scope = is_scope(&head);
-    let whole = Cursor::new(head).chain(text);
+    let whole = Cursor::new(head).chain(failed).chain(text);
     Ok(if is_scope { Box::new(ScopeText::new(whole)) } else { Box::new(whole) })
+}
+
+/// Gives an error once.
+struct Failed(Option<io::Error>);
+
+impl Read for Failed {
+    fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+        self.0.take().map_or(Ok(0), Err)
+    }
 }
 
 /// Channels with a column of times.

@@ -36,6 +36,8 @@ pub struct LawScore {
     pub criterion: f64,
     /// Its coefficients from all rows.
     pub coefficients: Vec<IdentifiedParameter>,
+    /// Most passes that the load of any cycle took to settle.
+    pub passes: usize,
 }
 
 /// What a joint needs.
@@ -56,8 +58,6 @@ pub struct FrictionChoice {
     pub joints: Vec<JointChoice>,
     /// How many sets of rows were held out in turn.
     pub held_out_sets: usize,
-    /// Most passes that the load of any cycle took to settle.
-    pub passes: usize,
     /// Laws that could not be compared, and why, in sentences.
     pub remarks: Vec<String>,
 }
@@ -68,6 +68,7 @@ struct Candidate {
     method: Method,
     /// By cycle and part, of each joint `[n]`.
     cycles: Vec<Vec<Vec<TriangularFactor>>>,
+    passes: usize,
     failed: Option<String>,
 }
 
@@ -76,7 +77,6 @@ pub struct FrictionComparison {
     candidates: Vec<Candidate>,
     settings: AnalysisSettings,
     independent: Vec<f64>,
-    passes: usize,
 }
 
 impl FrictionComparison {
@@ -87,10 +87,10 @@ impl FrictionComparison {
     pub fn new(robot: &Robot, settings: AnalysisSettings) -> Result<Self, NumericsError> {
         let candidate = |kind: &armwatch_model::robot::LoadKind| {
             let method = Method::new(with_load(robot, kind.with_speed), settings)?;
-            Ok(Candidate { name: kind.name, method, cycles: Vec::new(), failed: None })
+            Ok(Candidate { name: kind.name, method, cycles: Vec::new(), passes: 0, failed: None })
         };
         let candidates = LoadFriction::KINDS.iter().map(candidate).collect::<Result<_, NumericsError>>()?;
-        Ok(Self { candidates, settings, independent: Vec::new(), passes: 0 })
+        Ok(Self { candidates, settings, independent: Vec::new() })
     }
 
     /// Adds the rows of a cycle.
@@ -110,7 +110,7 @@ impl FrictionComparison {
             if method.robot.has_load_friction() {
                 let settled = add_load_columns(method, &filtered, &samples, &mut columns);
                 if let LoadIteration::Settled(passes) = settled {
-                    self.passes = self.passes.max(passes);
+                    candidate.passes = candidate.passes.max(passes);
                 }
                 candidate.failed = settled.remark();
             }
@@ -164,7 +164,7 @@ impl FrictionComparison {
             }
         }
         joints.iter_mut().for_each(choose);
-        Ok(FrictionChoice { joints, held_out_sets: sets, passes: self.passes, remarks })
+        Ok(FrictionChoice { joints, held_out_sets: sets, remarks })
     }
 
     /// Score of each joint and the number of sets that were held out.
@@ -215,6 +215,7 @@ impl FrictionComparison {
                 held_out: (errors[j] / torques[j]).sqrt(),
                 criterion: rows * residual.ln() + load.terms().len() as f64 * rows.ln(),
                 coefficients: found.parameters.iter().filter(own).copied().collect(),
+                passes: candidate.passes,
             }
         };
         Ok((robot.joint_indices().map(score).collect(), folds.len()))

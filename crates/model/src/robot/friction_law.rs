@@ -276,10 +276,8 @@ pub enum FrictionTerm {
     Offset,
     /// `mu`: friction per torque that the gear carries.
     Load,
-    /// `mu_d`: the same while the motor drives the load.
-    LoadDriving,
-    /// `mu_b`: the same while the load drives the motor.
-    LoadBackdriving,
+    /// `mu_a`: what it is more while the motor drives the load, and less while the load drives the motor.
+    LoadAsymmetry,
     /// `mu2`: friction per square of the torque that the gear carries.
     LoadSquared,
     /// `mu_s`: what `mu` has more at a standstill.
@@ -288,7 +286,7 @@ pub enum FrictionTerm {
 
 impl FrictionTerm {
     /// Every term of every model.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 15] = [
         Self::F1,
         Self::F2,
         Self::F3,
@@ -301,8 +299,7 @@ impl FrictionTerm {
         Self::ViscousNegative,
         Self::Offset,
         Self::Load,
-        Self::LoadDriving,
-        Self::LoadBackdriving,
+        Self::LoadAsymmetry,
         Self::LoadSquared,
         Self::LoadStribeck,
     ];
@@ -321,8 +318,7 @@ impl FrictionTerm {
             Self::ViscousNegative => "fv_n",
             Self::Offset => "off",
             Self::Load => "mu",
-            Self::LoadDriving => "mu_d",
-            Self::LoadBackdriving => "mu_b",
+            Self::LoadAsymmetry => "mu_a",
             Self::LoadSquared => "mu2",
             Self::LoadStribeck => "mu_s",
         }
@@ -337,9 +333,7 @@ impl FrictionTerm {
             Self::F2 | Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => TermFactor::Speed(1),
             Self::F3 => TermFactor::Speed(2),
             Self::F4 => TermFactor::Speed(3),
-            Self::Load | Self::LoadDriving | Self::LoadBackdriving | Self::LoadStribeck => {
-                TermFactor::Load(1)
-            }
+            Self::Load | Self::LoadAsymmetry | Self::LoadStribeck => TermFactor::Load(1),
             Self::LoadSquared => TermFactor::Load(2),
         }
     }
@@ -364,11 +358,7 @@ impl FrictionTerm {
             Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
             Self::Offset => Some(0.0),
             // the nominal friction knows no load
-            Self::Load
-            | Self::LoadDriving
-            | Self::LoadBackdriving
-            | Self::LoadSquared
-            | Self::LoadStribeck => None,
+            Self::Load | Self::LoadAsymmetry | Self::LoadSquared | Self::LoadStribeck => None,
         }
     }
 

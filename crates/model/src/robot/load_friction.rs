@@ -13,8 +13,9 @@ pub enum LoadFriction {
     Linear,
     /// `(mu |L| + mu2 L²) s`.
     Quadratic,
-    /// `mu_d |L| s` while the motor drives the load, `L s > 0`, and `mu_b |L| s` while the load drives the motor. A gear of
-    /// constant efficiency has `1/efficiency - 1` and `1 - efficiency`.
+    /// `mu |L| s + mu_a L |s|`: `mu + mu_a` while the motor drives the load, `mu - mu_a` while the load drives the motor. A
+    /// gear of constant efficiency `e` has `1/e - 1` and `1 - e`. At speed, `mu_a` is a gain of the joint's torque: only what
+    /// other joints say of the same links shows it.
     Directional,
     /// `(mu + mu_s exp(-(v / speed)²)) |L| s`.
     Stribeck {
@@ -46,7 +47,7 @@ impl LoadFriction {
         LoadKind { name: "quadratic", about: "the same and its square", with_speed: |_| Self::Quadratic },
         LoadKind {
             name: "directional",
-            about: "one coefficient for driving the load, another for being driven by it",
+            about: "more while the motor drives the load than while the load drives the motor",
             with_speed: |_| Self::Directional,
         },
         LoadKind {
@@ -87,12 +88,12 @@ impl LoadFriction {
     /// Its terms, in natural order.
     #[must_use]
     pub fn terms(self) -> &'static [FrictionTerm] {
-        use FrictionTerm::{Load, LoadBackdriving, LoadDriving, LoadSquared, LoadStribeck};
+        use FrictionTerm::{Load, LoadAsymmetry, LoadSquared, LoadStribeck};
         match self {
             Self::None => &[],
             Self::Linear => &[Load],
             Self::Quadratic => &[Load, LoadSquared],
-            Self::Directional => &[LoadDriving, LoadBackdriving],
+            Self::Directional => &[Load, LoadAsymmetry],
             Self::Stribeck { .. } => &[Load, LoadStribeck],
         }
     }
@@ -107,8 +108,7 @@ impl LoadFriction {
             Self::None => [0.0, 0.0],
             Self::Linear => [along, 0.0],
             Self::Quadratic => [along, load * load * sign],
-            Self::Directional if load * qd > 0.0 => [along, 0.0],
-            Self::Directional => [0.0, along],
+            Self::Directional => [along, load * sign.abs()],
             Self::Stribeck { speed } => [along, along * (-(qd / speed).powi(2)).exp()],
         }
     }
@@ -119,7 +119,7 @@ impl LoadFriction {
             Self::None => "0".to_owned(),
             Self::Linear => "mu |L|".to_owned(),
             Self::Quadratic => "(mu |L| + mu2 L^2)".to_owned(),
-            Self::Directional => "(mu_d |L| where L v > 0, else mu_b |L|)".to_owned(),
+            Self::Directional => "(mu |L| + mu_a L sign(v))".to_owned(),
             Self::Stribeck { speed } => format!("(mu + mu_s exp(-(v / {speed})^2)) |L|"),
         }
     }
@@ -143,9 +143,11 @@ mod tests {
             let load_friction = (kind.with_speed)(0.2);
             assert_eq!(load_friction.name(), kind.name);
             let mut used = [false; LoadFriction::MAX_TERMS];
+            let most = [1.0, 0.9];
             for (load, qd) in [(30.0, 0.1), (30.0, -0.1), (-30.0, 0.1), (-30.0, -0.1)] {
                 let columns = load_friction.columns(load, qd, f64::signum(qd));
-                assert!(columns.iter().all(|column| column * qd >= 0.0), "{kind:?} {columns:?}");
+                let friction: f64 = columns.iter().zip(most).map(|(column, most)| column * most).sum();
+                assert!(friction * qd >= 0.0, "{kind:?} {columns:?}");
                 used.iter_mut().zip(columns).for_each(|(used, column)| *used |= column != 0.0);
             }
             let expected: Vec<bool> = (0..used.len()).map(|k| k < load_friction.terms().len()).collect();
@@ -156,10 +158,11 @@ mod tests {
     #[test]
     fn a_gear_of_constant_efficiency_is_directional() {
         let (efficiency, load) = (0.9_f64, 40.0_f64);
-        let [mu_d, mu_b] = [efficiency.recip() - 1.0, 1.0 - efficiency];
+        let [driving, driven] = [efficiency.recip() - 1.0, 1.0 - efficiency];
+        let [mu, mu_a] = [0.5 * (driving + driven), 0.5 * (driving - driven)];
         let motor = |qd: f64| {
-            let [driving, backdriving] = LoadFriction::Directional.columns(load, qd, qd.signum());
-            load + mu_d * driving + mu_b * backdriving
+            let [both, difference] = LoadFriction::Directional.columns(load, qd, qd.signum());
+            load + mu * both + mu_a * difference
         };
         assert!((motor(0.5) - load / efficiency).abs() < 1e-12);
         assert!((motor(-0.5) - load * efficiency).abs() < 1e-12);

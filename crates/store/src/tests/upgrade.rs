@@ -78,13 +78,18 @@ async fn a_database_of_an_earlier_version_keeps_its_rows() {
         let store = Store::open(&path).await.expect("a store");
         // views of version 50 have the columns that they have now
         if schema.starts_with("0050") {
-            // except units of anomalies
+            // except units of anomalies, and the load of friction points, which is not known of them
             let without = |rows: Vec<String>| -> Vec<String> {
                 let has_unit =
                     |row: &String| row.starts_with("anomalies:") || row.starts_with("anomaly_history:");
                 rows.into_iter().filter(|row| !has_unit(row)).collect()
             };
-            assert_eq!(without(dump(&store).await), without(of_old), "{schema}");
+            let without_load = |row: String| match row.strip_suffix(" NULL NULL") {
+                Some(rest) if row.starts_with("friction_points:") => rest.to_owned(),
+                _ => row,
+            };
+            let now: Vec<String> = dump(&store).await.into_iter().map(without_load).collect();
+            assert_eq!(without(now), without(of_old), "{schema}");
         }
         for (table, count) in counts {
             let now = AssertSqlSafe(format!("SELECT count(*) FROM {table}"));
