@@ -1,5 +1,6 @@
 //! The method on one screen: condition, identify, verify, friction, of one cycle.
 
+pub mod friction_choice;
 mod verdict;
 
 use std::borrow::Cow;

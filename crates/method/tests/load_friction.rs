@@ -3,10 +3,10 @@
 #![expect(clippy::expect_used, clippy::panic, reason = "functions that tests call")]
 
 use armwatch_config::parse_robot;
+use armwatch_method::analyse::friction_choice::FrictionComparison;
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_method::friction::index::baseline::fit_maps;
 use armwatch_method::friction::index::{Reference, run_indices};
-use armwatch_method::identify::friction_choice::FrictionComparison;
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::analysis::finding::FindingKind;

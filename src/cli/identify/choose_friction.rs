@@ -11,7 +11,7 @@ use crate::cli::shared::selection::note_cycles;
 use crate::pipeline::look::replay::{Replay, ReplayError};
 use crate::pipeline::stored::chosen_cycles::{RunCycles, take};
 use armwatch_config::Config;
-use armwatch_method::identify::friction_choice::{FrictionChoice, FrictionComparison, JointChoice, LawScore};
+use armwatch_method::analyse::friction_choice::{FrictionChoice, FrictionComparison, JointChoice, LawScore};
 use armwatch_model::robot::LoadFriction;
 use armwatch_store::Store;
 

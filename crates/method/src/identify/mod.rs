@@ -6,7 +6,7 @@ pub mod cycle_rows;
 pub mod joint_factors;
 pub mod filtered_columns;
 pub mod load_iteration;
-pub mod friction_choice;
+pub mod load_visibility;
 pub mod verify;
 pub(crate) mod torque_noise;
 pub mod torque_series;

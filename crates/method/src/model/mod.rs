@@ -8,5 +8,4 @@ pub mod regressor;
 pub mod regressor_lanes;
 pub mod base_parameters;
 pub mod robot_check;
-pub mod load_visibility;
 mod robot_text;

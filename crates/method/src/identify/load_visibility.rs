@@ -1,16 +1,18 @@
 //! Whether a motion shows friction that depends on load: load and speed of a joint must vary apart.
 
-use super::base_parameters::{JointState, base_parameters};
-use super::dynamics::DynamicModel;
-use super::regressor::{Regressor, joint_torque_regressor, load_places, write_load_columns};
+use super::joint_factors::FactorColumns;
 use crate::NumericsError;
-use crate::identify::friction_choice::with_load;
-use crate::identify::joint_factors::FactorColumns;
 use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
-use armwatch_model::robot::{JointIndex, LoadFriction, Robot};
+use crate::model::base_parameters::{JointState, base_parameters};
+use crate::model::dynamics::DynamicModel;
+use crate::model::regressor::{Regressor, joint_torque_regressor, load_places, write_load_columns};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, LoadFriction, Robot};
 
 /// A column of which less is new takes no direction of its own.
 const DEPENDENT: f64 = 1e-9;
+
+/// Speed of the additional friction at low speed that is tried, as a part of the joint's largest speed.
+const STRIBECK_SPEED: f64 = 0.05;
 
 /// Least part of its own that the column of load has in a motion that shows it: below, the standard error of `mu` is more
 /// than ten times that of a motion in which load and speed are independent.
@@ -113,4 +115,16 @@ mod tests {
         }));
         assert!(wide.own_part > LEAST_OWN_PART, "{wide:?}");
     }
+}
+
+/// The arm with this dependence on load in all joints that have friction.
+pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
+    let mut changed = robot.clone();
+    for (joint, index) in changed.joints.iter_mut().zip(robot.joint_indices()) {
+        let model = robot.friction_of(index);
+        let speed = model.load.speed().unwrap_or(STRIBECK_SPEED * joint.limits.velocity);
+        let load = if model.law == FrictionLaw::None { LoadFriction::None } else { of(speed) };
+        joint.friction = Some(FrictionModel { load, ..model });
+    }
+    changed
 }

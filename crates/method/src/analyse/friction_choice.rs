@@ -1,18 +1,19 @@
 //! Which joints need friction that depends on load: laws compared by their error on rows that they were not identified on.
 
-use super::cycle::identify_factors;
-use super::filtered_columns::filtered_coulomb_columns;
-use super::joint_factors::{FactoredRows, embedded, used_for_identification};
-use super::load_iteration::{LoadIteration, add_load_columns};
+use super::Method;
 use crate::NumericsError;
-use crate::analyse::Method;
+use crate::identify::cycle::identify_factors;
+use crate::identify::filtered_columns::filtered_coulomb_columns;
+use crate::identify::joint_factors::{FactoredRows, embedded, used_for_identification};
+use crate::identify::load_iteration::{LoadIteration, add_load_columns};
+use crate::identify::load_visibility::with_load;
 use crate::least_squares::factor::TriangularFactor;
 use crate::signal::filter::{carried_cutoff, filter_signals};
 use crate::signal::restore::restore;
 use crate::signal::time_grid::sample_rate;
 use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{Estimator, IdentifiedParameter};
-use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterKind, Robot};
+use armwatch_model::robot::{JointIndex, LoadFriction, ParameterKind, Robot};
 use armwatch_model::run::Samples;
 use std::borrow::Cow;
 
@@ -20,8 +21,6 @@ use std::borrow::Cow;
 const PARTS: usize = 4;
 /// Cycles from which on whole cycles are held out: parts of one cycle share its heat.
 const WHOLE_CYCLES: usize = 3;
-/// Speed of the additional friction at low speed that is tried, as a part of the joint's largest speed.
-const STRIBECK_SPEED: f64 = 0.05;
 /// Least part by which a law with more terms must lower the held-out error. Less is within what cycles differ by.
 const LEAST_GAIN: f64 = 0.03;
 
@@ -122,7 +121,7 @@ impl FrictionComparison {
                 filtered_coulomb_columns: &columns,
                 samples: &samples,
             };
-            let part = |factors: Vec<super::joint_factors::JointFactor>| {
+            let part = |factors: Vec<crate::identify::joint_factors::JointFactor>| {
                 let used = factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
                 embedded(&method.columns, used)
             };
@@ -234,18 +233,6 @@ fn joined<'a>(sets: impl Iterator<Item = &'a Vec<TriangularFactor>>, n: usize) -
         }
     }
     all.into_iter().flatten().collect()
-}
-
-/// The arm with this dependence on load in all joints that have friction.
-pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
-    let mut changed = robot.clone();
-    for (joint, index) in changed.joints.iter_mut().zip(robot.joint_indices()) {
-        let model = robot.friction_of(index);
-        let speed = model.load.speed().unwrap_or(STRIBECK_SPEED * joint.limits.velocity);
-        let load = if model.law == FrictionLaw::None { LoadFriction::None } else { of(speed) };
-        joint.friction = Some(FrictionModel { load, ..model });
-    }
-    changed
 }
 
 /// Counts criteria from the law without load and takes the simplest law that no other beats clearly.
