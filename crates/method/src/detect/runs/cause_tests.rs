@@ -475,7 +475,7 @@ fn an_offset_of_a_torque_does_not_excuse_a_load() {
 
 /// An answer of the parameters as least squares with weights have it: the more a fault leaves of a joint's torque, the less
 /// do that joint's own parameters move. `change` and `left`, a fraction of the torque, are by unit of the fault's size.
-pub(super) fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
+fn answers(history: &mut [RunSummary], joint: usize, fault: ChannelFault, change: f64, left: f64) {
     let parameters: Vec<ParameterId> = history[0].parameters.iter().map(|of| of.id).collect();
     let of_strength = |(strength, times): (usize, f64)| FaultResponse {
         joint: JointIndex::new(joint),
