@@ -20,6 +20,7 @@ mod ingest;
 mod maintenance;
 mod one_run;
 mod parameters;
+mod payload;
 mod report;
 mod rmsd;
 mod run;
@@ -145,6 +146,8 @@ enum Command {
     Identify(identify::args::IdentifyArgs),
     /// List, show or delete what `identify --save` keeps
     Parameters(parameters::ParametersArgs),
+    /// Mass, centre and inertia of what an arm carries
+    Payload(payload::PayloadArgs),
     /// Verify parameters against other runs
     Verify(verify::VerifyArgs),
     /// Measured and estimated torque of one cycle
@@ -316,6 +319,7 @@ fn carry_out(global: &Global, command: Command) -> Result<u8, CliError> {
         Command::Explain(args) => explain::explain(global, &args),
         Command::Identify(args) => identify::command::identify(global, &args),
         Command::Parameters(args) => parameters::parameters(global, &args),
+        Command::Payload(args) => payload::payload(global, &args),
         Command::Verify(args) => verify::verify(global, &args),
         Command::Torque(args) => torque::torque(global, &args),
         Command::Rmsd(args) => rmsd::rmsd(global, &args),

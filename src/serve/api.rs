@@ -8,6 +8,7 @@ mod act;
 mod events;
 mod fleet;
 mod number;
+mod payload;
 mod row;
 mod rows;
 mod session;
@@ -32,6 +33,7 @@ pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .routes(routes!(rows::of_view))
         .routes(routes!(sql::sql))
         .routes(routes!(torque::of_cycle))
+        .routes(routes!(payload::payload))
         .routes(routes!(events::events))
         .routes(routes!(act::on_anomaly))
         .routes(routes!(act::maintenance))

@@ -204,6 +204,59 @@ fn wrong_gains_are_found_from_a_run_with_a_load() {
 }
 
 #[test]
+fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
+    const SCALE: [f64; 6] = [1.08, 0.93, 1.1, 0.92, 1.05, 0.97];
+    let workshop = Workshop::new();
+    let amperes = shipped("exports/native.toml").replace("unit = \"Nm\"", "unit = \"A\"");
+    configure(&workshop, "true", &arm([1.0; 6]), &amperes);
+    configure(&workshop, "wrong", &arm(SCALE), &amperes);
+    let shape =
+        ["--cycles", "4", "--warming-s", "5", "--robot", "true_robot.toml", "--layout", "true_layout.toml"];
+    workshop.simulate("inbox", &shape);
+    let load = ["--load-mass-kg", "2.8", "--load-centre-m", "0.06,-0.02,0.1", "--seed", "2"];
+    workshop.simulate("inbox", &[&shape[..], &load, &["--start", "2026-01-06T08:47:00Z"]].concat());
+    workshop.simulate("inbox", &[&shape[..], &["--name", "Other", "--seed", "3"]].concat());
+    workshop.stdout(&["ingest", "inbox", "--config", "wrong.toml"], 0);
+    let runs = query(&workshop.path("wrong.db"), "SELECT run_id FROM runs ORDER BY robot, started_at");
+    let names = query(&workshop.path("wrong.db"), "SELECT source_name FROM runs ORDER BY robot, started_at");
+    let [other, empty, loaded] = <[String; 3]>::try_from(runs).expect("three runs");
+    let ask = |empty: &str, loaded: &str| {
+        workshop.run(&["payload", "--config", "wrong.toml", "--empty", empty, "--loaded", loaded, "--json"])
+    };
+
+    // a run is known by its number and by its export
+    let by_number = text(&ask(&empty, &loaded).stdout);
+    assert_eq!(by_number, text(&ask(&names[1], &names[2]).stdout));
+    let found: serde_json::Value = serde_json::from_str(&by_number).expect("JSON");
+    for (place, truth) in [2.8, 0.06, -0.02, 0.1].into_iter().enumerate() {
+        let of = &found["quantities"][place];
+        let end = |key: &str| of[key].as_f64().expect("shown");
+        assert!((end("interval_low")..=end("interval_high")).contains(&truth), "{of}, not {truth}");
+        // no interval so wide that it says nothing
+        let (low, high) = (end("interval_low"), end("interval_high"));
+        assert!(high - low < if place == 0 { 1.0 } else { 0.1 }, "{of}");
+    }
+    assert_eq!(found["stated_gain_uncertainty"], 0.15);
+    let table = workshop.stdout(
+        &["payload", "--config", "wrong.toml", "--empty", &empty, "--loaded", &loaded],
+        0,
+    );
+    assert!(table.contains("mass_kg") && table.contains("drive gains: off by up to 15 %"), "{table}");
+
+    workshop.stdout(&["set-aside", &loaded, "--config", "wrong.toml"], 0);
+    for (of, with, said) in [
+        (&empty, &loaded, "is set aside: choose another test"),
+        (&empty, &empty, "cannot be both"),
+        (&empty, &other, "compare two tests of one robot"),
+        (&empty, &"none.csv".to_owned(), "neither the number of a run nor the name of an export"),
+    ] {
+        let output = ask(of, with);
+        assert_eq!(output.status.code(), Some(2), "{of} {with}");
+        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
 fn missing_gains_are_named_before_any_export_is_read() {
     let workshop = Workshop::new();
     configure(&workshop, "ur10e", &shipped("robots/ur10e.toml"), &shipped("exports/ur10e_current.toml"));

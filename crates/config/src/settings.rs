@@ -208,4 +208,6 @@ pub struct FleetEntry {
     pub description: Arc<Robot>,
     /// The layout of its exports.
     pub layout: Arc<Layout>,
+    /// Largest relative error of a gain between recorded and true torque.
+    pub gain_uncertainty: f64,
 }

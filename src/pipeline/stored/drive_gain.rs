@@ -5,8 +5,9 @@ use super::chosen_cycles::{
 };
 use armwatch_method::NumericsError;
 use armwatch_method::identify::joint_factors::{FactorColumns, unpack};
-use armwatch_method::model::base_parameters::base_parameters;
-use armwatch_method::pooled::drive_gain::{JointGain, RecordedCycle, drive_gains, load_change};
+use armwatch_method::model::base_parameters::{BaseParameters, base_parameters};
+use armwatch_method::pooled::drive_gain::{JointGain, drive_gains};
+use armwatch_method::pooled::loaded_rows::{RecordedCycle, load_change};
 use armwatch_model::robot::{Robot, StandardParameters};
 use armwatch_store::{FactorsWanted, Store, StoredCycle};
 
@@ -23,46 +24,67 @@ pub async fn stored_drive_gains(
     with: &[RunCycles],
     load: StandardParameters,
 ) -> Result<Vec<JointGain>, StoredError> {
+    let cycles = read_both(store, robot, without, with).await?;
+    let robot = robot.clone();
+    tokio::task::spawn_blocking(move || {
+        let Recorded { base, columns, cycles } = Recorded::of(&robot, &cycles)?;
+        // stored columns stand in another order than the description's own
+        let change = load_change(&robot, &base, &load);
+        let change = columns.theta(base.kept.iter().copied().zip(change))?;
+        drive_gains(&columns, &cycles, &change)
+    })
+    .await?
+    .map_err(StoredError::from)
+}
+
+/// Stored cycles without a load, and with one (true).
+pub(super) async fn read_both(
+    store: &Store,
+    robot: &Robot,
+    without: &[RunCycles],
+    with: &[RunCycles],
+) -> Result<Vec<(StoredCycle, bool)>, StoredError> {
     let mut cycles = Vec::new();
     for (runs, loaded) in [(without, false), (with, true)] {
         for chosen in merged(runs) {
             cycles.extend(read(store, robot, &chosen).await?.into_iter().map(|cycle| (cycle, loaded)));
         }
     }
-    let robot = robot.clone();
-    tokio::task::spawn_blocking(move || gains(&robot, &cycles, &load)).await?.map_err(StoredError::from)
+    Ok(cycles)
 }
 
-fn gains(
-    robot: &Robot,
-    cycles: &[(StoredCycle, bool)],
-    load: &StandardParameters,
-) -> Result<Vec<JointGain>, NumericsError> {
-    let base = base_parameters(robot)?;
-    let own = FactorColumns::new(robot, &base);
-    let Some((first, _)) = cycles.first() else {
-        return Err(NumericsError::TooShort { what: "the choice of cycles", rows: 0, needed: 2 });
-    };
-    let columns = FactorColumns::of_stored(&first.factors.columns);
-    // stored columns stand in another order than the description's own
-    let change = load_change(robot, &base, load);
-    let change = columns.theta(base.kept.iter().copied().zip(change))?;
-    let mut recorded = Vec::new();
-    for (cycle, loaded) in cycles {
-        if cycle.factors.columns != *own.by_joint() {
-            return Err(NumericsError::ColumnsDiffer(format!(
-                "run {} was factored over other parameters than the description has now; ingest its export again \
-                 into a new database",
-                cycle.run_id
-            )));
-        }
-        recorded.push(RecordedCycle {
-            loaded: *loaded,
-            factors: unpack(&cycle.factors)?,
-            independent_shares: independent_shares(cycle),
-        });
+/// Cycles without and with a load, over the columns of their description.
+pub(super) struct Recorded {
+    pub(super) base: BaseParameters,
+    pub(super) columns: FactorColumns,
+    pub(super) cycles: Vec<RecordedCycle>,
+}
+
+impl Recorded {
+    pub(super) fn of(robot: &Robot, cycles: &[(StoredCycle, bool)]) -> Result<Self, NumericsError> {
+        let base = base_parameters(robot)?;
+        let own = FactorColumns::new(robot, &base);
+        let Some((first, _)) = cycles.first() else {
+            return Err(NumericsError::TooShort { what: "the choice of cycles", rows: 0, needed: 2 });
+        };
+        let columns = FactorColumns::of_stored(&first.factors.columns);
+        let recorded = |(cycle, loaded): &(StoredCycle, bool)| {
+            if cycle.factors.columns != *own.by_joint() {
+                return Err(NumericsError::ColumnsDiffer(format!(
+                    "run {} was factored over other parameters than the description has now; ingest its export \
+                     again into a new database",
+                    cycle.run_id
+                )));
+            }
+            Ok(RecordedCycle {
+                loaded: *loaded,
+                factors: unpack(&cycle.factors)?,
+                independent_shares: independent_shares(cycle),
+            })
+        };
+        let cycles = cycles.iter().map(recorded).collect::<Result<_, _>>()?;
+        Ok(Self { base, columns, cycles })
     }
-    drive_gains(&columns, &recorded, &change)
 }
 
 async fn read(store: &Store, robot: &Robot, chosen: &RunCycles) -> Result<Vec<StoredCycle>, StoredError> {

@@ -3,5 +3,6 @@
 pub mod chosen_cycles;
 pub mod reestimate;
 pub mod drive_gain;
+pub mod payload;
 pub mod physical;
 pub mod run_information;

@@ -22,7 +22,7 @@ use armwatch_model::robot::JointKind;
 const USUAL_POINTS: usize = 1200;
 
 /// How long a request waits until another cycle has been read.
-const PATIENCE: Duration = Duration::from_secs(20);
+pub(super) const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Significant digits of a figure that is drawn.
 const DIGITS: i32 = 6;
@@ -160,7 +160,7 @@ pub async fn of_cycle(
 
 /// Does `work` when it has a turn, in a task of its own that keeps the turn until it has ended: a request whose client
 /// goes away is dropped, and what it has begun to read is not. `None` if no turn came in time.
-async fn in_turn<T: Send + 'static>(
+pub(super) async fn in_turn<T: Send + 'static>(
     turns: &Arc<Semaphore>,
     patience: Duration,
     work: impl Future<Output = T> + Send + 'static,

@@ -271,6 +271,9 @@ export function mount({ main, argument: robot, query, choose, title }) {
       const tests = rows.filter((one) => one.kind === "test" && (one.status === "complete" || one.status === "streaming"));
       if (!tests.some((one) => one.run_id === run)) run = (tests.find((one) => one.status === "complete") ?? tests[0])?.run_id ?? null;
       fill(runSelect, tests.map((one) => [one.run_id, `${one.started_at.slice(0, 10)}, run ${one.run_id}`]), run);
+      const ended = tests.filter((one) => one.status === "complete").map((one) => [one.run_id, `${one.started_at.slice(0, 10)}, run ${one.run_id}`]);
+      fill(emptySelect, ended, emptySelect.value || ended.at(-1)?.[0]);
+      fill(loadedSelect, ended, loadedSelect.value || ended[0]?.[0]);
       if (!rows.length) return empty("No run of this robot. Copy an export of a test into a watched folder.");
       const shown = allRuns ? rows : rows.slice(0, RUNS_SHOWN);
       return [runTable(shown, `Runs of ${robot}`), rows.length > RUNS_SHOWN ? h("button", { type: "button", class: "quiet", "data-key": "all-runs", onclick: () => {
@@ -289,11 +292,33 @@ export function mount({ main, argument: robot, query, choose, title }) {
   });
   const workForm = h("section", { class: "part", "aria-labelledby": "enter-work" }, h("div", { class: "part-head" }, h("h2", { id: "enter-work" }, "Enter work done")), h("div", null));
 
+  const emptySelect = h("select", { id: "payload-empty" });
+  const loadedSelect = h("select", { id: "payload-loaded" });
+  const payloadResult = h("div", { role: "status" });
+  async function showPayload() {
+    replace(payloadResult, h("p", { class: "muted" }, "Reading the cycles of both tests."));
+    try {
+      const found = await get(`v1/payload?${new URLSearchParams({ empty: emptySelect.value, loaded: loadedSelect.value })}`);
+      const number = (value) => (value === null ? "not shown" : digits(value, 4));
+      replace(payloadResult, table({ caption: `Payload of ${robot}`, rows: found.quantities, columns: [
+        { title: "Quantity", cell: (one) => one.quantity },
+        { title: "Value", number: true, cell: (one) => number(one.value) },
+        { title: "95 % from", number: true, cell: (one) => number(one.interval_low) },
+        { title: "95 % to", number: true, cell: (one) => number(one.interval_high) },
+      ] }), h("p", { class: "part-note" }, `Drive gains may be off by up to ${Math.round(100 * found.gain_uncertainty)} %.`));
+    } catch (error) {
+      replace(payloadResult, h("p", { class: "late" }, sentence(error.message)));
+    }
+  }
+  const payloadPart = h("section", { class: "part", "aria-labelledby": "payload" }, h("div", { class: "part-head" }, h("h2", { id: "payload" }, "Payload"),
+    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "payload-empty" }, "Without"), emptySelect), h("span", { class: "pair" }, h("label", { for: "payload-loaded" }, "With"), loadedSelect),
+      h("button", { type: "button", "data-key": "payload", onclick: showPayload }, "Compare"))), payloadResult);
+
   const ofJoint = [frictionSpeed, warmUp, rmsd, parameters, twins];
   const parts = [alarms, index, runs, works, ...ofJoint];
   const sections = {
     now: ["Now", [alarms.element, index.element]],
-    runs: ["Runs and maintenance", [runs.element, h("div", { class: "columns" }, works.element, workForm)]],
+    runs: ["Runs and maintenance", [runs.element, h("div", { class: "columns" }, works.element, workForm), payloadPart]],
     engineering: ["Engineering", [detailHead, h("div", { class: "columns" }, frictionSpeed.element, warmUp.element, twins.element, rmsd.element, parameters.element)]],
   };
   const bodies = new Map(Object.entries(sections).map(([name, [, content]]) => [name, h("div", null, content)]));

@@ -38,6 +38,9 @@ const DEFAULT_SCAN_INTERVAL_S: f64 = 5.0;
 const DEFAULT_SETTLE_S: f64 = 3.0;
 const DEFAULT_LIVE_FILES: usize = 32;
 
+/// Largest relative error of a drive gain from a catalogue.
+const DEFAULT_GAIN_UNCERTAINTY: f64 = 0.15;
+
 /// Most growing exports at once: each holds an open file, a thread and the rows of its current cycle.
 const MAX_LIVE_FILES: i64 = 256;
 
@@ -332,8 +335,11 @@ fn read_fleet(root: &Table<'_>, references: &mut References<'_>) -> Option<Vec<F
             };
             let description = references.robot(&table, "description");
             let layout = references.layout(&table, "layout");
+            let gains = Limits::between(0.0, 0.5, "");
+            let gain_uncertainty = table.number_or("gain_uncertainty", &gains, DEFAULT_GAIN_UNCERTAINTY)?;
             let robots = robots?.to_owned();
-            let entry = FleetEntry { robots, files, description: description?, layout: layout? };
+            let (description, layout) = (description?, layout?);
+            let entry = FleetEntry { robots, files, description, layout, gain_uncertainty };
             check_units(&table, &entry)?;
             check_fit(&table, &entry)?;
             Some(FleetEntry { description: entry.layout.described(entry.description), ..entry })

@@ -14,21 +14,15 @@
 //! need total least squares). Friction is free in every cycle: it changes with warmth and with the load, and
 //! what a load adds to friction must not pass for its weight.
 
-use faer::{Mat, MatRef};
+use faer::MatRef;
 
+use super::loaded_rows::{JointProblem, MIN_CYCLES, NEW_SHARE, Part, RecordedCycle};
 use crate::NumericsError;
-use crate::identify::joint_factors::{FactorColumns, JointFactor, used_for_identification};
+use crate::identify::joint_factors::FactorColumns;
 use crate::least_squares::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use crate::least_squares::orthonormal::{OrthonormalBasis, dot, norm};
-use crate::model::base_parameters::BaseParameters;
 use crate::statistics::distributions::student_quantile;
-use armwatch_model::robot::{
-    CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters,
-};
-
-/// Share of a unit-norm column that must be new for it to count as another one: far above the rounding of
-/// a factor (1e-13), far below what any motion leaves of a parameter that it shows.
-const NEW_SHARE: f64 = 1e-8;
+use armwatch_model::robot::JointIndex;
 
 /// Share of the load's torque that must differ from what the arm's own parameters could do: below a
 /// thousandth, the recording without load does not say what the arm alone would need.
@@ -37,25 +31,8 @@ const APART_SHARE: f64 = 1e-3;
 /// Half the 95 % interval over the factor beyond which none is given: catalogues know a gain to a third.
 pub const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
 
-/// Fewest cycles of each recording whose scatter gives the error: Student's quantile for three degrees of
-/// freedom is still worth having.
-const MIN_CYCLES: usize = 4;
-
 /// Probability of the intervals.
 const LEVEL: f64 = 0.95;
-
-/// What one cycle says: its factors and whether the load was on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RecordedCycle {
-    /// Whether the load was on.
-    pub loaded: bool,
-    /// The cycle's factors; those of moving rows of the excitation stage are used.
-    pub factors: Vec<JointFactor>,
-    /// Share of each joint's rows that are independent, `[n]`
-    /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a missing one
-    /// counts as 1.
-    pub independent_shares: Vec<f64>,
-}
 
 /// Drive gain of one joint.
 #[derive(Debug, Clone, PartialEq)]
@@ -148,19 +125,6 @@ pub enum Unseen {
     },
 }
 
-/// The change of the base parameters `[b]` that a load brings, in the order of [`BaseParameters::kept`].
-/// `load` are its ten parameters about the frame of the last link: [`StandardParameters::seen_from`] takes
-/// them there.
-#[must_use]
-pub fn load_change(robot: &Robot, base: &BaseParameters, load: &StandardParameters) -> Vec<f64> {
-    let mut phi = vec![0.0; robot.parameter_count()];
-    let first = StandardParameters::COUNT * robot.joint_count().saturating_sub(1);
-    if let Some(last) = phi.get_mut(first..first + StandardParameters::COUNT) {
-        last.copy_from_slice(&load.0);
-    }
-    base.group(&phi)
-}
-
 /// The factor of each joint, from cycles without and with a load that changes the base parameters by
 /// `change` `[b]`, in the order of [`FactorColumns::kept`]. The cycles' factors must have these columns.
 ///
@@ -196,8 +160,8 @@ fn gain_of(
     change: &[f64],
     joint: JointIndex,
 ) -> Result<GainEstimate, Unseen> {
-    let problem = JointProblem::new(&columns.by_joint()[joint.index()], columns.select(joint, change));
-    let parts: Vec<Part> = cycles.iter().flat_map(|cycle| problem.parts(cycle, joint)).collect();
+    let problem = JointProblem::new(&columns.by_joint()[joint.index()], vec![columns.select(joint, change)]);
+    let parts = problem.parts(cycles, joint);
     let count = |loaded: bool| parts.iter().filter(|part| part.loaded == loaded).count();
     let counts = [count(false), count(true)];
     if counts.contains(&0) {
@@ -235,85 +199,11 @@ fn gain_of(
     Ok(GainEstimate { scale, std_error, half_width, error_from, load_rms, residual_std, cycles: counts })
 }
 
-/// The columns of one joint: those of its rows that are the arm's, those that are friction, and the
-/// change that the load brings, `[columns of the joint]`.
-struct JointProblem {
-    arm: Vec<usize>,
-    friction: Vec<usize>,
-    change: Vec<f64>,
-}
-
-/// What one cycle says of one joint, friction taken out.
-struct Part {
-    loaded: bool,
-    /// Of `[w_arm, w d | tau]`, each less what the cycle's friction columns explain of it; `w d` is zero
-    /// without load.
-    factor: TriangularFactor,
-    rows: f64,
-    independent_rows: f64,
-    friction_columns: usize,
-    /// Sum of squares of the load's torque, Nm².
-    load_squares: f64,
-    /// Sum of squares of the torque, Nm².
-    torque_squares: f64,
-}
-
-impl JointProblem {
-    fn new(ids: &[ParameterId], change: Vec<f64>) -> Self {
-        let (friction, arm) = (0..ids.len()).partition(|&k| is_friction(ids[k].kind));
-        Self { arm, friction, change }
-    }
-
-    fn parts<'a>(&'a self, cycle: &'a RecordedCycle, joint: JointIndex) -> impl Iterator<Item = Part> + 'a {
-        let chosen =
-            move |of: &&JointFactor| of.joint == joint && used_for_identification(of.stage, of.motion);
-        cycle.factors.iter().filter(chosen).map(|of| self.part(cycle, of))
-    }
-
-    fn part(&self, cycle: &RecordedCycle, of: &JointFactor) -> Part {
-        let share = cycle.independent_shares.get(of.joint.index()).copied().unwrap_or(1.0);
-        let of = &of.factor;
-        let (r, b) = (of.upper(), of.columns());
-        let column = |k: usize| r.col(k).iter().copied().collect::<Vec<f64>>();
-        let mut load = vec![0.0; b + 1];
-        for (k, d) in self.change.iter().enumerate().filter(|(_, d)| cycle.loaded && **d != 0.0) {
-            load.iter_mut().zip(column(k)).for_each(|(sum, w)| *sum += w * d);
-        }
-        let squares = |x: &[f64]| x.iter().map(|x| x * x).sum::<f64>();
-        let (load_squares, torque_squares) = (squares(&load), squares(&column(b)));
-        let mut basis = OrthonormalBasis::default();
-        self.friction.iter().for_each(|&k| basis.add(&column(k), NEW_SHARE));
-        let others = self.arm.iter().map(|&k| column(k)).chain([load, column(b)]);
-        let left: Vec<Vec<f64>> = others.map(|x| basis.rest(&x).vector).collect();
-        let mut factor = TriangularFactor::new(left.len() - 1);
-        factor.fold(Mat::from_fn(b + 1, left.len(), |i, k| left[k][i]).as_ref());
-        let rows = of.rows() as f64;
-        Part {
-            loaded: cycle.loaded,
-            factor,
-            rows,
-            independent_rows: rows * share,
-            friction_columns: basis.rank(),
-            load_squares,
-            torque_squares,
-        }
-    }
-}
-
-/// Whether a parameter may change from cycle to cycle.
-fn is_friction(kind: ParameterKind) -> bool {
-    match kind {
-        ParameterKind::Friction(_) => true,
-        ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,
-        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => false,
-    }
-}
-
 fn joined<'a>(
     factors: impl Iterator<Item = &'a TriangularFactor>,
     problem: &JointProblem,
 ) -> TriangularFactor {
-    let mut all = TriangularFactor::new(problem.arm.len() + 1);
+    let mut all = TriangularFactor::new(problem.columns());
     factors.for_each(|factor| all.join(factor));
     all
 }
@@ -354,11 +244,11 @@ fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
 /// freedom after Satterthwaite (1946). `None` with too few cycles, or where a single cycle decides
 /// everything.
 fn jackknife(parts: &[Part], problem: &JointProblem) -> Option<(f64, f64)> {
-    let mut before = vec![TriangularFactor::new(problem.arm.len() + 1)];
+    let mut before = vec![TriangularFactor::new(problem.columns())];
     for part in parts {
         before.push(joined([before.last()?, &part.factor].into_iter(), problem));
     }
-    let mut after = TriangularFactor::new(problem.arm.len() + 1);
+    let mut after = TriangularFactor::new(problem.columns());
     let mut without = [Vec::new(), Vec::new()];
     for (part, before) in parts.iter().zip(&before).rev() {
         let scale = scale_of(&joined([before, &after].into_iter(), problem))?.scale;

@@ -30,14 +30,12 @@ use self::price::{
 use self::signal::{Signal, own_causes, signal};
 use super::history::like_length::{has_parameters, of_like_length};
 use crate::detect::rate::budget::advantage;
+use crate::pooled::payload::LOAD_PRIOR;
 use armwatch_model::analysis::response::ChannelResponse;
 use armwatch_model::anomaly::RunSummary;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::robot::JointIndex;
 
-/// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
-/// some ten kilograms carries.
-const LOAD_PRIOR: [f64; 10] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0];
 /// Standard errors that a mass must be to be called a load.
 const MASS_ERRORS: f64 = 5.0;
 /// The same of a load that the run before had.

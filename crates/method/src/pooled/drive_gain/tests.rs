@@ -3,7 +3,8 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{GainErrorSource, JointGain, RecordedCycle, Unseen, drive_gains, is_friction, load_change};
+use super::super::loaded_rows::{is_friction, load_change};
+use super::{GainErrorSource, JointGain, RecordedCycle, Unseen, drive_gains};
 use crate::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::least_squares::factor::TriangularFactor;
 use crate::model::base_parameters::{BaseParameters, base_parameters, probe_state};
