@@ -61,6 +61,8 @@ pub(super) enum Function {
     Cosine,
     /// Hyperbolic tangent.
     Tanh,
+    /// Square root.
+    SquareRoot,
     /// Magnitude.
     Magnitude,
     /// -1, 0 or 1.
@@ -77,6 +79,7 @@ impl Function {
             Self::Sine => x.sin(),
             Self::Cosine => x.cos(),
             Self::Tanh => x.tanh(),
+            Self::SquareRoot => x.sqrt(),
             Self::Magnitude => x.abs(),
             Self::Sign if x == 0.0 => 0.0,
             Self::Sign => x.signum(),

@@ -23,6 +23,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Sine => "sin",
         Function::Cosine => "cos",
         Function::Tanh => "tanh",
+        Function::SquareRoot => "sqrt",
         Function::Magnitude => "fabs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",

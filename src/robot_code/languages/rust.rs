@@ -23,6 +23,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Sine => "f64::sin",
         Function::Cosine => "f64::cos",
         Function::Tanh => "f64::tanh",
+        Function::SquareRoot => "f64::sqrt",
         Function::Magnitude => "f64::abs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",

@@ -2,6 +2,7 @@
 
 pub mod load;
 pub mod dynamics;
+mod balance;
 pub(super) mod elastic;
 pub mod friction;
 pub mod fault;
