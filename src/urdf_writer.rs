@@ -144,6 +144,14 @@ fn notes(robot: &Robot) -> Vec<String> {
             coupling.motor_joint, coupling.joint, coupling.ratio
         ));
     }
+    notes.extend(robot.springs.iter().map(|spring| {
+        format!("joint {} has a spring or counterbalance: URDF has no place for that", spring.joint)
+    }));
+    notes.extend(
+        robot.parallelograms.iter().map(|of| {
+            format!("a parallelogram moves joint {}: its crank is no link of this file", of.forearm)
+        }),
+    );
     notes
 }
 

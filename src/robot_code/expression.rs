@@ -63,6 +63,8 @@ pub(super) enum Function {
     Tanh,
     /// `exp(-x²)`.
     Bell,
+    /// Square root.
+    SquareRoot,
     /// Magnitude.
     Magnitude,
     /// -1, 0 or 1.
@@ -80,6 +82,7 @@ impl Function {
             Self::Cosine => x.cos(),
             Self::Tanh => x.tanh(),
             Self::Bell => (-x * x).exp(),
+            Self::SquareRoot => x.sqrt(),
             Self::Magnitude => x.abs(),
             Self::Sign if x == 0.0 => 0.0,
             Self::Sign => x.signum(),

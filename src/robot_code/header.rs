@@ -4,7 +4,7 @@ use super::expression::{Function, Node};
 use super::listing::wrapped;
 use super::origin::{GENERATED_BY, Origin};
 use super::torque::TorquePrograms;
-use armwatch_model::robot::{JointIndex, JointKind, Robot, TorqueSensors};
+use armwatch_model::robot::{JointIndex, JointKind, Robot, SpringForm, TorqueSensors};
 
 /// Longest line.
 const WIDTH: usize = 100;
@@ -62,6 +62,22 @@ pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -
             coupling.ratio,
             j = coupling.joint,
             m = coupling.motor_joint
+        ));
+    }
+    for spring in &robot.springs {
+        add(&match spring.form {
+            SpringForm::Direct => format!("  joint {} has a spring: k_s q + t_s", spring.joint),
+            SpringForm::Cylinder { pins: [a, b], aligned } => format!(
+                "  joint {} has a counterbalance of length l between pins at {a:?} m and {b:?} m, shortest (l0) at q = \
+                 {aligned:?} rad: pull t_c + k_c (l - l0)",
+                spring.joint
+            ),
+        });
+    }
+    for of in &robot.parallelograms {
+        add(&format!(
+            "  a crank turns about the axis of joint {} and moves joint {}: a body of its own",
+            of.upper_arm, of.forearm
         ));
     }
     add(

@@ -7,6 +7,7 @@
 pub mod language;
 pub mod origin;
 mod expression;
+mod rigid_body;
 pub mod torque;
 pub mod warmth;
 mod listing;

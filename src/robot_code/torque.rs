@@ -6,18 +6,16 @@
 mod load_friction;
 
 use super::expression::{Expression, ExpressionGraph, Function, Node, Vector};
+use super::rigid_body::{AXES, Motion, Place, about_axis, link_wrench, name_vector};
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::robot::{
-    CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, ParameterId, ParameterKind, Robot,
-    StandardParameters,
+    CouplingTerm, FrictionLaw, FrictionTerm, JointIndex, JointKind, Parallelogram, ParameterId,
+    ParameterKind, Robot, Spring, SpringForm, StandardParameters,
 };
 
 /// Entries of a rotation, and lengths in m, that are this near to 0, 1 or -1 are taken as such: a right angle in rad
 /// has a cosine of 6e-17.
 const GEOMETRY_ROUNDING: f64 = 1e-15;
-
-/// Names of the three components.
-pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A parameter of the model.
 #[derive(Debug, Clone, PartialEq)]
@@ -208,11 +206,13 @@ impl<'a> Builder<'a> {
         let still = [Expression::Zero; 3];
         let mut motion = Motion { w: still, dw: still, a: gravity, u: [still; 3] };
         let mut links = Vec::new();
+        let mut cranks = Vec::new();
         for (i, parameters) in inertial.iter().enumerate() {
             let number = i + 1;
             program.section(format!("link {number}: motion, force and moment"));
-            let place = self.place(&mut program.graph, i);
-            motion = motion.next(&mut program.graph, &place, robot.joints[i].kind, i);
+            cranks.extend(self.cranks(&mut program.graph, i, &motion));
+            let place = self.place(&mut program.graph, i, None);
+            motion = motion.next(&mut program.graph, &place, robot.joints[i].kind, i, None);
             let (force, moment) = link_wrench(&mut program.graph, parameters, &motion);
             links.push((place, force, moment));
         }
@@ -233,16 +233,43 @@ impl<'a> Builder<'a> {
                 JointKind::Revolute => moment[2],
                 JointKind::Prismatic => force[2],
             };
-            let outer_force = place.to_outer(graph, force);
-            let outer_moment = place.to_outer(graph, moment);
-            let lever = graph.cross(place.p, outer_force);
-            carried = (outer_force, graph.add_vectors(outer_moment, lever));
+            carried = place.carry(graph, (force, moment));
+            for (of, place, force, moment) in cranks.iter().filter(|(of, ..)| of.upper_arm.index() == i) {
+                let (of, m): (&Parallelogram, usize) = (of, of.forearm.index());
+                let of_forearm = if of.sense < 0.0 { moment[2].negated() } else { moment[2] };
+                torque[i] = graph.add(torque[i], moment[2]);
+                torque[m] = graph.add(torque[m], of_forearm);
+                let outer = place.carry(graph, (*force, *moment));
+                carried = (graph.add_vectors(carried.0, outer.0), graph.add_vectors(carried.1, outer.1));
+            }
         }
         torque
     }
 
-    /// Place of joint `i` on the link before.
-    fn place(&mut self, graph: &mut ExpressionGraph, i: usize) -> Place {
+    /// Cranks that turn about the axis of joint `i`, on a link that moves as `motion`: place, force and moment.
+    fn cranks(
+        &mut self,
+        graph: &mut ExpressionGraph,
+        i: usize,
+        motion: &Motion,
+    ) -> Vec<(Parallelogram, Place, Vector, Vector)> {
+        let robot = self.robot;
+        let own = robot.parallelograms.iter().filter(|of| of.upper_arm.index() == i);
+        own.map(|of| {
+            let phi = std::array::from_fn(|k| {
+                let kind = ParameterKind::Crank(u8::try_from(k).unwrap_or(u8::MAX));
+                self.parameter(graph, ParameterId { joint: of.forearm, kind })
+            });
+            let place = self.place(graph, i, Some(of));
+            let motion = motion.next(graph, &place, JointKind::Revolute, i, Some(of));
+            let (force, moment) = link_wrench(graph, &phi, &motion);
+            (*of, place, force, moment)
+        })
+        .collect()
+    }
+
+    /// Place of joint `i` on the link before, or that of a crank about its axis.
+    fn place(&mut self, graph: &mut ExpressionGraph, i: usize, crank: Option<&Parallelogram>) -> Place {
         let robot: &'a Robot = self.robot;
         let (joint, number) = (&robot.joints[i], i + 1);
         let placement = joint.geometry.placement();
@@ -268,10 +295,10 @@ impl<'a> Builder<'a> {
         });
         let turn = match joint.kind {
             JointKind::Revolute => {
-                let q = graph.leaf(Node::Position(i));
+                let (q, body) = about_axis(graph, Node::Position, i, crank);
                 let (sine, cosine) = (graph.call(Function::Sine, q), graph.call(Function::Cosine, q));
-                graph.name(sine, || format!("s{number}"));
-                graph.name(cosine, || format!("c{number}"));
+                graph.name(sine, || format!("s{body}"));
+                graph.name(cosine, || format!("c{body}"));
                 Some((sine, cosine))
             }
             JointKind::Prismatic => {
@@ -393,9 +420,52 @@ impl<'a> Builder<'a> {
         })
     }
 
-    /// Adds motor inertias, coupled motors and friction to the torque of the links.
+    /// Torque of a spring: with lever `a b sin p / l` and length `l` where it is a cylinder.
+    fn spring(&mut self, graph: &mut ExpressionGraph, spring: &Spring) -> Expression {
+        let joint = spring.joint;
+        let q = graph.leaf(Node::Position(joint.index()));
+        let [stiffness, preload] = spring
+            .terms()
+            .map(|term| self.parameter(graph, ParameterId { joint, kind: ParameterKind::Spring(term) }));
+        let SpringForm::Cylinder { pins: [a, b], aligned } = spring.form else {
+            let turned = graph.multiply(stiffness, q);
+            return graph.add(turned, preload);
+        };
+        let mut number = |graph: &mut ExpressionGraph, name: &str, value: f64, about: &str| {
+            self.length(graph, value, || {
+                (format!("J{joint}_{name}"), format!("{about} of the counterbalance of joint {joint}"))
+            })
+        };
+        let aligned = number(graph, "ALIGNED", aligned, "rad; position q at the shortest length");
+        let squares =
+            number(graph, "PIN_SQUARES", a * a + b * b, "m^2; squares of the distances of both pins");
+        let product = number(graph, "PIN_PRODUCT", a * b, "m^2; product of the distances of both pins");
+        let shortest = number(graph, "SHORTEST", (a - b).abs(), "m; shortest length");
+        let p = graph.subtract(q, aligned);
+        let (sine, cosine) = (graph.call(Function::Sine, p), graph.call(Function::Cosine, p));
+        let two = graph.leaf(Node::Whole(2));
+        let across = graph.multiply(product, cosine);
+        let across = graph.multiply(two, across);
+        let square = graph.subtract(squares, across);
+        let length = graph.call(Function::SquareRoot, square);
+        let lever = graph.multiply(product, sine);
+        let lever = graph.divide(lever, length);
+        let stretch = graph.subtract(length, shortest);
+        let pull = graph.multiply(stiffness, stretch);
+        let pull = graph.add(preload, pull);
+        graph.multiply(pull, lever)
+    }
+
+    /// Adds springs, motor inertias, coupled motors and friction to the torque of the links.
     fn motors(&mut self, program: &mut Program, mut torque: Vec<Expression>, friction: &Program) {
-        program.section("motors and friction".to_owned());
+        let springs = if self.robot.springs.is_empty() { "" } else { "springs, " };
+        program.section(format!("{springs}motors and friction"));
+        for spring in &self.robot.springs {
+            let j = spring.joint.index();
+            let pull = self.spring(&mut program.graph, spring);
+            torque[j] = program.graph.add(torque[j], pull);
+        }
+        // the gear carries the springs as well
         let losses: Vec<Expression> = self
             .robot
             .joint_indices()
@@ -432,133 +502,5 @@ impl<'a> Builder<'a> {
             *torque = graph.add(*torque, loss);
         }
         program.outputs = torque;
-    }
-}
-
-/// A joint's frame in the frame of the link before it.
-struct Place {
-    /// Rotation at position 0, row by row.
-    r: [Vector; 3],
-    /// Origin.
-    p: Vector,
-    /// Sine and cosine of the position of a joint that turns.
-    turn: Option<(Expression, Expression)>,
-}
-
-impl Place {
-    /// `R' v`: the constant turn first, which is often a mere exchange of axes.
-    fn to_inner(&self, graph: &mut ExpressionGraph, v: Vector) -> Vector {
-        let [x, y, z] = [0, 1, 2].map(|column| graph.dot([0, 1, 2].map(|row| self.r[row][column]), v));
-        let Some((s, c)) = self.turn else { return [x, y, z] };
-        let (cx, sy) = (graph.multiply(c, x), graph.multiply(s, y));
-        let (cy, sx) = (graph.multiply(c, y), graph.multiply(s, x));
-        [graph.add(cx, sy), graph.subtract(cy, sx), z]
-    }
-
-    /// `R v`.
-    fn to_outer(&self, graph: &mut ExpressionGraph, v: Vector) -> Vector {
-        let turned = match self.turn {
-            None => v,
-            Some((s, c)) => {
-                let (cx, sy) = (graph.multiply(c, v[0]), graph.multiply(s, v[1]));
-                let (cy, sx) = (graph.multiply(c, v[1]), graph.multiply(s, v[0]));
-                [graph.subtract(cx, sy), graph.add(cy, sx), v[2]]
-            }
-        };
-        [0, 1, 2].map(|row| graph.dot(self.r[row], turned))
-    }
-}
-
-/// Motion of a link in its own frame, with gravity as an acceleration of the base.
-struct Motion {
-    /// Angular velocity.
-    w: Vector,
-    /// Angular acceleration.
-    dw: Vector,
-    /// Acceleration of the origin.
-    a: Vector,
-    /// `[dw] + [w][w]` row by row: what a point of the link is accelerated by, per metre from the origin.
-    u: [Vector; 3],
-}
-
-impl Motion {
-    fn next(&self, graph: &mut ExpressionGraph, place: &Place, kind: JointKind, i: usize) -> Self {
-        let number = i + 1;
-        let (qd, qdd) = (graph.leaf(Node::Speed(i)), graph.leaf(Node::Acceleration(i)));
-        let lever = [0, 1, 2].map(|row| graph.dot(self.u[row], place.p));
-        let at_joint = graph.add_vectors(self.a, lever);
-        let carried = place.to_inner(graph, self.w);
-        let mut dw = place.to_inner(graph, self.dw);
-        let mut a = place.to_inner(graph, at_joint);
-        let (along_x, along_y) = (graph.multiply(carried[1], qd), graph.multiply(carried[0], qd).negated());
-        let mut w = carried;
-        match kind {
-            JointKind::Revolute => {
-                w[2] = graph.add(carried[2], qd);
-                dw = graph.add_vectors(dw, [along_x, along_y, qdd]);
-            }
-            JointKind::Prismatic => {
-                let two = graph.leaf(Node::Whole(2));
-                let twice = [along_x, along_y].map(|part| graph.multiply(two, part));
-                a = graph.add_vectors(a, [twice[0], twice[1], qdd]);
-            }
-        }
-        name_vector(graph, w, |axis| format!("w{number}{axis}"));
-        name_vector(graph, dw, |axis| format!("dw{number}{axis}"));
-        name_vector(graph, a, |axis| format!("a{number}{axis}"));
-        let u = accelerations_per_metre(graph, w, dw);
-        for (row, of_row) in u.iter().enumerate() {
-            name_vector(graph, *of_row, |axis| format!("u{number}{}{axis}", AXES[row]));
-        }
-        Self { w, dw, a, u }
-    }
-}
-
-/// `[dw] + [w][w]`, row by row.
-fn accelerations_per_metre(graph: &mut ExpressionGraph, w: Vector, dw: Vector) -> [Vector; 3] {
-    let [xx, yy, zz] = [0, 1, 2].map(|k| graph.multiply(w[k], w[k]));
-    let (xy, xz, yz) = (graph.multiply(w[0], w[1]), graph.multiply(w[0], w[2]), graph.multiply(w[1], w[2]));
-    [
-        [graph.add(yy, zz).negated(), graph.subtract(xy, dw[2]), graph.add(xz, dw[1])],
-        [graph.add(xy, dw[2]), graph.add(xx, zz).negated(), graph.subtract(yz, dw[0])],
-        [graph.subtract(xz, dw[1]), graph.add(yz, dw[0]), graph.add(xx, yy).negated()],
-    ]
-}
-
-/// Force and moment about the frame's origin: `m a + u mP` and `I dw + w x I w + mP x a`, the latter written with the
-/// entries of `u`, whose products it shares.
-fn link_wrench(
-    graph: &mut ExpressionGraph,
-    parameters: &[Expression; 10],
-    motion: &Motion,
-) -> (Vector, Vector) {
-    let [m, px, py, pz, xx, xy, xz, yy, yz, zz] = *parameters;
-    let (Motion { w, dw, a, u }, first_moment) = (motion, [px, py, pz]);
-    let force = [0, 1, 2].map(|row| {
-        let (weight, swing) = (graph.multiply(m, a[row]), graph.dot(u[row], first_moment));
-        graph.add(weight, swing)
-    });
-    // u_yy - u_zz = w_y^2 - w_z^2, and so on; one of the moment's products of inertia takes each
-    let spread = [(1, 2), (2, 0), (0, 1)].map(|(j, k)| graph.subtract(u[j][j], u[k][k]));
-    let gyration = [(1, 2), (2, 0), (0, 1)].map(|(j, k)| graph.multiply(w[j], w[k]));
-    let turn = [
-        [(xx, dw[0]), (xz, u[1][0]), (xy, u[2][0].negated()), (yz, spread[0])],
-        [(yy, dw[1]), (xy, u[2][1]), (yz, u[0][1].negated()), (xz, spread[1])],
-        [(zz, dw[2]), (yz, u[0][2]), (xz, u[1][2].negated()), (xy, spread[2])],
-    ];
-    let differences = [graph.subtract(zz, yy), graph.subtract(xx, zz), graph.subtract(yy, xx)];
-    let lever = graph.cross(first_moment, *a);
-    let moment = [0, 1, 2].map(|row| {
-        let mut terms = turn[row].map(|(inertia, of)| graph.multiply(inertia, of)).to_vec();
-        terms.push(graph.multiply(differences[row], gyration[row]));
-        terms.push(lever[row]);
-        graph.sum(terms)
-    });
-    (force, moment)
-}
-
-fn name_vector(graph: &mut ExpressionGraph, of: Vector, name: impl Fn(&str) -> String) {
-    for (component, axis) in of.into_iter().zip(AXES) {
-        graph.name(component, || name(axis));
     }
 }

@@ -60,7 +60,10 @@ pub fn scale_friction(robot: &Robot, parameters: &mut [ModelParameter], factors:
     let is_friction = |kind| match kind {
         ParameterKind::Friction(term) => term != FrictionTerm::Offset,
         ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,
-        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => false,
+        ParameterKind::Inertial(_)
+        | ParameterKind::MotorInertia
+        | ParameterKind::Spring(_)
+        | ParameterKind::Crank(_) => false,
     };
     let joints = robot.joint_count();
     for of in parameters.iter_mut().filter(|of| is_friction(of.id.kind) && of.id.joint.index() < joints) {

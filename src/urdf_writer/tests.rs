@@ -40,6 +40,8 @@ fn read_again(robot: &Robot, text: &str) -> Robot {
         .unwrap_or_else(|errors| panic!("{errors}\n{text}"));
     again.friction = robot.friction;
     again.couplings.clone_from(&robot.couplings);
+    again.springs.clone_from(&robot.springs);
+    again.parallelograms.clone_from(&robot.parallelograms);
     again.transmission.clone_from(&robot.transmission);
     for (again, joint) in again.joints.iter_mut().zip(&robot.joints) {
         let (read, given) = (again.limits, joint.limits);

@@ -300,9 +300,15 @@ fn a_sliding_joint_and_seven_joints_in_dh_tables_become_code() {
     let workshop = Workshop::new();
     fs::write(workshop.path("seven.toml"), seven_joints()).expect("written");
     let standard = reference("urdf/standard_dh.toml");
-    for (folder, description) in
-        [("scara", Path::new(&shipped("scara"))), ("seven", Path::new("seven.toml")), ("standard", &standard)]
-    {
+    let er3a = fs::read_to_string(shipped("er3a")).expect("a description");
+    let palletiser = format!("{er3a}{}", include_str!("../fixtures/palletiser.toml"));
+    fs::write(workshop.path("palletiser.toml"), palletiser).expect("written");
+    for (folder, description) in [
+        ("scara", Path::new(&shipped("scara"))),
+        ("seven", Path::new("seven.toml")),
+        ("standard", &standard),
+        ("palletiser", Path::new("palletiser.toml")),
+    ] {
         let description = description.to_str().expect("a path");
         let arguments = ["robot", "code", "--description-only", "--description", description, "-o", folder];
         workshop.stdout(&[&arguments, &LANGUAGES[..]].concat(), 0);

@@ -37,6 +37,11 @@ const ROBOTS: &[Expectation] = &[
     ("coupling_without_transmission", &[(5, "coupling[1]", "does not turn with joint 1")]),
     ("coupling_of_another_motor", &[(7, "coupling[1].motor", "must be between 1 and 2")]),
     ("coupling_twice", &[(15, "coupling[2]", "already has a coupling")]),
+    ("spring_without_rest", &[(5, "spring[1]", "needs both stiffness_nm_rad and rest_*, or neither")]),
+    ("spring_twice", &[(8, "spring[2]", "joint 2 already has a spring")]),
+    ("counterbalance_with_equal_pins", &[(7, "counterbalance[1].pins_m", "two different distances")]),
+    ("parallelogram_across", &[(5, "parallelogram[1]", "must turn about parallel axes")]),
+    ("parallelogram_of_the_first_joint", &[(5, "parallelogram[1]", "must turn about parallel axes")]),
     ("motor_torque_constant_zero", &[(17, "joint[1].motor_torque_constant_nm_a", "must not be 0")]),
     ("drive_gain_zero", &[(17, "joint[1].drive_gain_nm_a", "must not be 0")]),
     (

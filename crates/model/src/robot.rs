@@ -7,8 +7,10 @@ mod joint_index;
 mod friction_law;
 mod load_friction;
 mod standard_parameters;
+mod parallelogram;
 mod parameter;
 mod shape;
+mod spring;
 pub mod name;
 pub mod transmission;
 
@@ -19,8 +21,10 @@ pub use self::friction_law::{FrictionLaw, FrictionModel, FrictionTerm, LawKind};
 pub use self::geometry::{DhParameters, GeometrySource, JointGeometry, Transform, UrdfOrigin};
 pub use self::joint_index::JointIndex;
 pub use self::load_friction::{LoadFriction, LoadKind};
+pub use self::parallelogram::Parallelogram;
 pub use self::parameter::{ParameterId, ParameterKind, shares_of_link};
 pub use self::shape::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
+pub use self::spring::{Spring, SpringForm, SpringTerm};
 pub use self::standard_parameters::StandardParameters;
 
 /// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.
@@ -45,6 +49,10 @@ pub struct Robot {
     pub transmission: DMatrix<f64>,
     /// Motors that turn with two joints and have parameters of their own.
     pub couplings: Vec<Coupling>,
+    /// Springs and counterbalances, at most one of each form per joint.
+    pub springs: Vec<Spring>,
+    /// Parallelograms, at most one per forearm.
+    pub parallelograms: Vec<Parallelogram>,
     /// Speeds of the friction stage as fractions of each joint's largest speed, level 1 first.
     pub speed_levels: Vec<f64>,
     /// Excitation motion of the test, if the description gives one.
@@ -92,6 +100,11 @@ impl Robot {
         robot
     }
 
+    /// The springs that drive a joint.
+    pub fn springs_of(&self, joint: JointIndex) -> impl Iterator<Item = &Spring> {
+        self.springs.iter().filter(move |spring| spring.joint == joint)
+    }
+
     /// Whether motor inertias are part of the measured torque.
     #[must_use]
     pub fn has_motor_inertia(&self) -> bool {
@@ -99,13 +112,18 @@ impl Robot {
     }
 
     /// Number of parameters of the dynamic model, the columns of its regressor: ten, the friction
-    /// terms and, where torque is the motors', a motor inertia for each joint, and three for each coupling.
+    /// terms and, where torque is the motors', a motor inertia for each joint, three for each coupling, two for each
+    /// spring and ten for each parallelogram.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
         let friction: usize =
             self.joint_indices().map(|joint| self.friction_of(joint).all_terms().count()).sum();
         let per_joint = StandardParameters::COUNT + usize::from(self.has_motor_inertia());
-        per_joint * self.joints.len() + friction + CouplingTerm::ALL.len() * self.couplings.len()
+        per_joint * self.joints.len()
+            + friction
+            + CouplingTerm::ALL.len() * self.couplings.len()
+            + 2 * self.springs.len()
+            + StandardParameters::COUNT * self.parallelograms.len()
     }
 
     /// The transmission of joints that each have a motor of their own: gear ratios on the diagonal.

@@ -19,6 +19,15 @@ pub enum SimulateError {
         /// The joint.
         joint: JointIndex,
     },
+    /// The description says nothing of a spring or crank but its place.
+    #[error(
+        "a spring, counterbalance or crank of joint {joint} has no numbers, and there is nothing to simulate without them; \
+         add stiffness and rest, stiffness and pull, or the crank's mass, centre and inertia in the robot description"
+    )]
+    NoSpring {
+        /// The joint.
+        joint: JointIndex,
+    },
     /// A link's first moment needs a mass to have a centre.
     #[error("link {joint} has a first moment mP but no mass m; give its mass in the robot description")]
     FirstMomentWithoutMass {

@@ -9,7 +9,7 @@ use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
 use armwatch_model::robot::{
-    FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, TorqueSensors,
+    FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, SpringForm, TorqueSensors,
 };
 
 /// What the database says of a parameter of a description.
@@ -209,7 +209,7 @@ fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
 const PLACEMENT_GRAIN: f64 = 1e-9;
 
 /// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
-/// kinds, geometry, gravity, friction columns and couplings. Compare [`StoredModel::description_hash`].
+/// kinds, geometry, gravity, friction columns, couplings, springs and parallelograms. Compare [`StoredModel::description_hash`].
 #[must_use]
 pub fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
@@ -237,6 +237,17 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
     for coupling in &robot.couplings {
         let joints = [coupling.joint, coupling.motor_joint].map(|joint| joint.number() as f64);
         joints.into_iter().chain([coupling.ratio]).for_each(&mut add);
+    }
+    // Numbers that nothing above begins with tell springs and cranks from couplings.
+    for spring in &robot.springs {
+        let form = match spring.form {
+            SpringForm::Direct => [0.0; 3],
+            SpringForm::Cylinder { pins: [a, b], aligned } => [a, b, aligned],
+        };
+        [0.25, spring.joint.number() as f64].into_iter().chain(form).for_each(&mut add);
+    }
+    for of in &robot.parallelograms {
+        [0.5, of.forearm.number() as f64].into_iter().for_each(&mut add);
     }
     *hasher.finalize().as_bytes()
 }
@@ -296,8 +307,7 @@ pub struct StoredModel {
 }
 
 impl StoredModel {
-    /// Whether `robot` has the geometry, gravity, friction columns and couplings of this description, so
-    /// that base parameters of the one are those of the other.
+    /// Whether `robot` has all that decides the base parameters of this description, so that base parameters of the one are those of the other.
     #[must_use]
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == description_hash(robot)

@@ -7,7 +7,8 @@ use proptest::prelude::*;
 
 use armwatch_model::robot::{
     ArmShape, Coupling, DhParameters, FrictionLaw, FrictionModel, Joint, JointGeometry, JointIndex,
-    JointKind, JointLimits, MAX_JOINTS, Robot, TorqueSensors, Transform, UrdfOrigin,
+    JointKind, JointLimits, MAX_JOINTS, Parallelogram, Robot, Spring, SpringForm, TorqueSensors, Transform,
+    UrdfOrigin,
 };
 
 /// A joint without parameters; lengths in m, angles in rad, ordinary limits.
@@ -58,6 +59,8 @@ pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
         friction: FrictionModel::POLYNOMIAL,
         torque_sensors: TorqueSensors::Motor,
         couplings: Vec::new(),
+        springs: Vec::new(),
+        parallelograms: Vec::new(),
         speed_levels: Vec::new(),
         excitation: None,
         shape: ArmShape::default(),
@@ -66,7 +69,7 @@ pub fn arm(joints: Vec<Joint>, gravity: [f64; 3]) -> Robot {
 }
 
 /// Arms of 1 to 9 joints, turning and sliding mixed, in the three conventions, with any friction
-/// model and now and then a coupled motor. Lengths and twists come from a grid with zeros and right
+/// model and now and then a coupled motor, springs and parallelograms. Lengths and twists come from a grid with zeros and right
 /// angles, and gravity is absent along an axis or clearly there: degenerate arms occur often,
 /// almost degenerate ones do not.
 pub fn any_arm() -> impl Strategy<Value = Robot> {
@@ -91,8 +94,8 @@ pub fn any_arm() -> impl Strategy<Value = Robot> {
         }),
     ];
     let joints = proptest::collection::vec(any_joint, 1..=MAX_JOINTS);
-    (joints, proptest::array::uniform3(pull), friction, 0..3_u8, any::<bool>()).prop_map(
-        |(joints, gravity, friction, convention, coupled)| {
+    (joints, proptest::array::uniform3(pull), friction, 0..3_u8, any::<[bool; 2]>()).prop_map(
+        |(joints, gravity, friction, convention, [coupled, balanced])| {
             let mut robot = Robot { friction, ..arm(joints, gravity) };
             match convention {
                 0 => {}
@@ -101,6 +104,9 @@ pub fn any_arm() -> impl Strategy<Value = Robot> {
             }
             if coupled {
                 couple_last_joints(&mut robot);
+            }
+            if balanced {
+                balance(&mut robot);
             }
             robot
         },
@@ -137,7 +143,20 @@ fn couple_last_joints(robot: &mut Robot) {
     }
 }
 
+/// A spring at the first joint, a counterbalance at each third one that turns, and all parallelograms that there can be.
+fn balance(robot: &mut Robot) {
+    robot.springs = vec![Spring { joint: JointIndex::new(0), form: SpringForm::Direct, nominal: None }];
+    for joint in robot.joint_indices().filter(|joint| joint.index() % 3 == 1).collect::<Vec<_>>() {
+        if robot.joints[joint.index()].kind == JointKind::Revolute {
+            let form = SpringForm::Cylinder { pins: [0.2, 0.7], aligned: 0.3 };
+            robot.springs.push(Spring { joint, form, nominal: None });
+        }
+    }
+    robot.parallelograms =
+        robot.joint_indices().filter_map(|joint| Parallelogram::new(&robot.joints, joint, None)).collect();
+}
+
 /// `[n]` numbers for every channel of a state or a parameter set.
 pub fn numbers() -> impl Strategy<Value = Vec<f64>> {
-    proptest::collection::vec(-1.0..1.0, 16 * MAX_JOINTS)
+    proptest::collection::vec(-1.0..1.0, 28 * MAX_JOINTS)
 }

@@ -183,12 +183,15 @@ impl<'a> Observation<'a> {
     }
 }
 
-/// Whether a parameter can change the torque of a joint: inertia of a link that of the joints before it, everything
+/// Whether a parameter can change the torque of a joint: inertia of a link or crank that of the joints before it, everything
 /// else that of its own joint or of the two that turn a motor.
 fn shows_in(robot: &Robot, id: ParameterId, joint: usize) -> bool {
     match id.kind {
         ParameterKind::Inertial(_) => joint <= id.joint.index(),
-        ParameterKind::Friction(_) | ParameterKind::MotorInertia => joint == id.joint.index(),
+        ParameterKind::Crank(_) => joint <= id.joint.index(),
+        ParameterKind::Friction(_) | ParameterKind::MotorInertia | ParameterKind::Spring(_) => {
+            joint == id.joint.index()
+        }
         ParameterKind::Coupling(CouplingTerm::Inertia | CouplingTerm::Viscous | CouplingTerm::Coulomb) => {
             robot
                 .couplings

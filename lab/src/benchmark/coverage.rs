@@ -17,6 +17,7 @@ use armwatch_config::{Config, Layout, read_robot};
 use armwatch_ingest::rejection::Rejection;
 use armwatch_method::NumericsError;
 use armwatch_method::analyse::{Method, analyse_cycle};
+use armwatch_method::pooled::nominal_prior::nominal_value;
 use armwatch_method::statistics::descriptive::median;
 use armwatch_model::analysis::Estimator;
 use armwatch_model::analysis::interval::half_width;
@@ -384,19 +385,8 @@ fn exported_cycle(
 
 /// Nominal parameters in natural order; zero where a joint has none, which the simulator refuses.
 fn natural_values(robot: &Robot) -> Vec<f64> {
-    let ids = ParameterId::natural_order(robot);
-    let value = |id: &ParameterId| {
-        robot.joints[id.joint.index()].nominal.map_or(0.0, |nominal| match id.kind {
-            ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
-            ParameterKind::Friction(term) => {
-                let place = robot.friction_of(id.joint).terms().iter().position(|of| *of == term);
-                place.map_or(0.0, |place| nominal.friction[place])
-            }
-            ParameterKind::MotorInertia => nominal.motor_inertia,
-            ParameterKind::Coupling(_) => 0.0,
-        })
-    };
-    ids.iter().map(value).collect()
+    let value = |id| nominal_value(robot, id).unwrap_or(0.0);
+    ParameterId::natural_order(robot).into_iter().map(value).collect()
 }
 
 /// Why nothing could be counted.

@@ -103,6 +103,8 @@ fn robot(draws: &mut Draws) -> Robot {
         friction: FrictionModel { law, ..FrictionModel::POLYNOMIAL },
         torque_sensors: TorqueSensors::Motor,
         couplings: Vec::new(),
+        springs: Vec::new(),
+        parallelograms: Vec::new(),
         speed_levels: vec![0.2, 0.4, 0.6, 0.8],
         excitation: None,
         shape: ArmShape::default(),
@@ -164,7 +166,10 @@ fn parameters(robot: &Robot, draws: &mut Draws) -> Vec<f64> {
                 ParameterKind::MotorInertia => motor[j],
                 ParameterKind::Friction(FrictionTerm::F1 | FrictionTerm::Coulomb) => level[j],
                 ParameterKind::Friction(FrictionTerm::F2 | FrictionTerm::Viscous) => 0.4 * level[j],
-                ParameterKind::Friction(_) | ParameterKind::Coupling(_) => 0.0,
+                ParameterKind::Friction(_)
+                | ParameterKind::Coupling(_)
+                | ParameterKind::Spring(_)
+                | ParameterKind::Crank(_) => 0.0,
             }
         })
         .collect()

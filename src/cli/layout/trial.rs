@@ -193,6 +193,8 @@ fn unknown_arm(joints: usize) -> Result<Robot, CliError> {
         model: "unknown".into(),
         transmission: Robot::uncoupled_transmission(&joints),
         couplings: Vec::new(),
+        springs: Vec::new(),
+        parallelograms: Vec::new(),
         excitation: None,
         joints,
         ..shipped

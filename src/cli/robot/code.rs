@@ -21,10 +21,9 @@ use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
 use crate::robot_code::warmth::{Warmth, scale_friction};
 use armwatch_config::{Config, read_robot};
 use armwatch_method::model::base_parameters::base_parameters;
+use armwatch_method::pooled::nominal_prior::nominal_value;
 use armwatch_model::analysis::FrictionPoint;
-use armwatch_model::robot::{
-    FrictionLaw, FrictionModel, Joint, JointIndex, NominalJoint, ParameterId, ParameterKind, Robot,
-};
+use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, ParameterId, Robot};
 use armwatch_store::{ParameterSet, SourceCycle, Store};
 
 #[derive(Debug, Args)]
@@ -333,25 +332,25 @@ fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
         let own = if law == FrictionLaw::None { robot.friction_of(joint) } else { FrictionModel::POLYNOMIAL };
         robot.joints[joint.index()].friction = Some(own);
     }
-    let nominal = |id: &ParameterId| {
-        let NominalJoint { inertial, motor_inertia, friction, .. } =
-            robot.joints.get(id.joint.index()).and_then(|joint: &Joint| joint.nominal)?;
-        match id.kind {
-            ParameterKind::Inertial(k) => inertial.0.get(usize::from(k)).copied(),
-            ParameterKind::MotorInertia => Some(motor_inertia),
-            ParameterKind::Friction(term) => term.nominal(&friction),
-            ParameterKind::Coupling(_) => None,
-        }
-    };
     let parameters = ParameterId::natural_order(&robot)
         .iter()
         .filter_map(|id| {
-            Some(ModelParameter { id: *id, value: nominal(id)?, std_error: None, stands_for: None })
+            Some(ModelParameter {
+                id: *id,
+                value: nominal_value(&robot, *id)?,
+                std_error: None,
+                stands_for: None,
+            })
         })
         .collect();
     let mut lines = vec!["Nominal parameters of the description: nothing here was identified.".to_owned()];
     if !robot.couplings.is_empty() {
         lines.push("Coupled motors have no nominal parameters: what they add is left out.".to_owned());
+    }
+    if robot.springs.iter().any(|spring| spring.nominal.is_none())
+        || robot.parallelograms.iter().any(|of| of.nominal.is_none())
+    {
+        lines.push("Springs and cranks without nominal parameters are left out.".to_owned());
     }
     let origin = Origin {
         program: program(),

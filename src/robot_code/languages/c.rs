@@ -24,6 +24,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Cosine => "cos",
         Function::Tanh => "tanh",
         Function::Bell => "bell",
+        Function::SquareRoot => "sqrt",
         Function::Magnitude => "fabs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",

@@ -24,6 +24,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Cosine => "cos",
         Function::Tanh => "tanh",
         Function::Bell => "_bell",
+        Function::SquareRoot => "sqrt",
         Function::Magnitude => "fabs",
         Function::Sign => "_sign",
         Function::PositivePart => "_positive_part",
@@ -36,7 +37,8 @@ pub(super) fn files(name: &str, header: &[String], programs: &TorquePrograms) ->
     let joints = programs.torque.joints;
     let comment: Vec<String> = header.iter().map(|line| safe(line)).collect();
     let mut source = format!("\"\"\"{}\n\"\"\"\n\n", comment.join("\n"));
-    let imported = [Function::Cosine, Function::Magnitude, Function::Sine, Function::Tanh];
+    let imported =
+        [Function::Cosine, Function::Magnitude, Function::Sine, Function::SquareRoot, Function::Tanh];
     let mut imported: Vec<&str> =
         imported.into_iter().filter(|of| functions.calls(*of)).map(function_name).collect();
     imported.extend(functions.calls(Function::Bell).then_some("exp"));

@@ -24,6 +24,7 @@ fn function_name(function: Function) -> &'static str {
         Function::Cosine => "f64::cos",
         Function::Tanh => "f64::tanh",
         Function::Bell => "bell",
+        Function::SquareRoot => "f64::sqrt",
         Function::Magnitude => "f64::abs",
         Function::Sign => "sign",
         Function::PositivePart => "positive_part",

@@ -2,6 +2,7 @@
 
 pub(super) mod chain;
 pub(super) mod joint;
+pub(super) mod balance;
 pub(super) mod geometry;
 pub(super) mod nominal;
 pub(super) mod transmission;

@@ -84,7 +84,7 @@ fn keys(kind: JointKind) -> ((&'static str, Limits), (&'static str, Limits)) {
 
 /// Mass with either first moment and inertia about the origin of the joint's frame, or centre of mass
 /// and inertia about that centre.
-fn read_inertial(table: &Table<'_>) -> Option<StandardParameters> {
+pub(crate) fn read_inertial(table: &Table<'_>) -> Option<StandardParameters> {
     let mass = table.number("mass_kg", &Limits::above(0.0, 1e4, "kg"));
     let about_centre = table.optional("centre_of_mass_m");
     let (moment, key) = match &about_centre {

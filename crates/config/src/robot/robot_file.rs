@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::geometry::Convention;
 use super::transmission::GivenTransmission;
-use super::{friction_model, geometry, joint, shape, transmission, urdf_arm};
+use super::{balance, friction_model, geometry, joint, shape, transmission, urdf_arm};
 use crate::robot::chain::Chain;
 use crate::toml::files;
 use crate::toml::files::ReadText;
@@ -71,6 +71,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     };
     let joints = chain.as_ref().map(|chain| &chain.joints[..]);
     let transmission = transmission::read(root, given, joints);
+    let balance = balance::read(root, joints);
     let excitation = match root.table("excitation") {
         Some(table) => Some(read_excitation(&table, joints)?),
         None => None,
@@ -79,6 +80,7 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
     let friction = friction.zip(joints).and_then(|(friction, joints)| friction.of_other_joints(root, joints));
     let (friction, tool, chain, transmission) = (friction?, tool?, chain?, transmission?);
     let torque_sensors = torque_sensors?;
+    let balance = balance?;
     convention?;
     let gravity: [f64; 3] = gravity?.try_into().ok()?;
     Some(Robot {
@@ -94,6 +96,8 @@ fn read_root(root: &Table<'_>, folder: &Path, read_text: &ReadText<'_>) -> Optio
             TorqueSensors::Motor => transmission.couplings,
             TorqueSensors::Link => Vec::new(),
         },
+        springs: balance.springs,
+        parallelograms: balance.parallelograms,
         speed_levels: speed_levels?,
         excitation,
         shape: shape?,

@@ -154,7 +154,7 @@ fn check_own_motor(section: &Value<'_>, couplings: &[Coupling], i: usize) -> boo
     first
 }
 
-fn read_joint_number(value: &Value<'_>, joint_count: usize) -> Option<JointIndex> {
+pub(crate) fn read_joint_number(value: &Value<'_>, joint_count: usize) -> Option<JointIndex> {
     let last = joint_count.min(MAX_JOINTS);
     let number = value.integer(1..=i64::try_from(last).ok()?)?;
     JointIndex::from_number(usize::try_from(number).ok()?)

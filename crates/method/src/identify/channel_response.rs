@@ -149,7 +149,7 @@ impl Sums {
         let mut of_joints: Vec<JointRows> = (0..n).map(|_| JointRows::default()).collect();
         let mut lanes = RowLanes::new(robot);
         lanes.each(robot, filtered, filtered_coulomb_columns, chosen, |at, taken| {
-            let slopes = torque_slopes(robot, &model.inertial, &at.states, STEP);
+            let slopes = torque_slopes(robot, &model, &at.states, STEP);
             for lane in 0..taken.len() {
                 for (i, (joint, rows)) in robot.joints.iter().zip(&mut of_joints).enumerate() {
                     if Motion::of(at.states.qd[i].0[lane], joint.counted_speed()) != Motion::Moving {

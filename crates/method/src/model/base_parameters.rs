@@ -376,6 +376,7 @@ mod tests {
     use super::*;
     use crate::model::dynamics::DynamicModel;
     use armwatch_model::robot::JointKind::{Prismatic, Revolute};
+    use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, Parallelogram, Spring, SpringForm};
     use armwatch_testing::arms::{any_arm, arm, joint, numbers};
     use armwatch_testing::{change_dh, er3a};
 
@@ -498,6 +499,28 @@ mod tests {
         expected.push("J2_I_m".into());
         assert_eq!(formulas(&base), expected);
         assert_eq!((base.inertial_rank, base.inertial_and_motor_rank), (6, 7));
+    }
+
+    #[test]
+    fn a_parallelogram_leaves_the_first_moment_of_its_crank_and_a_preload_is_an_offset() {
+        let mut robot = arm(
+            vec![joint(Revolute, 0.0, 0.0, 0.0, 0.0), joint(Revolute, 0.5, 0.0, 0.0, 0.0)],
+            [0.0, -9.81, 0.0],
+        );
+        let joints = [0, 1].map(JointIndex::new);
+        robot.friction = FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: false };
+        robot.springs = vec![Spring { joint: joints[1], form: SpringForm::Direct, nominal: None }];
+        robot.parallelograms =
+            vec![Parallelogram::new(&robot.joints, joints[1], None).expect("parallel axes")];
+        let base = base_parameters(&robot).expect("base parameters");
+        let formulas = formulas(&base);
+        // the crank turns with the forearm but is carried by none: only its weight is its own
+        assert_eq!(formulas[3..6], ["J2_mPx", "J2_mPy", "J2_Izz + J2_c_Izz"], "{formulas:?}");
+        assert!(formulas.contains(&"J2_off + J2_t_s".to_owned()), "{formulas:?}");
+        assert_eq!(formulas[formulas.len() - 3..], ["J2_k_s", "J2_c_mPx", "J2_c_mPy"], "{formulas:?}");
+        assert_eq!(Parallelogram::new(&robot.joints, joints[0], None), None);
+        robot.joints[1] = joint(Revolute, 0.5, FRAC_PI_2, 0.0, 0.0);
+        assert_eq!(Parallelogram::new(&robot.joints, joints[1], None), None);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::actuator::coupling_columns;
 use super::kinematics::joint_transform;
 use armwatch_model::robot::{
     CouplingTerm, FrictionModel, FrictionTerm, Joint, JointIndex, JointKind, LoadFriction, MAX_JOINTS,
-    ParameterId, ParameterKind, Robot, StandardParameters, Transform,
+    Parallelogram, ParameterId, ParameterKind, Robot, SpringForm, StandardParameters, Transform,
 };
 
 /// Torque of the rigid links: recursive Newton-Euler [3.1-3.9, C].
@@ -55,6 +55,35 @@ pub fn inverse_dynamics(
     }
 }
 
+/// Adds the torque of the crank `of` with the parameters `phi` to `tau`: as [`inverse_dynamics`], with a body that turns
+/// with the crank about the axis of the upper arm's joint.
+fn add_crank_torque(
+    robot: &Robot,
+    (of, phi): (&Parallelogram, &StandardParameters),
+    [q, qd, qdd]: [&[f64]; 3],
+    tau: &mut [f64],
+) {
+    let mut transforms = [Transform::IDENTITY; MAX_JOINTS];
+    let mut motion = LinkMotion::base(&robot.gravity);
+    let last = of.upper_arm.index();
+    for (i, joint) in robot.joints[..=last].iter().enumerate() {
+        let at = |of_joints: &[f64]| if i == last { of.crank(of_joints) } else { of_joints[i] };
+        transforms[i] = joint_transform(joint, at(q));
+        motion = motion.next(&transforms[i], joint.kind, at(qd), at(qdd));
+    }
+    let mut carried = link_wrench(phi, &motion);
+    tau[of.forearm.index()] += of.sense * carried.moment.z;
+    for i in (0..=last).rev() {
+        tau[i] += match robot.joints[i].kind {
+            JointKind::Revolute => carried.moment.z,
+            JointKind::Prismatic => carried.force.z,
+        };
+        let force = transforms[i].to_outer(&carried.force);
+        carried.moment = transforms[i].to_outer(&carried.moment) + transforms[i].translation.cross(&force);
+        carried.force = force;
+    }
+}
+
 /// Torque that holds the arm still at `q` `[n]` (rad; m): [`inverse_dynamics`] without motion. Writes
 /// `tau` `[n]` in Nm (N).
 ///
@@ -65,48 +94,81 @@ pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64
     inverse_dynamics(robot, parameters, q, &still, &still, tau);
 }
 
-/// Mechanical energy of the rigid links, J.
+/// Mechanical energy of links, cranks and springs, J.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MechanicalEnergy {
     /// Of the motion.
     pub kinetic: f64,
-    /// In the field of gravity, zero for masses at the base's origin.
+    /// In springs and in the field of gravity, zero for masses at the base's origin.
     pub potential: f64,
 }
 
-/// Energy of the rigid links at the posture `q` and speed `qd` `[n]` (rad, rad/s; m, m/s).
+/// Energy of links, cranks and springs at the posture `q` and speed `qd` `[n]` (rad, rad/s; m, m/s).
 ///
-/// Its rate is the power of the joint torques, which is how [`inverse_dynamics`] is checked; so it
+/// Its rate is the power of the joint torques, which is how [`DynamicModel::load`] is checked; so it
 /// has its own recursion, without accelerations.
 #[must_use]
 pub(crate) fn mechanical_energy(
     robot: &Robot,
-    parameters: &[StandardParameters],
+    model: &DynamicModel,
     q: &[f64],
     qd: &[f64],
 ) -> MechanicalEnergy {
-    let mut pose = Transform::IDENTITY;
-    let (mut omega, mut velocity) = (Vector3::zeros(), Vector3::<f64>::zeros());
+    let mut frame =
+        MovingFrame { pose: Transform::IDENTITY, omega: Vector3::zeros(), velocity: Vector3::zeros() };
     let mut energy = MechanicalEnergy { kinetic: 0.0, potential: 0.0 };
-    for (i, (joint, phi)) in robot.joints.iter().zip(parameters).enumerate() {
-        let transform = joint_transform(joint, q[i]);
-        velocity = transform.to_inner(&(velocity + omega.cross(&transform.translation)));
-        omega = transform.to_inner(&omega);
-        match joint.kind {
-            JointKind::Revolute => omega.z += qd[i],
-            JointKind::Prismatic => velocity.z += qd[i],
+    for (i, (joint, phi)) in robot.joints.iter().zip(&model.inertial).enumerate() {
+        let cranks = robot.parallelograms.iter().zip(&model.crank);
+        for (of, phi) in cranks.filter(|(of, _)| of.upper_arm.index() == i) {
+            frame.next(joint, of.crank(q), of.crank(qd)).add_energy(phi, &robot.gravity, &mut energy);
         }
-        pose = pose.then(&transform);
-        let (m, mp) = (phi.mass(), phi.first_moment());
-        energy.kinetic += 0.5 * m * velocity.norm_squared()
-            + velocity.dot(&omega.cross(&mp))
-            + 0.5 * omega.dot(&(phi.inertia() * omega));
-        energy.potential -= robot.gravity.dot(&(m * pose.translation + pose.to_outer(&mp)));
+        frame = frame.next(joint, q[i], qd[i]);
+        frame.add_energy(phi, &robot.gravity, &mut energy);
+    }
+    for (spring, [stiffness, preload]) in robot.springs.iter().zip(&model.spring) {
+        let q = q[spring.joint.index()];
+        let stretch = match spring.form {
+            SpringForm::Direct => q,
+            SpringForm::Cylinder { pins: [a, b], aligned } => {
+                let p = q - aligned;
+                (a - b * p.cos()).hypot(b * p.sin()) - (a - b).abs()
+            }
+        };
+        energy.potential += 0.5 * stiffness * stretch * stretch + preload * stretch;
     }
     energy
 }
 
-/// All parameters of an arm's model by joint: links, friction, motor inertia, couplings.
+/// A link frame that moves, its velocities in its own axes.
+struct MovingFrame {
+    pose: Transform,
+    omega: Vector3<f64>,
+    velocity: Vector3<f64>,
+}
+
+impl MovingFrame {
+    fn next(&self, joint: &Joint, q: f64, qd: f64) -> Self {
+        let transform = joint_transform(joint, q);
+        let mut velocity = transform.to_inner(&(self.velocity + self.omega.cross(&transform.translation)));
+        let mut omega = transform.to_inner(&self.omega);
+        match joint.kind {
+            JointKind::Revolute => omega.z += qd,
+            JointKind::Prismatic => velocity.z += qd,
+        }
+        Self { pose: self.pose.then(&transform), omega, velocity }
+    }
+
+    fn add_energy(&self, phi: &StandardParameters, gravity: &Vector3<f64>, energy: &mut MechanicalEnergy) {
+        let Self { pose, omega, velocity } = self;
+        let (m, mp) = (phi.mass(), phi.first_moment());
+        energy.kinetic += 0.5 * m * velocity.norm_squared()
+            + velocity.dot(&omega.cross(&mp))
+            + 0.5 * omega.dot(&(phi.inertia() * omega));
+        energy.potential -= gravity.dot(&(m * pose.translation + pose.to_outer(&mp)));
+    }
+}
+
+/// All parameters of an arm's model by joint: links, friction, motor inertia, couplings, springs, cranks.
 ///
 /// Holds base parameters as well: with the dropped parameters at zero, a kept parameter that carries
 /// its whole grouping gives the same torque as the full set.
@@ -126,11 +188,15 @@ pub struct DynamicModel {
     /// Inertia of each joint's motor by the description `[n]`, kg m² (kg), where the parameters have it in those of
     /// the links; zero elsewhere. The gear does not carry it.
     pub grouped_motor_inertia: Vec<f64>,
+    /// Parameters of each of the robot's springs.
+    pub spring: Vec<[f64; 2]>,
+    /// Inertial parameters of the crank of each of the robot's parallelograms.
+    pub crank: Vec<StandardParameters>,
 }
 
 impl DynamicModel {
     /// A model of `robot` with the given parameters, every other one zero. Parameters that the robot
-    /// does not have, by its joints, friction columns and couplings, are left out.
+    /// does not have, by its joints, friction columns, couplings, springs and parallelograms, are left out.
     #[must_use]
     pub fn from_parameters(robot: &Robot, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
         let n = robot.joint_count();
@@ -145,6 +211,8 @@ impl DynamicModel {
             coupling: vec![[0.0; CouplingTerm::ALL.len()]; robot.couplings.len()],
             load: vec![[0.0; LoadFriction::MAX_TERMS]; n],
             grouped_motor_inertia: robot.joints.iter().map(described).collect(),
+            spring: vec![[0.0; 2]; robot.springs.len()],
+            crank: vec![StandardParameters::default(); robot.parallelograms.len()],
         };
         for (id, value) in parameters.filter(|(id, _)| id.joint.index() < n) {
             if id.kind == ParameterKind::MotorInertia {
@@ -177,17 +245,28 @@ impl DynamicModel {
                 let k = CouplingTerm::ALL.iter().position(|known| *known == term)?;
                 self.coupling[coupling].get_mut(k)
             }
+            ParameterKind::Spring(term) => {
+                let mut springs = robot.springs.iter().zip(&mut self.spring);
+                springs.find_map(|(known, parameters)| {
+                    let k = known.terms().iter().position(|of| *of == term && known.joint == id.joint)?;
+                    parameters.get_mut(k)
+                })
+            }
+            ParameterKind::Crank(k) => {
+                let crank = robot.parallelograms.iter().position(|known| known.forearm == id.joint)?;
+                self.crank[crank].0.get_mut(usize::from(k))
+            }
         }
     }
 
-    /// Torque that the gears carry: that of the rigid links, without the inertia of the motors.
+    /// Torque that the gears carry: that of links, cranks and springs, without the inertia of the motors.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `load` `[n]` in Nm (N).
     ///
     /// # Panics
     /// As [`DynamicModel::torque`].
     pub fn gear_load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], load: &mut [f64]) {
-        inverse_dynamics(robot, &self.inertial, q, qd, qdd, load);
+        self.load(robot, q, qd, qdd, load);
         for ((load, inertia), qdd) in load.iter_mut().zip(&self.grouped_motor_inertia).zip(qdd) {
             *load -= inertia * qdd;
         }
@@ -200,14 +279,36 @@ impl DynamicModel {
         columns.iter().zip(&self.load[joint.index()]).map(|(column, mu)| column * mu).sum()
     }
 
-    /// Motor torque at the joints: rigid links, friction, `I_m qdd` and couplings.
+    /// Torque of links, cranks and springs: what the motion takes without friction and without the motors' own inertia.
+    ///
+    /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
+    ///
+    /// # Panics
+    /// As [`DynamicModel::torque`].
+    pub fn load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
+        inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
+        self.add_beside_links(robot, [q, qd, qdd], tau);
+    }
+
+    /// Adds the torque of cranks and springs to that of the links.
+    pub(super) fn add_beside_links(&self, robot: &Robot, state: [&[f64]; 3], tau: &mut [f64]) {
+        for (spring, parameters) in robot.springs.iter().zip(&self.spring) {
+            let j = spring.joint.index();
+            tau[j] += spring.columns(state[0][j]).iter().zip(parameters).map(|(c, p)| c * p).sum::<f64>();
+        }
+        for crank in robot.parallelograms.iter().zip(&self.crank) {
+            add_crank_torque(robot, crank, state, tau);
+        }
+    }
+
+    /// Motor torque at the joints: rigid links, cranks, springs, friction, `I_m qdd` and couplings.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
     ///
     /// # Panics
     /// As [`inverse_dynamics`], and if the model has fewer joints than the robot.
     pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
-        inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
+        self.load(robot, q, qd, qdd, tau);
         for joint in robot.joint_indices() {
             let i = joint.index();
             let friction = robot.friction_of(joint).torque(&self.friction[i], qd[i]);
@@ -321,8 +422,9 @@ mod tests {
         robot.joints.iter().map(|j| j.nominal.expect("the ER3A has nominal parameters").inertial).collect()
     }
 
-    fn links(phi: &[f64], n: usize) -> Vec<StandardParameters> {
-        (0..n).map(|i| StandardParameters(std::array::from_fn(|k| phi[10 * i + k]))).collect()
+    fn model(robot: &Robot, phi: &[f64]) -> DynamicModel {
+        let ids = ParameterId::natural_order(robot);
+        DynamicModel::from_parameters(robot, ids.into_iter().zip(phi.iter().copied()))
     }
 
     fn norm(v: &[f64]) -> f64 {
@@ -434,14 +536,15 @@ mod tests {
             robot in any_arm(), phi in numbers(), q in numbers(),
         ) {
             let n = robot.joint_count();
-            let parameters = links(&phi, n);
+            let model = model(&robot, &phi);
+            let still = vec![0.0; n];
             let mut tau = vec![0.0; n];
-            gravity_torque(&robot, &parameters, &q, &mut tau);
+            model.load(&robot, &q, &still, &still, &mut tau);
             for j in 0..n {
                 let gradient = slope(|step| {
                     let mut q = q[..n].to_vec();
                     q[j] += step;
-                    mechanical_energy(&robot, &parameters, &q, &vec![0.0; n]).potential
+                    mechanical_energy(&robot, &model, &q, &still).potential
                 }, STEP);
                 prop_assert!((tau[j] - gradient).abs() < DIFFERENCES * (1.0 + norm(&tau)));
             }
@@ -452,14 +555,14 @@ mod tests {
             robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
         ) {
             let n = robot.joint_count();
-            let parameters = links(&phi, n);
+            let model = model(&robot, &phi);
             let mut tau = vec![0.0; n];
-            inverse_dynamics(&robot, &parameters, &q, &qd, &qdd, &mut tau);
+            model.load(&robot, &q, &qd, &qdd, &mut tau);
             let power: f64 = tau.iter().zip(&qd).map(|(tau, qd)| tau * qd).sum();
             let rate = slope(|t| {
                 let q: Vec<f64> = (0..n).map(|i| q[i] + qd[i] * t + 0.5 * qdd[i] * t * t).collect();
                 let qd: Vec<f64> = (0..n).map(|i| qd[i] + qdd[i] * t).collect();
-                let energy = mechanical_energy(&robot, &parameters, &q, &qd);
+                let energy = mechanical_energy(&robot, &model, &q, &qd);
                 energy.kinetic + energy.potential
             }, STEP);
             prop_assert!((power - rate).abs() < DIFFERENCES * (1.0 + norm(&tau)), "{power} {rate}");
@@ -470,11 +573,10 @@ mod tests {
             robot in any_arm(), phi in numbers(), q in numbers(), qd in numbers(), qdd in numbers(),
         ) {
             let n = robot.joint_count();
-            let ids = ParameterId::natural_order(&robot);
-            let model = DynamicModel::from_parameters(&robot, ids.iter().copied().zip(phi.iter().copied()));
+            let model = model(&robot, &phi);
             let (mut whole, mut rigid) = (vec![0.0; n], vec![0.0; n]);
             model.torque(&robot, &q, &qd, &qdd, &mut whole);
-            inverse_dynamics(&robot, &links(&phi, n), &q, &qd, &qdd, &mut rigid);
+            model.load(&robot, &q, &qd, &qdd, &mut rigid);
             let terms = robot.friction.terms().len();
             let mut extra: Vec<f64> = (0..n)
                 .map(|j| {

@@ -3,24 +3,25 @@
 //! The torque is equation by equation that of [`inverse_dynamics`](super::dynamics::inverse_dynamics), which it is tested
 //! against.
 
+use super::dynamics::DynamicModel;
 use super::regressor_lanes::{JointTransform, JointTurns, LaneStates, LinkMotion};
-use crate::lanes::{Kernel, LaneVector, Lanes, wide};
+use crate::lanes::{Kernel, LANES, LaneVector, Lanes, wide};
 use armwatch_model::robot::{JointKind, MAX_JOINTS, Robot, StandardParameters};
 
 /// A number for each joint, `[n]`, at each of several instants.
 pub type JointLanes = [Lanes; MAX_JOINTS];
 
-/// Derivative of the torque of rigid links by each joint's position, Nm/rad (N/m): central differences over twice
-/// `step`, rad (m). Friction and motor inertia do not depend on positions.
+/// Derivative of the torque of links, cranks and springs by each joint's position, Nm/rad (N/m): central differences over
+/// twice `step`, rad (m). Friction and motor inertia do not depend on positions.
 ///
-/// `parameters` `[n]`; gives for each joint whose position changes the torques `[n]`.
+/// Gives for each joint whose position changes the torques `[n]`.
 ///
 /// # Panics
 /// If the chain is longer than [`MAX_JOINTS`].
 #[must_use]
 pub fn torque_slopes(
     robot: &Robot,
-    parameters: &[StandardParameters],
+    model: &DynamicModel,
     states: &LaneStates,
     step: f64,
 ) -> [JointLanes; MAX_JOINTS] {
@@ -31,7 +32,9 @@ pub fn torque_slopes(
             let (mut states, mut turns) = (*states, turns);
             states.q[j] += Lanes::splat(change);
             turns.0[j] = JointTurns::turn(states.q[j]);
-            torques(robot, parameters, &states, &turns)
+            let mut torques = torques(robot, &model.inertial, &states, &turns);
+            add_beside_links(robot, model, &states, &mut torques);
+            torques
         };
         let (above, below) = (torque(step), torque(-step));
         for i in 0..robot.joint_count() {
@@ -39,6 +42,20 @@ pub fn torque_slopes(
         }
     }
     slopes
+}
+
+/// Adds the torque of cranks and springs, instant by instant: few arms have them.
+fn add_beside_links(robot: &Robot, model: &DynamicModel, states: &LaneStates, torques: &mut JointLanes) {
+    if robot.springs.is_empty() && robot.parallelograms.is_empty() {
+        return;
+    }
+    for lane in 0..LANES {
+        let at = |of: &JointLanes| of.map(|of| of.0[lane]);
+        let (q, qd, qdd) = (at(&states.q), at(&states.qd), at(&states.qdd));
+        let mut torque = [0.0; MAX_JOINTS];
+        model.add_beside_links(robot, [&q, &qd, &qdd], &mut torque);
+        torques.iter_mut().zip(torque).for_each(|(torques, torque)| torques.0[lane] += torque);
+    }
 }
 
 /// Torque of the rigid links of each of `robots`, whose joints are of the same kinds and move alike, as
@@ -148,7 +165,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::lanes::LANES;
     use crate::model::dynamics::inverse_dynamics;
     use armwatch_testing::arms::{any_arm, numbers};
 

@@ -71,8 +71,8 @@ impl Regressor {
 /// [`inverse_dynamics`](super::dynamics::inverse_dynamics), so one checks the other.
 ///
 /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints). Writes all of `y`
-/// `[n x p]`: links, friction, motor inertia and couplings, gravity that of the robot. The columns of friction under
-/// load stay zero: [`write_load_columns`] fills them. Nothing is allocated if `y` has the robot's size.
+/// `[n x p]`: links, friction, motor inertia, couplings, springs and cranks, gravity that of the robot. The columns of
+/// friction under load stay zero: [`write_load_columns`] fills them. Nothing is allocated if `y` has the robot's size.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
@@ -84,7 +84,20 @@ pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64],
     y.values.fill(0.0);
     let mut motion = LinkMotion::base(&robot.gravity);
     let mut partials = [PartialVelocity::ZERO; MAX_JOINTS];
+    let first_crank = robot.parameter_count() - StandardParameters::COUNT * robot.parallelograms.len();
     for (i, joint) in robot.joints.iter().enumerate() {
+        let cranks = robot.parallelograms.iter().enumerate().filter(|(_, of)| of.upper_arm.index() == i);
+        for (c, of) in cranks {
+            let transform = joint_transform(joint, of.crank(q));
+            let motion = motion.next(&transform, joint.kind, of.crank(qd), of.crank(qdd));
+            let own = PartialVelocity::of_own_joint(joint.kind);
+            let outer = partials[..i].iter().map(|partial| partial.next(&transform)).enumerate();
+            for (j, partial) in outer.chain([(i, own), (of.forearm.index(), own.times(of.sense))]) {
+                for (k, value) in partial.link_columns(&motion).into_iter().enumerate() {
+                    y.set(j, first_crank + StandardParameters::COUNT * c + k, value);
+                }
+            }
+        }
         let transform = joint_transform(joint, q[i]);
         motion = motion.next(&transform, joint.kind, qd[i], qdd[i]);
         for partial in &mut partials[..i] {
@@ -97,11 +110,11 @@ pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64],
             }
         }
     }
-    write_actuators(robot, qd, qdd, y);
+    write_actuators(robot, (q, qd, qdd), y);
 }
 
-/// Columns behind those of the links: friction, motor inertia, couplings.
-fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
+/// Columns behind those of the links and before those of cranks: friction, motor inertia, couplings, springs.
+fn write_actuators(robot: &Robot, (q, qd, qdd): (&[f64], &[f64], &[f64]), y: &mut Regressor) {
     let n = robot.joint_count();
     let mut next = StandardParameters::COUNT * n;
     for joint in robot.joint_indices() {
@@ -124,6 +137,14 @@ fn write_actuators(robot: &Robot, qd: &[f64], qdd: &[f64], y: &mut Regressor) {
         for k in 0..CouplingTerm::ALL.len() {
             y.set(coupling.joint.index(), first + k, columns.joint[k]);
             y.set(coupling.motor_joint.index(), first + k, columns.motor_joint[k]);
+        }
+    }
+    next += CouplingTerm::ALL.len() * robot.couplings.len();
+    for spring in &robot.springs {
+        let j = spring.joint.index();
+        for value in spring.columns(q[j]) {
+            y.set(j, next, value);
+            next += 1;
         }
     }
 }
@@ -219,6 +240,10 @@ impl PartialVelocity {
             JointKind::Revolute => Self { w: Vector3::z(), v: Vector3::zeros() },
             JointKind::Prismatic => Self { w: Vector3::zeros(), v: Vector3::z() },
         }
+    }
+
+    fn times(&self, factor: f64) -> Self {
+        Self { w: self.w * factor, v: self.v * factor }
     }
 
     /// The same joint's effect on the next link.

@@ -99,7 +99,30 @@ impl Kernel for Links<'_> {
         let n = robot.joints.len();
         let mut motion = LinkMotion::base(robot);
         let mut partials = [PartialVelocity::ZERO; MAX_JOINTS];
+        let first_crank = y.values.len() / n.max(1) - StandardParameters::COUNT * robot.parallelograms.len();
         for (i, joint) in robot.joints.iter().enumerate() {
+            for (c, of) in robot.parallelograms.iter().enumerate().filter(|(_, of)| of.upper_arm.index() == i)
+            {
+                let m = of.forearm.index();
+                let crank = |of_joints: &[Lanes; MAX_JOINTS]| of_joints[i] + of_joints[m] * of.sense;
+                let q = crank(&states.q);
+                let transform =
+                    JointTransform::of(joint.geometry.placement(), joint.kind, q, JointTurns::turn(q));
+                let motion = motion.next(&transform, joint.kind, crank(&states.qd), crank(&states.qdd));
+                let first = StandardParameters::COUNT * c + first_crank;
+                for j in (0..=i).chain([m]) {
+                    let partial = if j < i {
+                        partials[j].next(&transform)
+                    } else {
+                        PartialVelocity::of_own_joint(joint.kind)
+                    };
+                    let sense = if j == m { of.sense } else { 1.0 };
+                    let columns = partial.link_columns(&motion);
+                    for (k, column) in columns.into_iter().enumerate() {
+                        y.values[(first + k) * n + j] = column * sense;
+                    }
+                }
+            }
             let transform =
                 JointTransform::of(joint.geometry.placement(), joint.kind, states.q[i], turns.0[i]);
             motion = motion.next(&transform, joint.kind, states.qd[i], states.qdd[i]);
@@ -118,7 +141,7 @@ impl Kernel for Links<'_> {
     }
 }
 
-/// Columns behind those of the links: friction, motor inertia, couplings.
+/// Columns behind those of the links and before those of cranks: friction, motor inertia, couplings, springs.
 fn write_actuators(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
     let n = robot.joint_count();
     let mut next = StandardParameters::COUNT * n;
@@ -146,6 +169,15 @@ fn write_actuators(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
         for k in 0..CouplingTerm::ALL.len() {
             y.set(coupling.joint.index(), first + k, Lanes(columns.map(|of| of.joint[k])));
             y.set(coupling.motor_joint.index(), first + k, Lanes(columns.map(|of| of.motor_joint[k])));
+        }
+    }
+    next += CouplingTerm::ALL.len() * robot.couplings.len();
+    for spring in &robot.springs {
+        let j = spring.joint.index();
+        let columns = states.q[j].0.map(|q| spring.columns(q));
+        for k in 0..2 {
+            y.set(j, next, Lanes(columns.map(|of| of[k])));
+            next += 1;
         }
     }
 }

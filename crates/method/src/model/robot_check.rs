@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
 use super::base_parameters::{BaseParameters, JointState, PROBE_STATES, base_parameters, probe_state};
-use super::dynamics::{DynamicModel, gravity_torque, inverse_dynamics, mechanical_energy};
+use super::dynamics::{DynamicModel, inverse_dynamics, mechanical_energy};
 use super::kinematics::forward_kinematics;
 use super::regressor::{Regressor, joint_torque_regressor, write_load_columns};
 use crate::NumericsError;
@@ -160,43 +160,41 @@ fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
         result.regressor = larger(result.regressor, relative(distance(&other, &expected), norm(&expected)));
         grouped.torque(robot, &state.q, &state.qd, &state.qdd, &mut other);
         result.grouping = larger(result.grouping, relative(distance(&other, &expected), norm(&expected)));
-        result.gravity = larger(
-            result.gravity,
-            relative(gravity_difference(robot, &full.inertial, &state), norm(&expected)),
-        );
-        result.power = larger(result.power, power_difference(robot, &full.inertial, &state));
+        result.gravity =
+            larger(result.gravity, relative(gravity_difference(robot, &full, &state), norm(&expected)));
+        result.power = larger(result.power, power_difference(robot, &full, &state));
     }
     result
 }
 
 /// In Nm, over all joints.
-fn gravity_difference(robot: &Robot, parameters: &[StandardParameters], state: &JointState) -> f64 {
+fn gravity_difference(robot: &Robot, model: &DynamicModel, state: &JointState) -> f64 {
     let n = robot.joint_count();
     let mut tau = vec![0.0; n];
-    gravity_torque(robot, parameters, &state.q, &mut tau);
     let still = vec![0.0; n];
+    model.load(robot, &state.q, &still, &still, &mut tau);
     let gradient: Vec<f64> = (0..n)
         .map(|j| {
             numeric_slope(|step| {
                 let mut q = state.q.clone();
                 q[j] += step;
-                mechanical_energy(robot, parameters, &q, &still).potential
+                mechanical_energy(robot, model, &q, &still).potential
             })
         })
         .collect();
     distance(&tau, &gradient)
 }
 
-fn power_difference(robot: &Robot, parameters: &[StandardParameters], state: &JointState) -> f64 {
+fn power_difference(robot: &Robot, model: &DynamicModel, state: &JointState) -> f64 {
     let n = robot.joint_count();
     let mut tau = vec![0.0; n];
-    inverse_dynamics(robot, parameters, &state.q, &state.qd, &state.qdd, &mut tau);
+    model.load(robot, &state.q, &state.qd, &state.qdd, &mut tau);
     let powers: Vec<f64> = tau.iter().zip(&state.qd).map(|(tau, qd)| tau * qd).collect();
     let rate = numeric_slope(|t| {
         let qd: Vec<f64> = state.qd.iter().zip(&state.qdd).map(|(qd, qdd)| qd + qdd * t).collect();
         // The mean of the speeds at both ends, since the acceleration is constant.
         let q: Vec<f64> = (0..n).map(|j| state.q[j] + 0.5 * (state.qd[j] + qd[j]) * t).collect();
-        let energy = mechanical_energy(robot, parameters, &q, &qd);
+        let energy = mechanical_energy(robot, model, &q, &qd);
         energy.kinetic + energy.potential
     });
     relative((powers.iter().sum::<f64>() - rate).abs(), powers.iter().map(|p| p.abs()).sum())

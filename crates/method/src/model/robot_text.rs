@@ -5,7 +5,7 @@ use std::fmt;
 use super::base_parameters::BaseParameters;
 use super::robot_check::{IdentityCheck, RobotCheck};
 use armwatch_model::robot::{
-    GeometrySource, JointKind, ParameterId, Robot, StandardParameters, TorqueSensors, Transform,
+    GeometrySource, JointKind, ParameterId, Robot, SpringForm, StandardParameters, TorqueSensors, Transform,
 };
 
 impl fmt::Display for RobotCheck {
@@ -137,6 +137,31 @@ fn write_friction(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
             coupling.motor_joint
         )?;
     }
+    for spring in &robot.springs {
+        let joint = spring.joint;
+        match spring.form {
+            SpringForm::Direct => writeln!(f, "  joint {joint} has a spring: k_s q + t_s")?,
+            SpringForm::Cylinder { pins: [a, b], aligned } => writeln!(
+                f,
+                "  joint {joint} has a counterbalance between pins at {} m and {} m from its axis, shortest at {} deg:\n    \
+                 pull t_c + k_c (l - {})",
+                short(a),
+                short(b),
+                short(aligned.to_degrees()),
+                short((a - b).abs())
+            )?,
+        }
+    }
+    for of in &robot.parallelograms {
+        let sign = if of.sense < 0.0 { '-' } else { '+' };
+        writeln!(
+            f,
+            "  a parallelogram moves joint {m}: its crank stands at q{j} {sign} q{m} about the axis of joint {j};\n    \
+             parameters c_m to c_Izz of J{m} in the frame of joint {j}, turned with the crank",
+            j = of.upper_arm,
+            m = of.forearm,
+        )?;
+    }
     Ok(())
 }
 
@@ -201,7 +226,11 @@ fn write_base(f: &mut fmt::Formatter<'_>, robot: &Robot, base: &BaseParameters) 
         base.inertial_rank,
         base.inertial_and_motor_rank,
         base.rank,
-        if robot.couplings.is_empty() { "" } else { " and couplings" },
+        if robot.couplings.is_empty() && robot.springs.is_empty() && robot.parallelograms.is_empty() {
+            ""
+        } else {
+            " and all others"
+        },
     )?;
     writeln!(
         f,

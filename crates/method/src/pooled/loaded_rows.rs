@@ -131,6 +131,9 @@ pub(super) fn is_friction(kind: ParameterKind) -> bool {
     match kind {
         ParameterKind::Friction(_) => true,
         ParameterKind::Coupling(term) => term != CouplingTerm::Inertia,
-        ParameterKind::Inertial(_) | ParameterKind::MotorInertia => false,
+        ParameterKind::Inertial(_)
+        | ParameterKind::MotorInertia
+        | ParameterKind::Spring(_)
+        | ParameterKind::Crank(_) => false,
     }
 }

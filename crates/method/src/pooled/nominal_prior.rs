@@ -24,14 +24,23 @@ pub fn nominal_base(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// The description's value of a parameter.
-fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
+/// The description's value of a parameter, in the unit of [`ParameterId::unit`].
+#[must_use]
+pub fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
     let nominal = robot.joints.get(id.joint.index())?.nominal.as_ref()?;
     match id.kind {
         ParameterKind::Inertial(k) => nominal.inertial.0.get(usize::from(k)).copied(),
         ParameterKind::MotorInertia => Some(nominal.motor_inertia),
         ParameterKind::Friction(term) => term.nominal(&nominal.friction),
         ParameterKind::Coupling(_) => None,
+        ParameterKind::Spring(term) => robot.springs_of(id.joint).find_map(|spring| {
+            let k = spring.terms().iter().position(|of| *of == term)?;
+            spring.nominal?.get(k).copied()
+        }),
+        ParameterKind::Crank(k) => {
+            let of = robot.parallelograms.iter().find(|of| of.forearm == id.joint)?;
+            of.nominal?.0.get(usize::from(k)).copied()
+        }
     }
 }
 
@@ -64,6 +73,10 @@ fn kin(kind: ParameterKind) -> u8 {
         ParameterKind::Friction(term) => 4 + term as u8,
         ParameterKind::Coupling(CouplingTerm::Viscous) => 100,
         ParameterKind::Coupling(CouplingTerm::Coulomb) => 101,
+        ParameterKind::Spring(term) => 102 + term as u8,
+        ParameterKind::Crank(0) => 110,
+        ParameterKind::Crank(1..=3) => 111,
+        ParameterKind::Crank(_) => 112,
     }
 }
 

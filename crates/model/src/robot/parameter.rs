@@ -1,11 +1,13 @@
 //! What a dynamic model is made of: inertial parameters of links, friction columns of joints, motor
-//! inertias and couplings, with their names, units and natural order.
+//! inertias, couplings, springs and cranks, with their names, units and natural order.
 
 use std::fmt;
 
 use super::coupling::CouplingTerm;
 use super::friction_law::{FrictionTerm, TermFactor};
 use super::joint_index::JointIndex;
+use super::parallelogram::Parallelogram;
+use super::spring::SpringTerm;
 use super::standard_parameters::StandardParameters;
 use super::{JointKind, Robot};
 
@@ -20,6 +22,10 @@ pub enum ParameterKind {
     MotorInertia,
     /// Parameter of a motor that turns with two joints.
     Coupling(CouplingTerm),
+    /// Parameter of a spring.
+    Spring(SpringTerm),
+    /// Inertial parameter of the crank of a parallelogram, index into [`StandardParameters::NAMES`].
+    Crank(u8),
 }
 
 impl ParameterKind {
@@ -30,6 +36,8 @@ impl ParameterKind {
             .chain(FrictionTerm::ALL.map(Self::Friction))
             .chain([Self::MotorInertia])
             .chain(CouplingTerm::ALL.map(Self::Coupling))
+            .chain(SpringTerm::ALL.map(Self::Spring))
+            .chain((0..10).map(Self::Crank))
     }
 }
 
@@ -44,7 +52,8 @@ pub struct ParameterId {
 
 impl ParameterId {
     /// All parameters of a robot in the model's natural column order: ten inertial ones link by link,
-    /// friction coefficients joint by joint, motor inertias, three of each coupling.
+    /// friction coefficients joint by joint, motor inertias, three of each coupling, two of each spring, ten of each
+    /// crank.
     #[must_use]
     pub fn natural_order(robot: &Robot) -> Vec<Self> {
         let joints = || robot.joint_indices();
@@ -55,10 +64,20 @@ impl ParameterId {
         let coupling = robot.couplings.iter().flat_map(|coupling| {
             CouplingTerm::ALL.map(|term| (coupling.motor_joint, ParameterKind::Coupling(term)))
         });
+        let spring = robot
+            .springs
+            .iter()
+            .flat_map(|spring| spring.terms().map(|term| (spring.joint, ParameterKind::Spring(term))));
+        let crank = robot
+            .parallelograms
+            .iter()
+            .flat_map(|of| (0..10).map(move |k| (of.forearm, ParameterKind::Crank(k))));
         inertial
             .chain(friction)
             .chain(motor)
             .chain(coupling)
+            .chain(spring)
+            .chain(crank)
             .map(|(joint, kind)| Self { joint, kind })
             .collect()
     }
@@ -71,6 +90,8 @@ impl ParameterId {
             ParameterKind::Friction(term) => term.name(),
             ParameterKind::MotorInertia => "I_m",
             ParameterKind::Coupling(term) => term.name(),
+            ParameterKind::Spring(term) => term.name(),
+            ParameterKind::Crank(k) => Parallelogram::NAMES[usize::from(k)],
         }
     }
 
@@ -92,9 +113,9 @@ impl ParameterId {
             JointKind::Prismatic => "kg",
         };
         match self.kind {
-            ParameterKind::Inertial(0) => "kg",
-            ParameterKind::Inertial(1..=3) => "kg m",
-            ParameterKind::Inertial(_) => "kg m^2",
+            ParameterKind::Inertial(0) | ParameterKind::Crank(0) => "kg",
+            ParameterKind::Inertial(1..=3) | ParameterKind::Crank(1..=3) => "kg m",
+            ParameterKind::Inertial(_) | ParameterKind::Crank(_) => "kg m^2",
             ParameterKind::Friction(term) => match (term.factor(), joint) {
                 (TermFactor::Speed(degree), _) => friction(degree),
                 (TermFactor::Load(0 | 1), _) => "1",
@@ -104,6 +125,10 @@ impl ParameterId {
             ParameterKind::MotorInertia | ParameterKind::Coupling(CouplingTerm::Inertia) => motor,
             ParameterKind::Coupling(CouplingTerm::Viscous) => friction(1),
             ParameterKind::Coupling(CouplingTerm::Coulomb) => friction(0),
+            ParameterKind::Spring(SpringTerm::Stiffness) if joint == JointKind::Revolute => "Nm/rad",
+            ParameterKind::Spring(SpringTerm::Stiffness | SpringTerm::CylinderStiffness) => "N/m",
+            ParameterKind::Spring(SpringTerm::Preload) => friction(0),
+            ParameterKind::Spring(SpringTerm::CylinderPreload) => "N",
         }
     }
 }

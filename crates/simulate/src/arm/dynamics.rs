@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::balance::{Crank, DrivingSpring};
 use super::load::{Body, Load};
 use crate::error::SimulateError;
 use crate::plan::motion::MotionState;
@@ -15,6 +16,8 @@ use armwatch_model::robot::{JointIndex, JointKind, MAX_JOINTS, Robot, StandardPa
 #[derive(Debug, Clone)]
 pub struct RigidChain {
     links: Vec<Link>,
+    springs: Vec<DrivingSpring>,
+    cranks: Vec<Crank>,
     gravity: Vector3<f64>,
 }
 
@@ -34,7 +37,8 @@ struct Link {
 /// Converts a description into centre-of-mass quantities.
 ///
 /// # Errors
-/// [`SimulateError::NoNominal`] for a joint without nominal parameters,
+/// [`SimulateError::NoNominal`] for a joint without nominal parameters, [`SimulateError::NoSpring`] for a spring or crank
+/// without,
 /// [`SimulateError::FirstMomentWithoutMass`] where no centre of mass exists.
 pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
     let links = robot
@@ -54,7 +58,9 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
             })
         })
         .collect::<Result<_, SimulateError>>()?;
-    Ok(RigidChain { links, gravity: robot.gravity })
+    let springs = robot.springs.iter().map(DrivingSpring::new).collect::<Result<_, _>>()?;
+    let cranks = robot.parallelograms.iter().map(Crank::new).collect::<Result<_, _>>()?;
+    Ok(RigidChain { links, springs, cranks, gravity: robot.gravity })
 }
 
 impl RigidChain {
@@ -76,7 +82,7 @@ impl RigidChain {
     }
 }
 
-/// Torque of the rigid links and the motors' inertia, without friction.
+/// Torque of the rigid links, cranks, springs and the motors' inertia, without friction.
 ///
 /// `tau_j = sum_i [ Jv_ij . m_i (a_ci - g) + Jw_ij . (I_i alpha_i + w_i x I_i w_i) ] + I_m,j qdd_j`,
 /// where `Jv_ij` is the velocity of the centre of mass of link `i` per unit speed of joint `j`, and
@@ -91,28 +97,40 @@ pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS
     let mut torque = [0.0; MAX_JOINTS];
     let mut axes = [(Vector3::zeros(), Vector3::zeros()); MAX_JOINTS];
     let mut frame = Frame::base();
+    let motion = [&state.position, &state.velocity, &state.acceleration];
     for (i, link) in chain.links.iter().enumerate() {
-        frame = frame.next(link, state.position[i], state.velocity[i], state.acceleration[i]);
-        axes[i] = (frame.rotation.column(2).into_owned(), frame.origin);
-        let lever = frame.rotation * link.centre;
-        let centre = frame.origin + lever;
-        let centre_acceleration = frame.acceleration
-            + frame.angular_acceleration.cross(&lever)
-            + frame.angular_velocity.cross(&frame.angular_velocity.cross(&lever));
-        let force = link.mass * (centre_acceleration - chain.gravity);
-        // Turning two vectors into the link is cheaper than turning its inertia into the world.
-        let spin = link.inertia * frame.rotation.tr_mul(&frame.angular_velocity);
-        let moment = frame.rotation * (link.inertia * frame.rotation.tr_mul(&frame.angular_acceleration))
-            + frame.angular_velocity.cross(&(frame.rotation * spin));
-        for (j, (axis, origin)) in axes.iter().enumerate().take(i + 1) {
-            torque[j] += match chain.links[j].kind {
-                JointKind::Revolute => axis.dot(&((centre - origin).cross(&force) + moment)),
-                JointKind::Prismatic => axis.dot(&force),
-            };
+        let own = motion.map(|of| of[i]);
+        let next = frame.next(link, own);
+        axes[i] = (next.rotation.column(2).into_owned(), next.origin);
+        let felt = |drive: &Drive, j: usize| match chain.links[j].kind {
+            JointKind::Revolute => {
+                axes[j].0.dot(&((drive.centre - axes[j].1).cross(&drive.force) + drive.moment))
+            }
+            JointKind::Prismatic => axes[j].0.dot(&drive.force),
+        };
+        for crank in chain.cranks.iter().filter(|crank| crank.upper_arm == i) {
+            let turning = frame.next(link, motion.map(|of| crank.angle(of)));
+            let drive = turning.drive(&crank.body, &chain.gravity);
+            (0..=i).for_each(|j| torque[j] += felt(&drive, j));
+            torque[crank.forearm] += crank.sense * felt(&drive, i);
         }
+        frame = next;
+        let body = Body { mass: link.mass, centre: link.centre, inertia: link.inertia };
+        let drive = frame.drive(&body, &chain.gravity);
+        (0..=i).for_each(|j| torque[j] += felt(&drive, j));
         torque[i] += link.motor_inertia * state.acceleration[i];
     }
+    for spring in &chain.springs {
+        torque[spring.joint] += spring.torque(state.position[spring.joint]);
+    }
     torque
+}
+
+/// What a body's motion takes: force through its centre of mass and moment about it.
+struct Drive {
+    centre: Vector3<f64>,
+    force: Vector3<f64>,
+    moment: Vector3<f64>,
 }
 
 /// Torque of the links alone, without the motors' inertia: what the gears carry. As [`joint_torque`].
@@ -146,8 +164,24 @@ impl Frame {
         }
     }
 
+    /// Force and moment that move a body with this frame.
+    fn drive(&self, body: &Body, gravity: &Vector3<f64>) -> Drive {
+        let lever = self.rotation * body.centre;
+        let centre_acceleration = self.acceleration
+            + self.angular_acceleration.cross(&lever)
+            + self.angular_velocity.cross(&self.angular_velocity.cross(&lever));
+        // Turning two vectors into the link is cheaper than turning its inertia into the world.
+        let spin = body.inertia * self.rotation.tr_mul(&self.angular_velocity);
+        Drive {
+            centre: self.origin + lever,
+            force: body.mass * (centre_acceleration - gravity),
+            moment: self.rotation * (body.inertia * self.rotation.tr_mul(&self.angular_acceleration))
+                + self.angular_velocity.cross(&(self.rotation * spin)),
+        }
+    }
+
     /// The frame behind a joint that stands at `q` and moves with `qd`, `qdd`.
-    fn next(&self, link: &Link, q: f64, qd: f64, qdd: f64) -> Self {
+    fn next(&self, link: &Link, [q, qd, qdd]: [f64; 3]) -> Self {
         let place = &link.placement;
         let mut rotation = self.rotation * place.rotation;
         let axis = rotation.column(2).into_owned();
@@ -183,7 +217,7 @@ impl Frame {
 }
 
 /// Centre of mass, and the inertia about it, by the parallel-axis theorem.
-fn about_centre_of_mass(
+pub(super) fn about_centre_of_mass(
     link: &StandardParameters,
     joint: JointIndex,
 ) -> Result<(Vector3<f64>, Matrix3<f64>), SimulateError> {
@@ -259,7 +293,7 @@ mod tests {
         let mut frame = Frame::base();
         let mut velocity = Vector3::zeros();
         for (i, link) in chain.links.iter().enumerate() {
-            let next = frame.next(link, s.position[i], s.velocity[i], s.acceleration[i]);
+            let next = frame.next(link, [s.position[i], s.velocity[i], s.acceleration[i]]);
             velocity += frame.angular_velocity.cross(&(next.origin - frame.origin));
             if link.kind == JointKind::Prismatic {
                 velocity += next.rotation.column(2) * s.velocity[i];

@@ -3,6 +3,7 @@
 pub mod load;
 pub mod dynamics;
 pub mod efficiency;
+mod balance;
 pub(super) mod elastic;
 pub mod friction;
 pub mod fault;

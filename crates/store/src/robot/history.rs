@@ -210,7 +210,7 @@ async fn parameters_by_cycle(
     Ok(by_cycle
         .into_iter()
         .map(|(cycle, mut parameters)| {
-            // Natural order: inertia by link, friction by joint, motor inertia by joint, couplings.
+            // Natural order: inertia by link, friction by joint, motor inertia by joint, all others.
             parameters.sort_by_key(natural_place);
             let (minute, mean_speeds) = motions.remove(&cycle).unwrap_or_default();
             CycleParameters { cycle, minute, mean_speeds, parameters }
@@ -318,6 +318,8 @@ fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, ParameterK
         ParameterKind::Friction(_) => 1,
         ParameterKind::MotorInertia => 2,
         ParameterKind::Coupling(_) => 3,
+        ParameterKind::Spring(_) => 4,
+        ParameterKind::Crank(_) => 5,
     };
     (group, joint, kind)
 }

@@ -89,7 +89,7 @@ pub(crate) fn kept() -> Vec<ParameterId> {
         (ParameterKind::Inertial(k), _) => [1, 2, 4, 5, 6, 8, 9].contains(&k),
         (ParameterKind::MotorInertia, joint) => joint >= 2,
         (ParameterKind::Friction(_), _) => true,
-        (ParameterKind::Coupling(_), _) => false,
+        (ParameterKind::Coupling(_) | ParameterKind::Spring(_) | ParameterKind::Crank(_), _) => false,
     };
     ParameterId::natural_order(&er3a()).into_iter().filter(keep).collect()
 }

@@ -115,8 +115,10 @@ fn inertias(robot: &Robot, identified: &Identification) -> Vec<(JointIndex, [f64
     let Some(nominal) = nominal else { return Vec::new() };
     let model = DynamicModel::from_parameters(robot, identified.parameters.iter().map(|p| (p.id, p.value)));
     let inertial: Vec<StandardParameters> = nominal.iter().map(|(inertial, _)| *inertial).collect();
-    let coupled =
-        |joint: JointIndex| robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint);
+    let coupled = |joint: JointIndex| {
+        robot.couplings.iter().any(|c| c.joint == joint || c.motor_joint == joint)
+            || robot.parallelograms.iter().any(|of| of.upper_arm == joint || of.forearm == joint)
+    };
     let of_joint = |joint: JointIndex| {
         let j = joint.index();
         let drawn = median_inertia(robot, &inertial, j) + nominal[j].1;

@@ -1,14 +1,14 @@
-//! The load of gravity on a joint that moves alone, told from its friction [5.3].
+//! The load of gravity and springs on a joint that moves alone, told from its friction [5.3].
 
 use faer::Mat;
 
 use crate::least_squares::factor::TriangularFactor;
-use crate::model::dynamics::{DynamicModel, gravity_torque};
+use crate::model::dynamics::DynamicModel;
 use crate::model::kinematics::joint_axis_in_base;
 use crate::signal::filter::FilteredSignals;
 use crate::statistics::descriptive::{mean, standard_deviation};
 use armwatch_model::analysis::GravityRemoval;
-use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot};
+use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot, Spring, SpringForm};
 
 /// An axis within this angle of the vertical, rad, carries no gravity: 0.5 degrees of tilt is what
 /// floors have, and changes a plateau's mean over both directions by nothing.
@@ -46,7 +46,7 @@ pub(super) struct Gravity<'a> {
     filtered: &'a FilteredSignals,
     joint: JointIndex,
     acts: bool,
-    fit: Option<GravityFit>,
+    fit: Option<GravityFit<'a>>,
     model: Option<&'a DynamicModel>,
 }
 
@@ -59,8 +59,11 @@ impl<'a> Gravity<'a> {
         joint: JointIndex,
         tested: &[usize],
     ) -> Self {
-        let acts = carries_gravity(robot, filtered, joint, tested[tested.len() / 2]);
-        let fit_of = |with_offset| GravityFit::new(robot, filtered, joint, tested, with_offset);
+        let with_gravity = carries_gravity(robot, filtered, joint, tested[tested.len() / 2]);
+        let acts = with_gravity || robot.springs_of(joint).next().is_some();
+        let fit_of = |with_offset| {
+            GravityFit::new(robot, filtered, (joint, tested), Loaded { with_gravity, with_offset })
+        };
         let fit = if acts { fit_of(true).or_else(|| fit_of(false)) } else { None };
         Self { robot, filtered, joint, acts, fit, model }
     }
@@ -98,7 +101,8 @@ impl<'a> Gravity<'a> {
         for (q, channel) in q.iter_mut().zip(&self.filtered.q) {
             *q = channel[row];
         }
-        gravity_torque(self.robot, &model.inertial, &q[..n], &mut torque[..n]);
+        let still = [0.0; MAX_JOINTS];
+        model.load(self.robot, &q[..n], &still[..n], &still[..n], &mut torque[..n]);
         torque[self.joint.index()]
     }
 }
@@ -124,12 +128,23 @@ fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex,
     }
 }
 
+/// What may load a joint beside its springs.
+#[derive(Clone, Copy)]
+struct Loaded {
+    with_gravity: bool,
+    with_offset: bool,
+}
+
 /// Least squares of [5.3] over the moving rows of the joint's friction stage:
 /// `tau = -mPx sin(theta) - mPy cos(theta) + I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant: an offset of the
-/// torque signal, which is no load and stays in the torque. A sliding joint has a constant load.
-struct GravityFit {
+/// torque signal, which is no load and stays in the torque. A sliding joint has a constant load, and a spring has one that
+/// no motion tells from an offset.
+struct GravityFit<'a> {
     joint: JointIndex,
     kind: JointKind,
+    /// Columns of gravity, which come first.
+    of_gravity: usize,
+    springs: Vec<&'a Spring>,
     with_offset: bool,
     /// Coefficients of the load, which come first among the columns.
     load: Vec<f64>,
@@ -139,23 +154,31 @@ struct GravityFit {
     residual_std: f64,
 }
 
-impl GravityFit {
+impl<'a> GravityFit<'a> {
     /// `None` where the motion does not tell the columns apart, or has too few rows to know the residual.
     fn new(
-        robot: &Robot,
+        robot: &'a Robot,
         filtered: &FilteredSignals,
-        joint: JointIndex,
-        tested: &[usize],
-        with_offset: bool,
+        (joint, tested): (JointIndex, &[usize]),
+        Loaded { with_gravity, with_offset }: Loaded,
     ) -> Option<Self> {
         let description = &robot.joints[joint.index()];
-        if with_offset && description.kind == JointKind::Prismatic {
+        let springs: Vec<&Spring> = robot.springs_of(joint).collect();
+        let has_constant = (with_gravity && description.kind == JointKind::Prismatic)
+            || springs.iter().any(|spring| spring.form == SpringForm::Direct);
+        if with_offset && has_constant {
             return None;
         }
         let qd = &filtered.qd[joint.index()];
         let mut fit = Self {
             joint,
             kind: description.kind,
+            of_gravity: match (with_gravity, description.kind) {
+                (false, _) => 0,
+                (true, JointKind::Revolute) => 2,
+                (true, JointKind::Prismatic) => 1,
+            },
+            springs,
             with_offset,
             load: Vec::new(),
             inverse: Mat::new(),
@@ -193,22 +216,33 @@ impl GravityFit {
     }
 
     fn loads(&self) -> usize {
-        match self.kind {
-            JointKind::Revolute => 2,
-            JointKind::Prismatic => 1,
+        self.of_gravity + self.springs.iter().map(|spring| self.columns_of(spring)).sum::<usize>()
+    }
+
+    /// A constant load is that of gravity for a sliding joint.
+    fn columns_of(&self, spring: &Spring) -> usize {
+        match (self.kind, spring.form) {
+            (JointKind::Prismatic, SpringForm::Direct) if self.of_gravity > 0 => 1,
+            _ => 2,
         }
     }
 
     /// The columns of one row: loads, inertia, friction, constant.
     fn row(&self, filtered: &FilteredSignals, row: usize) -> impl Iterator<Item = f64> {
         let j = self.joint.index();
-        let load = match self.kind {
-            JointKind::Revolute => [-filtered.q[j][row].sin(), -filtered.q[j][row].cos()],
+        let q = filtered.q[j][row];
+        let gravity = match self.kind {
+            JointKind::Revolute => [-q.sin(), -q.cos()],
             JointKind::Prismatic => [1.0, 0.0],
         };
+        let springs = self
+            .springs
+            .iter()
+            .flat_map(move |spring| spring.columns(q).into_iter().take(self.columns_of(spring)));
         let friction = FrictionModel::POLYNOMIAL.columns(filtered.qd[j][row]);
-        let loads = load.into_iter().take(self.loads());
-        loads
+        let gravity = gravity.into_iter().take(self.of_gravity);
+        gravity
+            .chain(springs)
             .chain([filtered.qdd[j][row]])
             .chain(friction.into_iter().take(4))
             .chain(self.with_offset.then_some(1.0))

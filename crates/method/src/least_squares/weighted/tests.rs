@@ -13,6 +13,7 @@ use crate::model::base_parameters::{BaseParameters, PROBE_STATES, base_parameter
 use crate::model::regressor::{KeptColumns, Regressor, joint_torque_regressor};
 use crate::physical::bodies::{NominalModel, PhysicalEstimate, PhysicalSettings, physical};
 use crate::physical::pseudo_inertia::POSITIVE;
+use crate::pooled::nominal_prior::nominal_value;
 use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind, Robot, StandardParameters};
 use armwatch_testing::er3a;
@@ -318,18 +319,7 @@ fn errors_from_factors_and_shares_are_nearly_those_from_the_rows() {
 
 /// Nominal parameters in natural order.
 fn natural(robot: &Robot) -> Vec<f64> {
-    let value = |id: ParameterId| {
-        let nominal = robot.joints[id.joint.index()].nominal.expect("nominal");
-        match id.kind {
-            ParameterKind::Inertial(k) => nominal.inertial.0[usize::from(k)],
-            ParameterKind::Friction(term) => {
-                let place = robot.friction_of(id.joint).terms().iter().position(|of| *of == term);
-                nominal.friction[place.expect("a term of the model")]
-            }
-            ParameterKind::MotorInertia => nominal.motor_inertia,
-            ParameterKind::Coupling(_) => 0.0,
-        }
-    };
+    let value = |id| nominal_value(robot, id).expect("nominal");
     ParameterId::natural_order(robot).into_iter().map(value).collect()
 }
 

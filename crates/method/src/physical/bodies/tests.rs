@@ -51,6 +51,7 @@ fn truth(robot: &Robot) -> Vec<f64> {
             ParameterKind::MotorInertia => 0.4 / (1.0 + j),
             ParameterKind::Coupling(CouplingTerm::Inertia) => 0.01,
             ParameterKind::Coupling(_) => 0.3,
+            ParameterKind::Spring(_) | ParameterKind::Crank(_) => 0.1,
         }
     };
     ParameterId::natural_order(robot).into_iter().map(value).collect()
