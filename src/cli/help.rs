@@ -15,7 +15,10 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ("Look at robots", &["status", "robots", "runs", "cycles", "sql", "snapshot", "export"]),
     ("Answer alarms", &["alerts", "maintenance", "calibrate"]),
     ("Take exports", &["run", "ingest", "explain", "quarantine", "conclude", "run-date", "set-aside"]),
-    ("Identify, verify, plot", &["identify", "parameters", "payload", "verify", "torque", "rmsd", "friction", "report"]),
+    (
+        "Identify, verify, plot",
+        &["identify", "parameters", "payload", "verify", "torque", "rmsd", "friction", "report"],
+    ),
     (
         "Set up",
         &["config", "robot", "layout", "trajectory", "doctor", "backup", "prune", "completions", "man"],

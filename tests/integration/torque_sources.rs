@@ -237,10 +237,8 @@ fn a_payload_is_found_within_its_intervals_although_gains_are_wrong() {
         assert!(high - low < if place == 0 { 1.0 } else { 0.1 }, "{of}");
     }
     assert_eq!(found["stated_gain_uncertainty"], 0.15);
-    let table = workshop.stdout(
-        &["payload", "--config", "wrong.toml", "--empty", &empty, "--loaded", &loaded],
-        0,
-    );
+    let table =
+        workshop.stdout(&["payload", "--config", "wrong.toml", "--empty", &empty, "--loaded", &loaded], 0);
     assert!(table.contains("mass_kg") && table.contains("drive gains: off by up to 15 %"), "{table}");
 
     workshop.stdout(&["set-aside", &loaded, "--config", "wrong.toml"], 0);

@@ -1,10 +1,12 @@
 //! The method on one screen: condition, identify, verify, friction, of one cycle.
 
 pub mod friction_choice;
+pub mod load_iteration;
 mod verdict;
 
 use std::borrow::Cow;
 
+use self::load_iteration::add_load_columns;
 use self::verdict::{Recorded, identify_excitation, identifying_factors, judge_channels, judge_model};
 
 use super::NumericsError;
@@ -17,7 +19,6 @@ use super::friction::points::plateaus::{FrictionPoints, friction_points};
 use super::identify::channel_response::{ObservedCycle, channel_response};
 use super::identify::filtered_columns::filtered_coulomb_columns;
 use super::identify::joint_factors::{FactorColumns, Factored, FactoredRows, pack};
-use super::identify::load_iteration::add_load_columns;
 use super::identify::torque_noise::torque_noise;
 use super::identify::verify::{torque_rmsd, warming_contrast};
 use super::model::base_parameters::{BaseParameters, base_parameters};

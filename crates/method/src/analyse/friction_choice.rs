@@ -1,11 +1,11 @@
 //! Which joints need friction that depends on load: laws compared by their error on rows that they were not identified on.
 
 use super::Method;
+use super::load_iteration::{LoadIteration, add_load_columns};
 use crate::NumericsError;
 use crate::identify::cycle::identify_factors;
 use crate::identify::filtered_columns::filtered_coulomb_columns;
 use crate::identify::joint_factors::{FactoredRows, embedded, used_for_identification};
-use crate::identify::load_iteration::{LoadIteration, add_load_columns};
 use crate::identify::load_visibility::with_load;
 use crate::least_squares::factor::TriangularFactor;
 use crate::signal::filter::{carried_cutoff, filter_signals};

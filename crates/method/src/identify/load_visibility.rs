@@ -6,7 +6,9 @@ use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
 use crate::model::base_parameters::{JointState, base_parameters};
 use crate::model::dynamics::DynamicModel;
 use crate::model::regressor::{Regressor, joint_torque_regressor, load_places, write_load_columns};
-use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, LoadFriction, Robot};
+use armwatch_model::robot::{
+    FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterId, ParameterKind, Robot,
+};
 
 /// A column of which less is new takes no direction of its own.
 const DEPENDENT: f64 = 1e-9;
@@ -127,4 +129,9 @@ pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
         joint.friction = Some(FrictionModel { load, ..model });
     }
     changed
+}
+
+/// Whether a parameter is a coefficient of friction under load.
+pub(crate) fn is_of_load(id: ParameterId) -> bool {
+    matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load())
 }

@@ -5,7 +5,6 @@ pub(crate) mod row_lanes;
 pub mod cycle_rows;
 pub mod joint_factors;
 pub mod filtered_columns;
-pub mod load_iteration;
 pub mod load_visibility;
 pub mod verify;
 pub(crate) mod torque_noise;

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use super::friction_shapes::SHAPES;
 use super::numbers::DescribedNumber;
 use crate::identify::filtered_columns::{FilteredColumn, filtered_coulomb_columns, write_filtered_columns};
-use crate::identify::load_iteration::is_of_load;
+use crate::identify::load_visibility::is_of_load;
 use crate::lanes::{LANES, Lanes};
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::least_squares::orthonormal::{OrthonormalBasis, dot};

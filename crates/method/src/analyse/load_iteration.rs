@@ -4,16 +4,17 @@
 //! from the parameters of the pass before, makes the columns of load from it, and solves again. An error `e` of the load
 //! changes the torque by `mu e`, so the error shrinks by about `mu` from pass to pass.
 
-use super::cycle::identify_factors;
-use super::filtered_columns::{FilteredColumn, filtered_load_columns};
-use super::joint_factors::{FactoredRows, embedded, used_for_identification};
+use super::Method;
 use crate::NumericsError;
-use crate::analyse::Method;
+use crate::identify::cycle::identify_factors;
+use crate::identify::filtered_columns::{FilteredColumn, filtered_load_columns};
+use crate::identify::joint_factors::{FactoredRows, embedded, used_for_identification};
+use crate::identify::load_visibility::is_of_load;
 use crate::least_squares::factor::TriangularFactor;
 use crate::model::dynamics::DynamicModel;
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::{Estimator, Identification};
-use armwatch_model::robot::{ParameterId, ParameterKind};
+use armwatch_model::robot::ParameterId;
 use armwatch_model::run::Samples;
 
 /// Largest change of a column from one pass to the next, relative to the column: with a `mu` of 0.1 it is 0.01 % of the
@@ -117,11 +118,6 @@ fn solved(
         kept.iter().copied().enumerate().filter(|(_, id)| !is_of_load(*id)).unzip();
     let factors: Vec<TriangularFactor> = factors.iter().map(|of| of.restricted(&places)).collect();
     identify(&kept, &factors)
-}
-
-/// Whether a parameter is a coefficient of friction under load.
-pub(crate) fn is_of_load(id: ParameterId) -> bool {
-    matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load())
 }
 
 fn largest_change(before: &[FilteredColumn], after: &[FilteredColumn]) -> f64 {
