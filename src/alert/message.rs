@@ -305,9 +305,12 @@ fn happened(what: EventKind) -> &'static str {
         EventKind::Withdrawn => "withdrawn",
         EventKind::Resolved => "resolved",
         EventKind::FalseAlarm => "false alarm",
-        EventKind::Corrected | EventKind::Acknowledged | EventKind::Shelved | EventKind::Maintenance => {
-            what.name()
-        }
+        EventKind::Corrected
+        | EventKind::Acknowledged
+        | EventKind::Shelved
+        | EventKind::Maintenance
+        | EventKind::Commented
+        | EventKind::Assigned => what.name(),
     }
 }
 
