@@ -7,6 +7,7 @@
 //! `ingest -> segment -> identify -> friction -> verify -> store -> detect -> alert`, never back.
 
 pub mod telemetry;
+pub mod language;
 pub mod metrics;
 pub mod pipeline;
 pub mod alert;

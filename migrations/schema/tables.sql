@@ -811,6 +811,22 @@ CREATE TABLE maintenance (
     recorded_at_text TEXT GENERATED ALWAYS AS (time_text(recorded_at)) STORED
 ) STRICT;
 
+-- Planned work: while a window lasts, alarms of its place are in maintenance.
+CREATE TABLE maintenance_window (
+    maintenance_window_id INTEGER PRIMARY KEY AUTOINCREMENT,
+    robot_id INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
+    -- NULL: the whole arm.
+    joint INTEGER CHECK (joint >= 1),
+    from_at INTEGER NOT NULL,
+    until_at INTEGER NOT NULL CHECK (until_at > from_at),
+    what TEXT NOT NULL,
+    who TEXT,
+    recorded_at INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)),
+    from_at_text TEXT GENERATED ALWAYS AS (time_text(from_at)) STORED,
+    until_at_text TEXT GENERATED ALWAYS AS (time_text(until_at)) STORED,
+    recorded_at_text TEXT GENERATED ALWAYS AS (time_text(recorded_at)) STORED
+) STRICT;
+
 CREATE TABLE joint_health (
     robot_id INTEGER NOT NULL REFERENCES robot ON DELETE CASCADE,
     joint INTEGER NOT NULL CHECK (joint >= 1),
@@ -871,7 +887,9 @@ CREATE TABLE anomaly (
     -- Rejected causes as a JSON array of {"cause", "odds"}, the likeliest first.
     alternatives TEXT NOT NULL DEFAULT '[]',
     state TEXT NOT NULL CHECK (state IN ('open', 'acknowledged', 'shelved', 'maintenance', 'resolved', 'false_alarm')),
-    -- Until when it is shelved.
+    -- The person who deals with it.
+    assignee TEXT,
+    -- Until when it is shelved, or in maintenance by a window.
     shelved_until INTEGER CHECK (state <> 'shelved' OR shelved_until IS NOT NULL),
     message TEXT NOT NULL,
     -- TRUE if later runs no longer show it, in any state.
@@ -896,7 +914,8 @@ CREATE TABLE anomaly_event (
     -- Wall time, microseconds since 1970.
     at INTEGER NOT NULL DEFAULT (CAST(unixepoch('subsec') * 1000000 AS INTEGER)),
     what TEXT NOT NULL CHECK (what IN ('opened', 'worse', 'corrected', 'ended', 'reopened', 'withdrawn',
-        'overdue', 'acknowledged', 'shelved', 'unshelved', 'maintenance', 'resolved', 'false_alarm')),
+        'overdue', 'acknowledged', 'shelved', 'unshelved', 'maintenance', 'resolved', 'false_alarm',
+        'commented', 'assigned')),
     -- The anomaly as it was then.
     severity TEXT NOT NULL CHECK (severity IN ('info', 'warning', 'critical')),
     score REAL,

@@ -533,7 +533,8 @@ SELECT anomaly.anomaly_id,
        anomaly.shelved_until_text AS shelved_until,
        CAST(anomaly.ended AS INTEGER) AS ended,
        CASE WHEN anomaly.open_run_id IS NULL THEN 0 ELSE 1 END AS provisional,
-       unit_of[anomaly.quantity] AS unit
+       unit_of[anomaly.quantity] AS unit,
+       anomaly.assignee
 FROM anomaly
 JOIN robot USING (robot_id)
 WHERE NOT anomaly.withdrawn;
@@ -568,6 +569,18 @@ SELECT maintenance.maintenance_id,
        maintenance.who,
        maintenance.recorded_at_text AS recorded_at
 FROM maintenance
+JOIN robot USING (robot_id);
+
+CREATE VIEW maintenance_windows AS
+SELECT planned.maintenance_window_id,
+       robot.name AS robot,
+       planned.joint,
+       planned.from_at_text AS from_at,
+       planned.until_at_text AS until_at,
+       planned.what,
+       planned.who,
+       planned.recorded_at_text AS recorded_at
+FROM maintenance_window AS planned
 JOIN robot USING (robot_id);
 
 CREATE VIEW deliveries AS

@@ -1,10 +1,11 @@
 //! Values and scores of alarms in words, with the unit of their quantity.
 
+use crate::language::{Language, number, say};
 use armwatch_model::anomaly::quantity::{Form, Quantity};
 
 /// How values and scores of a quantity are written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Figures(pub(super) Quantity);
+pub(super) struct Figures(pub(super) Quantity, pub(super) Language);
 
 impl Figures {
     /// A value of the quantity.
@@ -23,12 +24,14 @@ impl Figures {
     }
 
     fn written(self, form: Form, value: f64) -> String {
+        let figure = |value: f64| number(self.1, figure(value));
+        let said = |english: &str, value: f64| say(self.1, english, &[&figure(value)]);
         match form {
             Form::Number | Form::Ratio => figure(value),
             Form::Fraction => format!("{} %", figure(100.0 * value)),
-            Form::Times => format!("{} times", figure(value)),
-            Form::TimesOfLogarithm => format!("{} times", figure(value.exp())),
-            Form::StandardErrors => format!("{} standard errors", figure(value)),
+            Form::Times => said("{0} times", value),
+            Form::TimesOfLogarithm => said("{0} times", value.exp()),
+            Form::StandardErrors => said("{0} standard errors", value),
             Form::WithUnit => format!("{} {}", figure(value), self.0.unit().unwrap_or_default()),
         }
     }
@@ -69,9 +72,10 @@ mod tests {
             (Quantity::FrictionJumpRatio, 1.25, 0.25, ("1.25", "25 %")),
             (Quantity::PositionOffset, 0.002, 0.002, ("0.002 rad (m)", "0.002 rad (m)")),
         ] {
-            let figures = Figures(quantity);
+            let figures = Figures(quantity, Language::English);
             assert_eq!((&*figures.value(value), &*figures.score(score)), words, "{quantity}");
         }
-        assert_eq!(Figures(Quantity::WarmFriction).change(0.5), "+0.5 Nm");
+        assert_eq!(Figures(Quantity::WarmFriction, Language::German).change(0.5), "+0,5 Nm");
+        assert_eq!(Figures(Quantity::TorqueNoiseRatio, Language::Italian).value(2.5), "2,5 volte");
     }
 }

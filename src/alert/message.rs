@@ -5,8 +5,10 @@
 use jiff::Timestamp;
 use serde_json::{Value, json};
 
+use super::advice::advice;
 use super::figures::Figures;
 use super::trend::Trend;
+use crate::language::{Language, say, translated};
 use armwatch_model::anomaly::odds::odds_in_words;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
@@ -52,14 +54,20 @@ pub struct Alarm {
     pub site: Option<String>,
     /// Where the quantity is going.
     pub trend: Trend,
+    /// Language of what people read.
+    pub language: Language,
 }
 
 impl Alarm {
-    /// An event of a robot at a site.
+    /// An event of a robot at a site, for people who read a language.
     #[must_use]
-    pub fn new(event: AlarmEvent, site: Option<&str>) -> Self {
+    pub fn new(event: AlarmEvent, site: Option<&str>, language: Language) -> Self {
         let trend = Trend::of(&event.series);
-        Self { event, site: site.map(str::to_owned), trend }
+        Self { event, site: site.map(str::to_owned), trend, language }
+    }
+
+    fn say(&self, english: &str, values: &[&str]) -> String {
+        say(self.language, english, values)
     }
 
     /// Whether it is over.
@@ -70,21 +78,23 @@ impl Alarm {
 
     /// How soon a person should look.
     #[must_use]
-    pub fn urgency(&self) -> &'static str {
-        if self.is_closed() {
-            return "nothing to do";
-        }
-        match self.event.severity {
+    pub fn urgency(&self) -> String {
+        let urgency = match self.event.severity {
+            _ if self.is_closed() => "nothing to do",
             Severity::Info => "worth knowing",
             Severity::Warning => "plan a look",
             Severity::Critical => "look before the next shift",
-        }
+        };
+        self.say(urgency, &[])
     }
 
     /// Robot and joint, as people say them.
     #[must_use]
     pub fn place(&self) -> String {
-        let joint = self.event.joint.map_or_else(|| "whole arm".to_owned(), |joint| format!("joint {joint}"));
+        let joint = match self.event.joint {
+            Some(joint) => self.say("joint {0}", &[&joint.to_string()]),
+            None => self.say("whole arm", &[]),
+        };
         let site = self.site.as_ref().map(|site| format!(" ({site})")).unwrap_or_default();
         text::shown(&format!("{}{site}, {joint}", self.event.robot)).into_owned()
     }
@@ -93,76 +103,122 @@ impl Alarm {
     #[must_use]
     pub fn title(&self) -> String {
         let AlarmEvent { severity, kind, .. } = &self.event;
-        let happened = happened(self.event.what);
-        if self.is_closed() {
-            return format!("{happened}: {}: {kind}", self.place());
+        let (place, happened) = (self.place(), self.say(happened(self.event.what), &[]));
+        let (severity, kind) = match self.language {
+            Language::English => (severity.name().to_owned(), kind.name().to_owned()),
+            _ => (self.say(severity.name(), &[]), self.say(kind.label(), &[])),
+        };
+        match (self.is_closed(), self.language) {
+            (true, _) => format!("{happened}: {place}: {kind}"),
+            (false, Language::English) => format!("{severity}: {place}: {kind} {happened}"),
+            (false, _) => format!("{severity}: {place}: {kind}, {happened}"),
         }
-        format!("{severity}: {}: {kind} {happened}", self.place())
     }
 
     /// What a technician should read. Of an alarm that is over it is what was found, without figures of the latest test
-    /// and without advice.
+    /// and without advice. Detectors write English; in other languages the sentence is made of the quantity and its
+    /// values.
     #[must_use]
     pub fn sentence(&self) -> String {
         let message = text::shown(&self.event.message);
-        if self.is_closed() { format!("was: {}", finding(&message)) } else { message.into_owned() }
+        let (found, advice) = match self.language {
+            Language::English if self.is_closed() => (finding(&message).to_owned(), String::new()),
+            Language::English => (message.into_owned(), String::new()),
+            _ => (self.finding(), format!(". {}", self.say(advice(self.event.kind), &[]))),
+        };
+        if self.is_closed() { self.say("was: {0}", &[&found]) } else { found + &advice }
     }
 
-    /// The figures, a line each.
+    /// Quantity, value, what was expected, and the limit.
+    fn finding(&self) -> String {
+        let AlarmEvent { quantity, value, baseline, threshold, .. } = &self.event;
+        let figures = Figures(*quantity, self.language);
+        let name = self.say(quantity.label(), &[]);
+        let (Some(value), Some(baseline)) = (value, baseline) else {
+            return self.say("{0}: not plausible", &[&name]);
+        };
+        let (value, baseline) = (figures.value(*value), figures.value(*baseline));
+        match threshold.filter(|limit| *limit != 0.0) {
+            Some(limit) => {
+                let limit = figures.score(limit);
+                self.say("{0}: {1}, expected {2} (limit {3})", &[&name, &value, &baseline, &limit])
+            }
+            None => self.say("{0}: {1}, expected {2}", &[&name, &value, &baseline]),
+        }
+    }
+
+    /// The values: name and text. The sentence, robot and joint are not among them.
     #[must_use]
-    pub fn details(&self) -> Vec<String> {
+    pub fn facts(&self) -> Vec<(String, String)> {
         let AlarmEvent { quantity, score, threshold, value, baseline, peak_value, peak_score, .. } =
             &self.event;
-        let figures = Figures(*quantity);
+        let figures = Figures(*quantity, self.language);
         let is_closed = self.is_closed();
-        let mut lines = vec![self.sentence()];
-        let mut line = |name: &str, text: Option<String>| {
-            lines.extend(text.map(|text| format!("{name}: {text}")));
+        let mut facts = Vec::new();
+        let mut fact = |name: &str, text: Option<String>| {
+            facts.extend(text.map(|text| (self.say(name, &[]), text)));
         };
-        line("urgency", Some(self.urgency().to_owned()));
-        line("quantity", Some(quantity.to_string()));
-        line(
+        fact("urgency", Some(self.urgency()));
+        let quantity = match self.language {
+            Language::English => quantity.to_string(),
+            _ => self.say(quantity.label(), &[]),
+        };
+        fact("quantity", Some(quantity));
+        fact(
             if is_closed { "latest test that shows it" } else { "latest test" },
             value.map(|value| match baseline {
-                Some(baseline) => format!("{}, expected {}", figures.value(value), figures.value(*baseline)),
+                Some(baseline) => {
+                    self.say("{0}, expected {1}", &[&figures.value(value), &figures.value(*baseline)])
+                }
                 None => figures.value(value),
             }),
         );
         // where it went is of no use to who has nothing to do
         let trend = if is_closed { Trend::default() } else { self.trend };
-        line("smoothed over 3 tests", trend.smoothed.map(|smoothed| figures.value(smoothed)));
+        fact("smoothed over 3 tests", trend.smoothed.map(|smoothed| figures.value(smoothed)));
         // what no figure measures is not out by one; some have no limit
         let score = score.filter(|_| value.is_some());
         let limit = threshold.filter(|limit| *limit != 0.0);
-        line(
+        fact(
             if is_closed { "was out by" } else { "out by" },
             score.map(|score| match limit {
-                Some(limit) => format!("{}, alarm from {}", figures.score(score), figures.score(limit)),
+                Some(limit) => {
+                    self.say("{0}, alarm from {1}", &[&figures.score(score), &figures.score(limit)])
+                }
                 None => figures.score(score),
             }),
         );
-        line(
+        fact(
             "peak",
             peak_value.map(|peak| match peak_score {
-                Some(score) => format!("{}, out by {}", figures.value(peak), figures.score(*score)),
+                Some(score) => self.say("{0}, out by {1}", &[&figures.value(peak), &figures.score(*score)]),
                 None => figures.value(peak),
             }),
         );
-        line("trend", trend.slope_30_d.map(|slope| format!("{} in 30 days", figures.change(slope))));
+        fact("trend", trend.slope_30_d.map(|slope| self.say("{0} in 30 days", &[&figures.change(slope)])));
         let AlarmEvent { onset_at, onset_run_id, onset_cycle, first_seen_at, last_seen_at, .. } = &self.event;
-        line(
+        fact(
             "onset",
             onset_at.map(|at| {
-                let run = onset_run_id.map(|run| format!(", run {run}")).unwrap_or_default();
-                let cycle = onset_cycle.map(|cycle| format!(", cycle {cycle}")).unwrap_or_default();
-                format!("{}{run}{cycle}", seconds(&at))
+                let run = onset_run_id.map(|run| format!(", {}", self.say("run {0}", &[&run.to_string()])));
+                let cycle =
+                    onset_cycle.map(|cycle| format!(", {}", self.say("cycle {0}", &[&cycle.to_string()])));
+                format!("{}{}{}", seconds(&at), run.unwrap_or_default(), cycle.unwrap_or_default())
             }),
         );
-        line("seen", Some(format!("{} to {}", seconds(first_seen_at), seconds(last_seen_at))));
-        line("odds of this cause", self.event.odds.map(odds_in_words));
-        line("why", self.event.why.as_deref().map(|why| text::shown(why).into_owned()));
-        line("anomaly", Some(self.event.anomaly_id.to_string()));
-        lines
+        fact("seen", Some(self.say("{0} to {1}", &[&seconds(first_seen_at), &seconds(last_seen_at)])));
+        let odds = self.event.odds.map(odds_in_words);
+        fact("odds of this cause", odds.map(|odds| translated(self.language, &odds).into_owned()));
+        fact("why", self.event.why.as_deref().map(|why| text::shown(why).into_owned()));
+        fact("anomaly", Some(self.event.anomaly_id.to_string()));
+        facts
+    }
+
+    /// The sentence and the values, a line each.
+    #[must_use]
+    pub fn details(&self) -> Vec<String> {
+        let facts = self.facts().into_iter().map(|(name, text)| format!("{name}: {text}"));
+        std::iter::once(self.sentence()).chain(facts).collect()
     }
 
     /// The alarm as JSON: what MQTT and commands get.
@@ -225,6 +281,16 @@ pub struct Message {
 }
 
 impl Message {
+    /// Language of all alarms in it.
+    #[must_use]
+    pub fn language(&self) -> Language {
+        self.alarms.first().map(|alarm| alarm.language).unwrap_or_default()
+    }
+
+    fn say(&self, english: &str, values: &[&str]) -> String {
+        say(self.language(), english, values)
+    }
+
     /// One line.
     #[must_use]
     pub fn title(&self) -> String {
@@ -234,10 +300,18 @@ impl Message {
                 let latest = latest(alarms);
                 let open = latest.iter().filter(|alarm| !alarm.is_closed());
                 let worst = open.clone().map(|alarm| alarm.event.severity).max();
-                let worst = worst.map(|worst| format!(", worst {worst}")).unwrap_or_default();
                 let (open, all) = (open.count(), latest.len());
-                let noun = if open == 1 { "alarm" } else { "alarms" };
-                format!("digest: {open} {noun}, {} ended{worst}", all - open)
+                let (open, ended) = (open.to_string(), (all - open).to_string());
+                let noun = if open == "1" {
+                    "digest: {0} alarm, {1} ended"
+                } else {
+                    "digest: {0} alarms, {1} ended"
+                };
+                let digest = self.say(noun, &[&open, &ended]);
+                match worst {
+                    Some(worst) => self.say("{0}, worst {1}", &[&digest, &self.say(worst.name(), &[])]),
+                    None => digest,
+                }
             }
         }
     }
@@ -305,9 +379,12 @@ fn happened(what: EventKind) -> &'static str {
         EventKind::Withdrawn => "withdrawn",
         EventKind::Resolved => "resolved",
         EventKind::FalseAlarm => "false alarm",
-        EventKind::Corrected | EventKind::Acknowledged | EventKind::Shelved | EventKind::Maintenance => {
-            what.name()
-        }
+        EventKind::Corrected
+        | EventKind::Acknowledged
+        | EventKind::Shelved
+        | EventKind::Maintenance
+        | EventKind::Commented
+        | EventKind::Assigned => what.name(),
     }
 }
 
@@ -377,184 +454,4 @@ pub fn example(severity: Severity, now: Timestamp) -> AlarmEvent {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn origin() -> Origin {
-        Origin { identity: "0a1b2c".into(), link: Some("http://armwatch.example.org".into()) }
-    }
-
-    fn alarm() -> Alarm {
-        let now = "2026-03-01T06:00:00Z".parse().unwrap();
-        let event = AlarmEvent { event_id: 7, anomaly_id: 4, ..example(Severity::Critical, now) };
-        Alarm::new(event, Some("Turin"))
-    }
-
-    fn message(alarms: Vec<Alarm>) -> Message {
-        let key = origin().key(7);
-        Message {
-            key,
-            route: "shift".into(),
-            origin: origin(),
-            is_digest: alarms.len() > 1,
-            alarms,
-            is_trial: false,
-        }
-    }
-
-    #[test]
-    fn a_message_says_figures_onset_peak_trend_and_urgency() {
-        let text = message(vec![alarm()]).text();
-        for expected in [
-            "critical: TEST (Turin), joint 3: drift opened",
-            "  urgency: look before the next shift",
-            "  latest test: 1.24, expected 1",
-            "  smoothed over 3 tests: 1.19",
-            "  out by: 24 %, alarm from 5 %",
-            "  peak: 1.24, out by 24 %",
-            "  odds of this cause: 900 to 1",
-            "  onset: 2026-02-25 06:00:00 UTC",
-            "  seen: 2026-02-26 06:00:00 UTC to 2026-03-01 06:00:00 UTC",
-            "  anomaly: 4",
-            "  http://armwatch.example.org/#/alarm/4",
-            "key: armwatch-0a1b2c-7",
-        ] {
-            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
-        }
-        assert!(text.contains("  trend: +1.65 in 30 days"), "{text}");
-    }
-
-    #[test]
-    fn an_alarm_that_ended_keeps_its_peak_and_asks_for_nothing() {
-        for (what, name) in [
-            (EventKind::Ended, "ended"),
-            (EventKind::Resolved, "resolved"),
-            (EventKind::Withdrawn, "withdrawn"),
-            (EventKind::FalseAlarm, "false alarm"),
-        ] {
-            let mut ended = alarm();
-            ended.event.what = what;
-            ended.event.value = Some(0.9964);
-            ended.event.message = "joint 2: friction jumped by +25 % between two tests; friction at equal speed and \
-                                   warmth is 12 % above the joint's baseline (limit 5 %); latest test: friction index \
-                                   0.996; check lubrication, gearbox and brake"
-                .into();
-            let message = message(vec![ended]);
-            assert_eq!(message.title(), format!("{name}: TEST (Turin), joint 3: drift"));
-            let text = message.text();
-            for expected in [
-                "  was: joint 2: friction jumped by +25 % between two tests",
-                "  urgency: nothing to do",
-                "  latest test that shows it: 0.9964, expected 1",
-                "  was out by: 24 %, alarm from 5 %",
-                "  peak: 1.24, out by 24 %",
-                "  seen: 2026-02-26 06:00:00 UTC to 2026-03-01 06:00:00 UTC",
-            ] {
-                assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
-            }
-            for advice in ["check", "latest test:", "in 30 days"] {
-                assert!(!text.contains(advice), "{advice} in\n{text}");
-            }
-            let json = message.json();
-            assert_eq!(json["status"], "resolved");
-            assert_eq!(json["alarms"][0]["peak_value"], 1.24);
-            assert_eq!(
-                json["alarms"][0]["message"],
-                "was: joint 2: friction jumped by +25 % between two tests"
-            );
-        }
-    }
-
-    #[test]
-    fn a_finding_ends_where_figures_and_advice_begin() {
-        for (message, found) in [
-            (
-                "the torque signal has 2.5 times the usual noise; check sensor",
-                "the torque signal has 2.5 times the usual noise",
-            ),
-            (
-                "varies (joint 3 by 4 %; correlation +0.90); one cause is likelier",
-                "varies (joint 3 by 4 %; correlation +0.90)",
-            ),
-            (
-                "the test gave no result: the signal stands still",
-                "the test gave no result: the signal stands still",
-            ),
-            ("", ""),
-        ] {
-            assert_eq!(finding(message), found);
-        }
-    }
-
-    #[test]
-    fn a_limit_and_figures_that_there_are_not_are_left_out() {
-        let mut offset = alarm();
-        offset.event.quantity = Quantity::TorqueOffset;
-        offset.event.kind = AnomalyKind::Sensor;
-        (offset.event.value, offset.event.baseline) = (Some(-3.25), Some(0.0));
-        (offset.event.score, offset.event.threshold) = (Some(3.25), Some(0.0));
-        let text = message(vec![offset.clone()]).text();
-        for expected in ["  latest test: -3.25 Nm, expected 0 Nm", "  out by: 3.25 Nm"] {
-            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
-        }
-        let mut stuck = offset;
-        (stuck.event.value, stuck.event.baseline, stuck.event.peak_value) = (None, None, None);
-        (stuck.event.score, stuck.event.threshold) = (Some(1.0), Some(1.0));
-        let text = message(vec![stuck]).text();
-        assert!(!text.contains("out by") && !text.contains("latest test"), "{text}");
-    }
-
-    #[test]
-    fn a_load_is_told_in_kg_and_standard_errors_and_its_odds_in_words() {
-        let mut load = alarm();
-        (load.event.quantity, load.event.kind) = (Quantity::Load, AnomalyKind::Payload);
-        (load.event.value, load.event.baseline) = (Some(0.7974), Some(0.0));
-        (load.event.score, load.event.threshold, load.event.odds) = (Some(151.0), Some(5.0), Some(1e9));
-        let text = message(vec![load]).text();
-        for expected in [
-            "  latest test: 0.7974 kg, expected 0 kg",
-            "  out by: 151 standard errors, alarm from 5 standard errors",
-            "  odds of this cause: more than a million to 1",
-        ] {
-            assert!(text.lines().any(|line| line == expected), "{expected}\nnot in\n{text}");
-        }
-    }
-
-    #[test]
-    fn names_and_notes_make_no_line_and_stay_the_same_in_json() {
-        let mut hostile = alarm();
-        hostile.event.robot = "R\n\u{202e}01\u{1b}[31m".into();
-        hostile.event.message = "joint 3\r\nSubject: forged\u{200b}".into();
-        hostile.event.why = Some("seen\nurgency: none\u{2028}".into());
-        let plain = message(vec![alarm()]).text().lines().count();
-        let message = message(vec![hostile.clone()]);
-        let text = message.text();
-        assert_eq!(text.lines().count(), plain + 1, "the reason is one line more\n{text}");
-        assert!(!text.replace('\n', "").contains(text::is_hidden), "{text:?}");
-        assert!(!message.title().contains(text::is_hidden), "{}", message.title());
-        let json = message.json_text();
-        assert!(!json.contains(text::is_hidden), "{json:?}");
-        let read: Value = serde_json::from_str(&json).unwrap();
-        assert_eq!(read["alarms"][0]["robot"], hostile.event.robot);
-    }
-
-    #[test]
-    fn a_digest_counts_alarms_by_their_last_word_and_not_events() {
-        let of = |anomaly_id: i64, what: EventKind| {
-            let mut alarm = alarm();
-            (alarm.event.anomaly_id, alarm.event.what) = (anomaly_id, what);
-            alarm
-        };
-        let digest =
-            message(vec![of(4, EventKind::Opened), of(5, EventKind::Opened), of(5, EventKind::Ended)]);
-        assert_eq!(digest.title(), "digest: 1 alarm, 1 ended, worst critical");
-        assert_eq!((digest.status(), digest.json()["alarms"].as_array().unwrap().len()), ("firing", 3));
-        let mut reminded = Vec::new();
-        for _ in 0..5 {
-            reminded.extend((1..=4).map(|anomaly_id| of(anomaly_id, EventKind::Overdue)));
-        }
-        assert_eq!(message(reminded).title(), "digest: 4 alarms, 0 ended, worst critical");
-        let over = message(vec![of(4, EventKind::Opened), of(4, EventKind::Ended)]);
-        assert_eq!((over.title().as_str(), over.status()), ("digest: 0 alarms, 1 ended", "resolved"));
-    }
-}
+mod tests;

@@ -36,7 +36,11 @@ pub async fn send(
         key: format!("armwatch-{identity}-test-{}", now.as_microsecond()),
         route: route.name.clone(),
         origin,
-        alarms: vec![Alarm::new(event, settings.site_of("TEST"))],
+        alarms: vec![Alarm::new(
+            event,
+            settings.site_of("TEST"),
+            route.language.unwrap_or(settings.language),
+        )],
         is_digest: false,
         is_trial: true,
     };

@@ -343,7 +343,7 @@ impl Worker {
     fn message(&self, begun: &Begun, key: String, events: Vec<AlarmEvent>, is_digest: bool) -> Message {
         let alarm = |event: AlarmEvent| {
             let site = self.settings.site_of(&event.robot).map(str::to_owned);
-            Alarm::new(event, site.as_deref())
+            Alarm::new(event, site.as_deref(), self.route.language.unwrap_or(self.settings.language))
         };
         Message {
             key,

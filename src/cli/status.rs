@@ -16,7 +16,7 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
     AlarmState, AnomalyRow, BlockedFile, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow,
-    HostState, QuarantineRow, RunRow, Store, UnansweredFolder,
+    HostState, QuarantineRow, RunRow, Store, UnansweredFolder, time_in_views,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -31,7 +31,8 @@ Examples:
       jq '.robots[] | select(.status == \"critical\") | .robot'
 
 One line a robot, the worst first: its status is that of its worst joint, then comes the friction index of each joint as
-a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). Reads only, and
+a change in percent against the joint's own first tests (`?` without a figure, `!` with an open alarm). A status is stale
+if the next test of the robot is late by its usual interval. Reads only, and
 works while the daemon runs and for users who may not write the database.")]
 pub(super) struct StatusArgs {}
 
@@ -57,16 +58,17 @@ struct Fleet {
 
 pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError> {
     let config = global.read_config()?;
+    let now = Timestamp::now();
     let fleet = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let fleet = Fleet::read(&store, &config.recognition, Timestamp::now()).await;
+        let fleet = Fleet::read(&store, &config.recognition, now).await;
         store.close().await?;
         fleet
     })?;
     if global.json {
-        output::json(&fleet.as_json());
+        output::json(&fleet.as_json(now));
     } else {
-        fleet.print();
+        fleet.print(now);
     }
     Ok(EXIT_DONE)
 }
@@ -128,7 +130,7 @@ impl Fleet {
         self.runs.iter().filter(|run| run.status == RunStatus::Streaming)
     }
 
-    fn print(&self) {
+    fn print(&self, now: Timestamp) {
         let last = self.health.iter().filter_map(|row| row.last_result_at).max();
         let last = last.map_or_else(|| "none yet".to_owned(), words::minute);
         let tests =
@@ -178,7 +180,7 @@ impl Fleet {
             );
             return;
         }
-        self.print_robots(&robots);
+        self.print_robots(now, &robots);
         for row in &self.open {
             let severity = output::coloured(row.severity.name());
             let since = words::minute(row.onset_at.unwrap_or(row.first_seen_at));
@@ -192,13 +194,15 @@ impl Fleet {
         }
     }
 
-    fn print_robots(&self, robots: &[(&str, HealthStatus, Vec<&FleetHealthRow>)]) {
+    fn print_robots(&self, now: Timestamp, robots: &[(&str, HealthStatus, Vec<&FleetHealthRow>)]) {
         let cells = |(robot, status, joints): &(&str, HealthStatus, Vec<&FleetHealthRow>)| {
             let last = joints.iter().filter_map(|row| row.last_result_at).max();
             let changes: Vec<String> = joints.iter().map(|row| change(row, self.calls(row))).collect();
+            let stale = stale_since(*status, joints, now);
+            let stale = stale.map(|since| format!(", stale since {}", words::minute(since)));
             vec![
                 (*robot).to_owned(),
-                output::coloured(status.name()),
+                format!("{}{}", output::coloured(status.name()), stale.unwrap_or_default()),
                 changes.join(" "),
                 last.map_or_else(|| "-".to_owned(), words::minute),
             ]
@@ -227,7 +231,7 @@ impl Fleet {
         })
     }
 
-    fn as_json(&self) -> FleetJson<'_> {
+    fn as_json(&self, now: Timestamp) -> FleetJson<'_> {
         let live = |run: &RunRow| LiveRun {
             robot: run.robot.clone(),
             run_id: run.run_id,
@@ -240,7 +244,12 @@ impl Fleet {
             robots: self
                 .robots()
                 .into_iter()
-                .map(|(robot, status, joints)| RobotJson { robot, status, joints })
+                .map(|(robot, status, joints)| RobotJson {
+                    stale_since: stale_since(status, &joints, now).map(time_in_views),
+                    robot,
+                    status,
+                    joints,
+                })
                 .collect(),
             anomalies: &self.open,
             unmatched_run_ids: &self.unmatched,
@@ -272,6 +281,7 @@ struct FleetJson<'a> {
 struct RobotJson<'a> {
     robot: &'a str,
     status: HealthStatus,
+    stale_since: Option<String>,
     joints: Vec<&'a FleetHealthRow>,
 }
 
@@ -281,6 +291,13 @@ struct LiveRun {
     run_id: i64,
     source_name: String,
     cycles: u32,
+}
+
+/// Since when the status of a robot is older than its usual interval between tests; `None` while it is not, and where the
+/// status itself says so.
+fn stale_since(status: HealthStatus, joints: &[&FleetHealthRow], now: Timestamp) -> Option<Timestamp> {
+    let expected_by = joints.iter().find_map(|row| row.expected_by)?;
+    (status != HealthStatus::Overdue && expected_by < now).then_some(expected_by)
 }
 
 /// Tests that are the only one of their robot, and whose names the pattern of file names does not match.
@@ -357,5 +374,29 @@ mod tests {
         for (open, answered, words) in cases {
             assert_eq!(strip_str(&alarms_in_words(open, answered)).to_string(), words);
         }
+    }
+
+    #[test]
+    fn a_status_is_stale_when_the_next_test_is_late_and_the_status_does_not_say_so() {
+        let at = |second| Timestamp::from_second(second).expect("a time");
+        let row = FleetHealthRow {
+            robot: "R01".into(),
+            joint: armwatch_model::robot::JointIndex::new(0),
+            last_run_at: at(0),
+            moving_relative_rmsd: None,
+            friction_index: None,
+            open_anomalies: 0,
+            status: HealthStatus::Ok,
+            last_result_at: None,
+            reason: None,
+            expected_by: Some(at(100)),
+            friction_quantity: None,
+            forecast: None,
+        };
+        let stale = |status, now| stale_since(status, &[&row], at(now));
+        assert_eq!(stale(HealthStatus::Ok, 101), Some(at(100)));
+        assert_eq!(stale(HealthStatus::Critical, 101), Some(at(100)));
+        assert_eq!(stale(HealthStatus::Ok, 99), None);
+        assert_eq!(stale(HealthStatus::Overdue, 101), None);
     }
 }

@@ -13,4 +13,5 @@ pub mod rmsd;
 mod scale;
 mod svg;
 pub mod torque;
+mod translation;
 pub mod trajectory;

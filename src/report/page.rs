@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::figure::{Figure, Level, Standing};
 use super::svg::{panel_svg, style, swatch};
+use crate::language::Language;
 use armwatch_model::text::xml;
 
 /// A page.
@@ -15,6 +16,8 @@ pub struct Page {
     pub subtitle: String,
     /// Parts, in order; printed, the first has the first sheet for itself.
     pub sections: Vec<Section>,
+    /// Its language.
+    pub language: Language,
 }
 
 /// A part of a page.
@@ -91,7 +94,7 @@ impl Page {
             body.push_str("</section>\n");
         }
         body.push_str("</main>\n");
-        document(&self.title, &body)
+        document(&self.title, self.language, &body)
     }
 }
 
@@ -102,15 +105,16 @@ impl Figure {
         let mut body = format!("<header>\n<h1>{}</h1>\n</header>\n<main>\n", xml(&self.title));
         write_figure(&mut body, self, &self.subtitle);
         body.push_str("</main>\n");
-        document(&self.title, &body)
+        document(&self.title, Language::English, &body)
     }
 }
 
-fn document(title: &str, body: &str) -> String {
+fn document(title: &str, language: Language, body: &str) -> String {
     format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" \
+        "<!DOCTYPE html>\n<html lang=\"{}\">\n<head>\n<meta charset=\"utf-8\"/>\n<meta name=\"viewport\" \
          content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n<style>\n{PAGE_STYLE}{}</style>\n</head>\n\
          <body>\n{body}</body>\n</html>\n",
+        language.code(),
         xml(title),
         style()
     )
@@ -300,6 +304,7 @@ mod tests {
         let page = Page {
             title: words.clone(),
             subtitle: words.clone(),
+            language: Language::German,
             sections: vec![Section {
                 heading: words.clone(),
                 blocks: vec![

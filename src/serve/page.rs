@@ -19,6 +19,8 @@ use serde_json::{Map, Value, json};
 
 use super::answer::Refusal;
 use super::shared::Shared;
+use crate::alert::advice::advice;
+use crate::language::{Language, module};
 use armwatch_ingest::bytes::fingerprint::of_bytes;
 use armwatch_model::anomaly::AnomalyKind;
 use armwatch_model::anomaly::quantity::Quantity;
@@ -59,6 +61,7 @@ fn assets() -> impl IntoIterator<Item = Asset> {
         "ingest.js",
         "live.js",
         "main.js",
+        "messages.js",
         "part.js",
         "plot.js",
         "quantities.js",
@@ -77,6 +80,18 @@ fn assets() -> impl IntoIterator<Item = Asset> {
 /// Module with the quantities and kinds of anomalies, from the lists of the program.
 const LISTS: &str = "lists.js";
 
+/// Modules with the messages of languages other than English; `messages.js` loads the one of the page.
+const MESSAGES: [(&str, Language); 3] = [
+    ("messages-it.js", Language::Italian),
+    ("messages-de.js", Language::German),
+    ("messages-zh.js", Language::Chinese),
+];
+
+fn messages() -> impl Iterator<Item = Asset> {
+    let asset = |(name, language)| Some(Asset { name, content: Cow::Owned(module(language)?.into_bytes()) });
+    MESSAGES.into_iter().filter_map(asset)
+}
+
 fn lists() -> Asset {
     let quantities: Map<String, Value> = Quantity::ALL
         .iter()
@@ -88,8 +103,10 @@ fn lists() -> Asset {
             (of.name().to_owned(), facts)
         })
         .collect();
-    let kinds: Map<String, Value> =
-        AnomalyKind::ALL.iter().map(|of| (of.name().to_owned(), json!({ "label": of.label() }))).collect();
+    let kinds: Map<String, Value> = AnomalyKind::ALL
+        .iter()
+        .map(|of| (of.name().to_owned(), json!({ "label": of.label(), "advice": advice(*of) })))
+        .collect();
     let (quantities, kinds) = (Value::Object(quantities), Value::Object(kinds));
     let content = format!("export const QUANTITIES = {quantities};\nexport const KINDS = {kinds};\n");
     Asset { name: LISTS, content: Cow::Owned(content.into_bytes()) }
@@ -124,7 +141,7 @@ static SENT: LazyLock<Vec<Sent>> = LazyLock::new(|| {
         short: compressed(&asset.content).filter(|short| short.len() < asset.content.len()),
         asset,
     };
-    assets().into_iter().chain([lists()]).map(sent).collect()
+    assets().into_iter().chain([lists()]).chain(messages()).map(sent).collect()
 });
 
 fn compressed(content: &[u8]) -> Option<Vec<u8>> {
@@ -204,11 +221,37 @@ mod tests {
             .expect("the folder")
             .map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned())
             .collect();
-        let mut served: Vec<&str> =
-            SENT.iter().map(|of| of.asset.name).filter(|name| *name != LISTS).collect();
+        let mut served: Vec<&str> = SENT
+            .iter()
+            .map(|of| of.asset.name)
+            .filter(|name| *name != LISTS && !name.contains("messages-"))
+            .collect();
         files.sort_unstable();
         served.sort_unstable();
         assert_eq!(files, served);
+    }
+
+    /// 60 kB reach a phone on a slow network within a second and a half; the data of the fleet come on top.
+    const MOST_BYTES: usize = 60_000;
+
+    #[test]
+    fn the_first_page_is_small_in_each_language() {
+        let html = include_str!("page/index.html");
+        let first: Vec<&str> = html
+            .split("\"assets/")
+            .skip(1)
+            .filter_map(|rest| rest.split('"').next())
+            .chain(["index.html", LISTS])
+            .collect();
+        let size = |name: &str| {
+            let sent = SENT.iter().find(|of| of.asset.name == name).expect(name);
+            sent.short.as_ref().map_or(sent.asset.content.len(), Vec::len)
+        };
+        let page: usize =
+            first.iter().collect::<std::collections::BTreeSet<_>>().into_iter().map(|name| size(name)).sum();
+        for (name, _) in MESSAGES {
+            assert!(page + size(name) <= MOST_BYTES, "{page} and {} of {name}", size(name));
+        }
     }
 
     #[test]

@@ -41,7 +41,7 @@ pages.push(["robot-unknown", "#/robot/nobody"], ["run-unknown", "#/run/999999"],
 
 const browser = await puppeteer.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
 
-async function open(hash, { width = 1280, scheme = "light", token = options.token } = {}) {
+async function open(hash, { width = 1280, scheme = "light", token = options.token, language = "en" } = {}) {
   const context = await browser.createBrowserContext();
   const page = await context.newPage();
   page.problems = [];
@@ -52,14 +52,15 @@ async function open(hash, { width = 1280, scheme = "light", token = options.toke
   page.on("request", (request) => { if (!/^(data|blob):/.test(request.url()) && !request.url().startsWith(new URL(base).origin)) page.problems.push(`external request ${request.url()}`); });
   await page.setViewport({ width, height: 900 });
   await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: scheme }, { name: "prefers-reduced-motion", value: "reduce" }]);
-  await page.evaluateOnNewDocument((text) => {
-    if (text) sessionStorage.setItem("armwatch.token", text);
+  await page.evaluateOnNewDocument((text, language) => {
+    Object.defineProperty(navigator, "languages", { get: () => [language, "en"] });
+    if (text && location.protocol !== "about:") sessionStorage.setItem("armwatch.token", text);
     new MutationObserver((_, observer) => {
       if (!document.querySelector(".robot-row, .empty")) return;
       observer.disconnect();
       requestAnimationFrame(() => setTimeout(() => { globalThis.usefulAt = performance.now(); }));
     }).observe(document, { childList: true, subtree: true });
-  }, token ?? null);
+  }, token ?? null, language);
   await page.goto(new URL(hash, base).href);
   return { page, context };
 }
@@ -100,6 +101,62 @@ async function looksRight(name, hash) {
     check(page.problems.length === 0, `${name} ${look} has a clean console`, page.problems.join("; "));
     await context.close();
   }
+}
+
+const LANGUAGES = { it: "Parco", de: "Flotte", zh: "机队" };
+
+/** Pages in a language: no text of the table is left in English, and all fit a small phone. */
+async function languages() {
+  for (const [language, fleetName] of Object.entries(LANGUAGES)) {
+    const texts = await (await fetch(new URL(`assets/messages-${language}.js`, base))).text();
+    const table = JSON.parse(texts.replace(/^export default /, "").replace(/;\s*$/, ""));
+    const english = Object.keys(table).filter((key) => !key.includes("{") && key.length > 3 && table[key] !== key);
+    for (const [name, hash] of pages) {
+      if (options.pages && !options.pages.split(",").includes(name)) continue;
+      const { page, context } = await open(hash, { width: 320, language });
+      await settle(page);
+      await page.screenshot({ path: `${out}/${name}-${language}.png`, fullPage: true });
+      const tooWide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      check(tooWide <= 0, `${name} in ${language} fits 320 px`, tooWide > 0 ? `${tooWide} px too wide` : "");
+      const left = await page.evaluate((keys) => {
+        const known = new Set(keys);
+        const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+        const found = new Set();
+        while (walker.nextNode()) {
+          const node = walker.currentNode;
+          if (!node.parentElement.closest("noscript, code, [lang=en], select#parameter") && known.has(node.textContent.trim())) found.add(node.textContent.trim());
+        }
+        return [...found];
+      }, english);
+      check(left.length === 0, `${name} has no English left in ${language}`, left.join("; "));
+      check(await page.evaluate(() => document.documentElement.lang) === language, `${name} says that it is in ${language}`);
+      await page.evaluate(AXE);
+      const found = await page.evaluate(() => globalThis.axe.run({ resultTypes: ["violations"] }).then((result) => result.violations.map((one) => `${one.id} ${one.nodes[0].target.join(" ")}`)));
+      check(found.length === 0, `${name} in ${language} has no violations of axe`, found.join("; "));
+      check(page.problems.length === 0, `${name} in ${language} has a clean console`, page.problems.join("; "));
+      await context.close();
+    }
+    // A phone on a slow network: the files until the fleet is shown, of one language only. Data come on top.
+    const { page, context } = await open("about:blank", { language });
+    const client = await page.createCDPSession();
+    await client.send("Network.enable");
+    const data = new Set();
+    let bytes = 0;
+    client.on("Network.requestWillBeSent", (event) => { if (event.request.url.includes("/v1/")) data.add(event.requestId); });
+    client.on("Network.loadingFinished", (event) => { if (!data.has(event.requestId)) bytes += event.encodedDataLength; });
+    await page.goto(new URL("#/", base).href);
+    await page.waitForSelector(".robot-row, .empty", { timeout: SETTLE_MS, polling: 50 });
+    check(bytes > 10_000 && bytes <= 60_000, `the files of the first page in ${language} take at most 60 kB`, `${bytes} bytes`);
+    check(await page.$eval("h1", (one) => one.textContent) === fleetName, `the fleet is called ${fleetName}`);
+    await context.close();
+  }
+  const { page, context } = await open("#/");
+  await settle(page);
+  await Promise.all([page.waitForNavigation(), page.select("#language", "de")]);
+  await page.reload();
+  await settle(page);
+  check(await page.$eval("h1", (one) => one.textContent) === "Flotte", "the chosen language is remembered");
+  await context.close();
 }
 
 async function paintsSoon() {
@@ -285,6 +342,54 @@ async function answers() {
   await context.close();
 }
 
+/** Comments and persons of an alarm, a planned window, and a corrected entry of work. */
+async function notes() {
+  const of = (await ask("v1/views/anomalies?state=open&ended=0")).rows.find((one) => one.joint !== null);
+  if (!of) return;
+  const { page, context } = await open(`#/alarm/${of.anomaly_id}`);
+  await page.evaluate(() => localStorage.setItem("armwatch.who", "A. Tester"));
+  await page.reload();
+  const click = (selector) => page.locator(selector).setTimeout(SETTLE_MS).click();
+  const submit = async () => {
+    await click('dialog button[type="submit"]');
+    await page.waitForFunction(() => document.querySelector("dialog") === null, { timeout: SETTLE_MS, polling: 50 });
+  };
+  const row = async () => (await ask(`v1/views/anomalies?anomaly_id=${of.anomaly_id}`)).rows[0];
+  const reads = (text) => page.waitForFunction((wanted) => document.querySelector("main").textContent.includes(wanted), { timeout: SETTLE_MS, polling: 50 }, text).then(() => true, () => false);
+  await page.locator('form input[name="why"]').setTimeout(SETTLE_MS).fill("Fett ist bestellt");
+  await click('form button[type="submit"]');
+  check(await reads("“Fett ist bestellt”"), "a comment is in the history");
+  await click('[data-key="assign"]');
+  await page.locator('dialog input[name="to"]').fill("Lena");
+  await submit();
+  check(await reads("Assigned to Lena") && (await row()).assignee === "Lena", "an alarm is assigned");
+  await page.screenshot({ path: `${out}/notes.png`, fullPage: true });
+  await page.evaluate(() => { location.hash = "#/alarms?person=Lena"; });
+  await page.waitForSelector('tbody [data-key^="alarm"]', { timeout: SETTLE_MS, polling: 50 });
+  check((await page.$$('tbody [data-key^="alarm"]')).length === 1, "alarms are filtered by person");
+  await page.evaluate((to) => { location.hash = to; }, `#/robot/${encodeURIComponent(of.robot)}?tab=runs`);
+  await click('[data-key="window"]');
+  await click("dialog .chip");
+  await page.screenshot({ path: `${out}/window.png` });
+  await submit();
+  check(await reads("Planned") && (await row()).state === "maintenance", "a planned window holds the alarm");
+  await click('[data-key^="cancel/"]');
+  await submit();
+  await page.waitForFunction(() => document.querySelector('[data-key^="cancel/"]') === null, { timeout: SETTLE_MS, polling: 50 });
+  check((await row()).state === "open", "without the window the alarm is open");
+  await page.locator('form input[name="what"]').setTimeout(SETTLE_MS).fill("grease renewed");
+  await click('form button[type="submit"]');
+  await click('[data-key^="edit/"]');
+  await page.locator('dialog input[name="what"]').fill("gearbox changed");
+  await submit();
+  check(await reads("Gearbox changed"), "an entry of work is corrected");
+  await click('[data-key^="delete/"]');
+  await submit();
+  await page.waitForFunction(() => document.querySelector('[data-key^="delete/"]') === null, { timeout: SETTLE_MS, polling: 50 });
+  check(page.problems.length === 0, "notes leave a clean console", page.problems.join("; "));
+  await context.close();
+}
+
 async function tokenIsAsked() {
   if (!options.token) return;
   const { page, context } = await open("#/", { token: null });
@@ -321,7 +426,7 @@ try {
   const checks = {
     looks: async () => { for (const [name, hash] of pages) if (!options.pages || options.pages.split(",").includes(name)) await looksRight(name, hash); },
     paint: paintsSoon, keyboard, lost: connectionLost, change: staysOnChange, cycle: cycleTorque, leaks: noLeaks, token: tokenIsAsked, link: linkCarriesToken,
-    work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
+    languages, notes: options.act ? notes : () => {}, work: options.act ? enters : () => {}, answers: options.act ? answers : () => {},
   };
   const only = options.only?.split(",");
   for (const [name, run_] of Object.entries(checks)) if (!only || only.includes(name)) await run_();

@@ -219,6 +219,72 @@ fn work_on_a_robot_is_entered_and_wrong_requests_say_what_is_wrong() {
 }
 
 #[test]
+fn an_alarm_has_comments_a_person_and_a_window() {
+    let served = Served::new(true);
+    small_alarm(&served.workshop);
+    let row = |answer: Answer| {
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        let row = answer.json();
+        (row["state"].clone(), row["assignee"].clone())
+    };
+    let said = json!({"who": "Lena", "why": "grease is ordered"});
+    assert_eq!(row(served.post("/v1/anomalies/1/comment", &said)), (json!("open"), Value::Null));
+    let assigned = served.post("/v1/anomalies/1/assign", &json!({"who": "Lena", "to": "Otto"}));
+    assert_eq!(row(assigned), (json!("open"), json!("Otto")));
+    let history =
+        "SELECT what, who, why FROM anomaly_history WHERE who IS NOT NULL ORDER BY anomaly_event_id";
+    let told = ["commented|Lena|grease is ordered", "assigned|Lena|Otto"];
+    assert_eq!(served.workshop.query(history), told);
+    assert_eq!(row(served.post("/v1/anomalies/1/assign", &json!({"who": "Otto"}))).1, Value::Null);
+
+    let until = (jiff::Timestamp::now() + jiff::SignedDuration::from_hours(2)).to_string();
+    let plan = json!({"who": "Lena", "what": "gearbox is changed", "until": until});
+    let planned = served.post("/v1/robots/A/windows", &plan);
+    assert_eq!(planned.status, 201, "{}", planned.body);
+    let state = || served.workshop.query("SELECT state FROM anomalies").join("|");
+    assert_eq!(state(), "maintenance");
+    let number = planned.json()["maintenance_window_id"].as_i64().expect("a number");
+    let cancel = format!("DELETE /v1/windows/{number}");
+    let may = format!("Authorization: Bearer {TOKEN}\r\n");
+    assert_eq!(served.ask(&cancel, &may, b"").status, 204);
+    assert_eq!((served.ask(&cancel, &may, b"").status, state()), (404, "open".to_owned()));
+    for (address, body, status, words) in [
+        ("/v1/anomalies/1/comment", json!({"who": "Lena"}), 400, "why is missing"),
+        ("/v1/anomalies/9/assign", json!({"who": "Lena"}), 404, "no anomaly 9"),
+        ("/v1/robots/B/windows", plan.clone(), 404, "no export of a robot"),
+        (
+            "/v1/robots/A/windows",
+            json!({"who": "Lena", "what": "x", "until": "2020-01-01T00:00:00Z"}),
+            400,
+            "in the future",
+        ),
+        (
+            "/v1/robots/A/windows",
+            json!({"who": "Lena", "what": "x", "until": "2999-01-01T00:00:00Z"}),
+            400,
+            "366 days",
+        ),
+    ] {
+        let refused = served.post(address, &body);
+        assert_eq!(refused.status, status, "{address} {body}: {}", refused.body);
+        assert!(refused.body.contains(words), "{}", refused.body);
+    }
+
+    let work = json!({"who": "Lena", "what": "gearbox changed", "joint": 2, "at": "2026-01-05T08:47:00Z"});
+    assert_eq!(served.post("/v1/robots/A/maintenance", &work).status, 201);
+    let sent = format!("{may}Content-Type: application/json\r\n");
+    let corrected =
+        json!({"who": "Otto", "what": "grease renewed", "joint": 2, "at": "2026-01-05T08:47:00Z"})
+            .to_string();
+    let edited = served.ask("PUT /v1/maintenance/1", &sent, corrected.as_bytes());
+    assert_eq!((edited.status, edited.json()["maintenance_id"].as_i64()), (200, Some(1)), "{}", edited.body);
+    let log = "SELECT maintenance_id, joint, what, who FROM maintenance_log";
+    assert_eq!(served.workshop.query(log), ["1|2|grease renewed|Otto"]);
+    assert_eq!(served.ask("PUT /v1/maintenance/9", &sent, corrected.as_bytes()).status, 404);
+    served.end();
+}
+
+#[test]
 fn an_alarm_is_answered_and_its_history_says_who_did_it() {
     let served = Served::new(true);
     // as conclusions write one

@@ -20,6 +20,7 @@ mod source;
 mod summary;
 
 pub use self::address::{KINDS_OF_DATABASE, foreign_scheme, is_on_server, shown_database};
+pub use self::alerts::language::Language;
 pub use self::alerts::receivers;
 pub use self::alerts::settings::{AlertSettings, DEFAULT_ROUTE, QuietHours, Route, Site};
 pub use self::cluster::{ClusterSettings, host_name};

@@ -97,6 +97,7 @@ pub use robot::indices::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
 pub use robot::maintenance::{DescriptionKey, MaintenanceRow, NewMaintenance, NotEntered};
 pub use robot::open_test::OpenTest;
 pub use robot::summaries::TestWindow;
+pub use robot::windows::NewWindow;
 pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};
 pub use table::{AskError, Table, ViewRows};
 pub use values::time_in_views;

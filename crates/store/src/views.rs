@@ -184,13 +184,15 @@ pub struct AnomalyRow {
     pub odds: Option<f64>,
     /// Rejected causes, the likeliest first; odds that are not known are not a number.
     pub alternatives: Vec<Alternative>,
-    /// Until when it is shelved.
+    /// Until when it is shelved, or in maintenance by a planned window.
     #[serde(serialize_with = "known_in_views")]
     pub shelved_until: Option<Timestamp>,
     /// Whether later runs no longer show it, whatever people said of it.
     pub ended: bool,
     /// Whether the test that shows it is still being written.
     pub provisional: bool,
+    /// The person who deals with it.
+    pub assignee: Option<String>,
 }
 
 impl AnomalyRow {
@@ -320,7 +322,8 @@ pub(crate) async fn anomalies_after(
     sqlx::query(
         "SELECT anomaly_id, robot, run_id, cycle, joint, kind, quantity, severity, score, threshold, value, baseline,
                 first_seen_at, last_seen_at, state, message, last_run_id, peak_value, peak_score, onset_at, onset_run_id,
-                onset_cycle, odds, alternatives, shelved_until, ended, provisional
+                onset_cycle, odds, alternatives, shelved_until, ended, provisional,
+                assignee
          FROM anomalies
          WHERE anomaly_id > $1
          ORDER BY anomaly_id",
@@ -360,6 +363,7 @@ pub(crate) async fn anomalies_after(
             shelved_until: optional_time(&row, "shelved_until")?,
             ended: row.try_get("ended")?,
             provisional: row.try_get("provisional")?,
+            assignee: row.try_get("assignee")?,
         })
     })
     .fetch_all(executor)

@@ -1,7 +1,10 @@
-//! Mail by SMTP.
+//! Mail by SMTP: text, and the same as HTML with pictures.
 
+mod html;
+
+use lettre::message::header::ContentType;
 use lettre::message::header::{HeaderName, HeaderValue};
-use lettre::message::{Mailbox, Message as Mail, SinglePart};
+use lettre::message::{Attachment, Mailbox, Message as Mail, MultiPart, SinglePart};
 use lettre::transport::smtp::authentication::Credentials;
 use lettre::transport::smtp::client::{Certificate, Tls, TlsParameters};
 use lettre::{AsyncSmtpTransport, AsyncTransport, Tokio1Executor};
@@ -96,7 +99,15 @@ impl Email {
         for to in &self.to {
             mail = mail.to(to.clone());
         }
-        mail.singlepart(SinglePart::plain(message.text())).map_err(|error| format!("mail: {error}"))
+        let (page, pictures) = html::page(message, domain);
+        let png = ContentType::parse("image/png").map_err(|error| format!("mail: {error}"))?;
+        let picture = |of: html::Picture| Attachment::new_inline(of.id).body(of.png, png.clone());
+        let page = pictures
+            .into_iter()
+            .map(picture)
+            .fold(MultiPart::related().singlepart(SinglePart::html(page)), MultiPart::singlepart);
+        let parts = MultiPart::alternative().singlepart(SinglePart::plain(message.text())).multipart(page);
+        mail.multipart(parts).map_err(|error| format!("mail: {error}"))
     }
 }
 

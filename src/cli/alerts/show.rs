@@ -82,6 +82,9 @@ fn facts(row: &AnomalyRow) -> Vec<String> {
         _ => "",
     };
     fact("state", format!("{}{standing}", state(row)));
+    if let Some(assignee) = &row.assignee {
+        fact("assigned to", assignee.clone());
+    }
     if let Some(onset) = row.onset_at {
         fact("onset", format!("{}{}{}", minute(onset), run(row.onset_run_id), cycle(row.onset_cycle)));
     }

@@ -74,7 +74,7 @@ pub(in crate::cli) fn name(row: &AnomalyRow) -> String {
 /// The state with what is to be known of it.
 pub(in crate::cli) fn state(row: &AnomalyRow) -> String {
     match row.shelved_until {
-        Some(until) => format!("shelved until {}", minute(until)),
+        Some(until) => format!("{} until {}", row.state.name(), minute(until)),
         None => row.state.name().replace('_', " "),
     }
 }

@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use super::{browser, robot, run};
 use crate::cli::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use crate::cli::shared::result_file::{objection, write_lines};
+use crate::language::Language;
 use crate::report::page::Page;
 use armwatch_config::Config;
 use armwatch_store::{RunRow, Store};
@@ -40,6 +41,14 @@ pub(in crate::cli) struct ReportArgs {
     /// Chromium or Chrome that prints a PDF [default: the first in the folders of PATH]
     #[arg(long, value_name = "FILE")]
     browser: Option<PathBuf>,
+    /// Language of the page: en, it, de or zh [default: alerts.language]
+    #[arg(long, value_name = "LANGUAGE", value_parser = language)]
+    language: Option<Language>,
+}
+
+fn language(code: &str) -> Result<Language, String> {
+    let found = Language::ALL.into_iter().find(|language| language.code() == code);
+    found.ok_or_else(|| "write en, it, de or zh".into())
 }
 
 /// The file of a report, whose ending says what it is written as.
@@ -69,7 +78,8 @@ pub(in crate::cli) fn report(global: &Global, args: &ReportArgs) -> Result<u8, C
         let store = open_to_read(&config).await?;
         let page = page(&store, &config, &args.subject, Timestamp::now()).await;
         store.close().await?;
-        write(&page?.html(), &args.output, args.browser.as_deref()).await
+        let language = args.language.unwrap_or(config.alerts.language);
+        write(&page?.in_language(language).html(), &args.output, args.browser.as_deref()).await
     })?;
     Ok(EXIT_DONE)
 }

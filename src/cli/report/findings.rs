@@ -305,6 +305,7 @@ mod tests {
             shelved_until: None,
             ended: false,
             provisional: false,
+            assignee: None,
         };
         let told = of_anomaly(&row);
         assert_eq!(told.words[1], "Number 1; open; since 1970-01-01 00:00Z, seen last 1970-01-01 00:00Z.");

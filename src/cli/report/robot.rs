@@ -179,7 +179,7 @@ pub(super) async fn page(
         maintenance(&stored),
         unknowns(&stored),
     ];
-    Ok(Page { title: robot.to_owned(), subtitle: made(now), sections })
+    Ok(Page { title: robot.to_owned(), subtitle: made(now), sections, ..Page::default() })
 }
 
 fn conclusions(of: &Stored<'_>) -> Section {

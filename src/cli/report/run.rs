@@ -96,6 +96,7 @@ pub(super) async fn page(
         title: format!("{name}: {}", run.started_at.strftime("%-d %B %Y")),
         subtitle: made(now),
         sections,
+        ..Page::default()
     })
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::extract::rejection::JsonRejection;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -16,7 +16,7 @@ use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_model::robot::JointIndex;
 use armwatch_store::{
-    AlarmAction, MaintenanceRow, NewMaintenance, NotDone, NotEntered, ViewRows, time_in_views,
+    AlarmAction, MaintenanceRow, NewMaintenance, NewWindow, NotDone, NotEntered, ViewRows, time_in_views,
 };
 
 /// Most characters of a name or a reason.
@@ -26,6 +26,15 @@ const LONGEST: usize = 1000;
 const DEED_EXAMPLE: &str = r#"{"who": "Lena", "why": "spare part is ordered"}"#;
 const DISMISSAL_EXAMPLE: &str = r#"{"who": "Lena", "why": "a list of parts, not an export"}"#;
 const WORK_EXAMPLE: &str = r#"{"who": "Lena", "what": "gearbox changed", "joint": 3}"#;
+
+const PLAN_EXAMPLE: &str =
+    r#"{"who": "Lena", "what": "gearbox is changed", "until": "2099-01-07T06:00:00Z"}"#;
+
+/// A window beyond a year is a slip of the pen, and would hide alarms for ever.
+const LONGEST_PLAN: SignedDuration = SignedDuration::from_hours(24 * 366);
+
+/// Source of the numbers of entries of work.
+const WORK_SOURCE: &str = "GET /v1/views/maintenance_log has the numbers in its column maintenance_id";
 
 /// Source of the numbers of quarantined runs.
 const QUARANTINE_SOURCE: &str = "GET /v1/views/quarantine has the numbers in its column run_id";
@@ -42,6 +51,9 @@ pub struct Deed {
     why: Option<String>,
     /// End of shelve, which lies ahead, of a critical anomaly by at most 90 days
     until: Option<Timestamp>,
+    /// The person who deals with it from an assign on; absent: nobody
+    #[schema(max_length = 1000)]
+    to: Option<String>,
 }
 
 /// Work that was done on a robot
@@ -90,12 +102,12 @@ pub struct Noted {
 
 /// Answer an anomaly
 ///
-/// `shelve` needs `until`. The answer is the anomaly as it stands then, a row of the view `anomalies`.
+/// `shelve` needs `until`, and `comment` needs `why`, its text. `comment` and `assign` change no state. The answer is the anomaly as it stands then, a row of the view `anomalies`.
 #[utoipa::path(
     post, path = "/v1/anomalies/{id}/{action}", tag = "Actions", operation_id = "answerAnomaly",
     params(
         ("id" = i64, Path, description = "Its anomaly_id"),
-        ("action" = String, Path, description = "acknowledge, shelve, resolve, false-alarm or reopen, which takes an earlier answer back", pattern = "^(acknowledge|shelve|resolve|false-alarm|reopen)$"),
+        ("action" = String, Path, description = "acknowledge, shelve, resolve, false-alarm, comment, assign or reopen, which takes an earlier answer back", pattern = "^(acknowledge|shelve|resolve|false-alarm|comment|assign|reopen)$"),
     ),
     request_body = Deed,
     responses(
@@ -117,9 +129,22 @@ pub async fn on_anomaly(
 ) -> Result<Json<Option<Row>>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let id = number(&id, "anomaly", "GET /v1/views/anomalies has the numbers in its column anomaly_id")?;
-    let Deed { who, why, until } = body(deed, DEED_EXAMPLE)?;
+    let Deed { who, why, until, to } = body(deed, DEED_EXAMPLE)?;
     let who = named(&who)?;
-    let why = why.map(|why| bounded(&why, "why")).transpose()?.filter(|why| !why.is_empty());
+    let given = |text: Option<String>, name| {
+        text.map(|text| bounded(&text, name)).transpose().map(|text| text.filter(|text| !text.is_empty()))
+    };
+    let (why, to) = (given(why, "why")?, given(to, "to")?);
+    let noted = match (action.as_str(), &why) {
+        ("comment", None) => return Err(bad("why is missing; give the text of the comment")),
+        ("comment", Some(text)) => Some(shared.store.comment_on_anomaly(id, &who, text).await),
+        ("assign", _) => Some(shared.store.assign_anomaly(id, to.as_deref(), &who).await),
+        _ => None,
+    };
+    if let Some(noted) = noted {
+        noted.map_err(|error| Refusal::internal(&error))?.map_err(|reason| not_done(&reason))?;
+        return anomaly(&shared, id).await;
+    }
     let action = match (action.as_str(), until) {
         ("acknowledge", _) => AlarmAction::Acknowledge,
         ("resolve", _) => AlarmAction::Resolve,
@@ -132,7 +157,7 @@ pub async fn on_anomaly(
             ));
         }
         _ => {
-            let actions = "acknowledge, shelve, resolve, false-alarm and reopen";
+            let actions = "acknowledge, shelve, resolve, false-alarm, comment, assign and reopen";
             return Err(Refusal::new(
                 StatusCode::NOT_FOUND,
                 format!("there is no action {action}; there are {actions}"),
@@ -141,6 +166,11 @@ pub async fn on_anomaly(
     };
     let acted = shared.store.act_on_anomalies(&[id], action, &who, why.as_deref()).await;
     acted.map_err(|error| Refusal::internal(&error))?.map_err(|reason| not_done(&reason))?;
+    anomaly(&shared, id).await
+}
+
+/// The anomaly as it stands.
+async fn anomaly(shared: &Shared, id: i64) -> Result<Json<Option<Row>>, Refusal> {
     let wanted =
         ViewRows { filters: vec![("anomaly_id".into(), id.to_string())], limit: 1, ..ViewRows::default() };
     let rows = shared.store.rows_of_view("anomalies", &wanted).await.map_err(Refusal::unanswered)?;
@@ -173,7 +203,58 @@ pub async fn maintenance(
     work: Result<axum::Json<Work>, JsonRejection>,
 ) -> Result<(StatusCode, Json<Entered>), Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
-    let Work { who, what, joint, at } = body(work, WORK_EXAMPLE)?;
+    let new = checked_work(&shared, robot, body(work, WORK_EXAMPLE)?).await?;
+    let entered = shared.store.enter_maintenance(&new).await.map_err(|error| Refusal::internal(&error))?;
+    let number = entered.map_err(|reason| not_entered(&reason, &new.robot))?;
+    Ok((StatusCode::CREATED, Json(Entered::of(number, new))))
+}
+
+/// Correct an entry of work
+///
+/// If place or time change, baselines and anomalies are as if the old entry had never been there, and the entry has
+/// another number.
+#[utoipa::path(
+    put, path = "/v1/maintenance/{id}", tag = "Actions", operation_id = "correctWork",
+    params(("id" = i64, Path, description = "Its maintenance_id")),
+    request_body = Work,
+    responses(
+        (status = 200, description = "The entry as it stands then", body = Entered),
+        (status = 400, description = "The number is none, or the body lacks a field or has a wrong or unknown one", body = Problem),
+        (status = 404, description = "No such entry", body = Problem),
+        (status = 409, description = "The same work was entered within the same minute", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
+pub async fn edit_maintenance(
+    State(shared): State<Arc<Shared>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+    work: Result<axum::Json<Work>, JsonRejection>,
+) -> Result<Json<Entered>, Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
+    let maintenance_id = number(&id, "entry of work", WORK_SOURCE)?;
+    let failed = |error| Refusal::internal(&error);
+    let all = shared.store.maintenance(None).await.map_err(failed)?;
+    let old = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
+    let robot = old.ok_or_else(|| no_entry(maintenance_id))?.robot;
+    let new = checked_work(&shared, robot, body(work, WORK_EXAMPLE)?).await?;
+    let edited = shared.store.edit_maintenance(maintenance_id, &new).await.map_err(failed)?;
+    let edited = edited.ok_or_else(|| no_entry(maintenance_id))?;
+    let number = edited.map_err(|reason| not_entered(&reason, &new.robot))?;
+    Ok(Json(Entered::of(number, new)))
+}
+
+impl Entered {
+    fn of(maintenance_id: i64, new: NewMaintenance) -> Self {
+        let NewMaintenance { robot, joint, at, what, who } = new;
+        let joint = joint.map(JointIndex::number);
+        Self { maintenance_id, robot, joint, at: time_in_views(at), what, who }
+    }
+}
+
+async fn checked_work(shared: &Shared, robot: String, work: Work) -> Result<NewMaintenance, Refusal> {
+    let Work { who, what, joint, at } = work;
     let (who, what) = (named(&who)?, bounded(&what, "what")?);
     if what.is_empty() {
         return Err(bad("give what was done, such as \"gearbox changed\""));
@@ -181,37 +262,140 @@ pub async fn maintenance(
     let now = Timestamp::now();
     let at = at.unwrap_or(now);
     if at > now {
-        return Err(bad("the time of the work is in the future; enter work after it is finished"));
+        return Err(bad(
+            "the time of the work is in the future; enter work after it is finished, or plan a window",
+        ));
     }
-    let failed = |error| Refusal::internal(&error);
-    let unknown = || {
-        let sentence = format!("no export of a robot \"{robot}\" is stored; GET /v1/fleet lists the robots");
-        Refusal::new(StatusCode::NOT_FOUND, sentence)
-    };
-    let joints = shared.store.known_joints(&robot).await.map_err(failed)?.ok_or_else(unknown)?;
-    let place = match joint {
-        Some(number) => {
-            Some(JointIndex::from_number(number).filter(|_| joints == 0 || number <= joints).ok_or_else(
-                || bad(&format!("{robot} has no joint {number}; its tests have {joints} joints")),
-            )?)
-        }
-        None => None,
-    };
-    let new = NewMaintenance { robot: robot.clone(), joint: place, at, what, who: Some(who) };
-    let number = match shared.store.enter_maintenance(&new).await.map_err(failed)? {
-        Ok(number) => number,
-        Err(NotEntered::NoRobot) => return Err(unknown()),
-        Err(NotEntered::Known(row)) => {
+    let joint = place(shared, &robot, joint).await?;
+    Ok(NewMaintenance { robot, joint, at, what, who: Some(who) })
+}
+
+/// A joint that the robot has; `None` for the whole arm.
+async fn place(shared: &Shared, robot: &str, joint: Option<usize>) -> Result<Option<JointIndex>, Refusal> {
+    let joints = shared.store.known_joints(robot).await.map_err(|error| Refusal::internal(&error))?;
+    let joints = joints.ok_or_else(|| no_robot(robot))?;
+    let Some(number) = joint else { return Ok(None) };
+    match JointIndex::from_number(number).filter(|_| joints == 0 || number <= joints) {
+        Some(joint) => Ok(Some(joint)),
+        None => Err(bad(&format!("{robot} has no joint {number}; its tests have {joints} joints"))),
+    }
+}
+
+fn no_robot(robot: &str) -> Refusal {
+    let sentence = format!("no export of a robot \"{robot}\" is stored; GET /v1/fleet lists the robots");
+    Refusal::new(StatusCode::NOT_FOUND, sentence)
+}
+
+fn no_entry(maintenance_id: i64) -> Refusal {
+    Refusal::new(StatusCode::NOT_FOUND, format!("there is no entry of work {maintenance_id}; {WORK_SOURCE}"))
+}
+
+fn not_entered(reason: &NotEntered, robot: &str) -> Refusal {
+    match reason {
+        NotEntered::NoRobot => no_robot(robot),
+        NotEntered::Known(row) => {
             let sentence = format!(
                 "this work is entered already, as number {}: {row}; GET /v1/views/maintenance_log has all",
                 row.work.maintenance_id
             );
-            return Err(Refusal::new(StatusCode::CONFLICT, sentence));
+            Refusal::new(StatusCode::CONFLICT, sentence)
         }
-    };
-    let NewMaintenance { what, who, .. } = new;
-    let entered = Entered { maintenance_id: number, robot, joint, at: time_in_views(at), what, who };
-    Ok((StatusCode::CREATED, Json(entered)))
+    }
+}
+
+/// Work that is planned on a robot
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// The person, for those who read the history later
+    #[schema(min_length = 1, max_length = 1000)]
+    who: String,
+    /// What is to be done
+    #[schema(min_length = 1, max_length = 1000, example = "gearbox is changed")]
+    what: String,
+    /// Its joint, from 1; absent: the whole arm
+    #[schema(minimum = 1)]
+    joint: Option<usize>,
+    /// When the window begins; absent: now
+    from: Option<Timestamp>,
+    /// When it ends, within 366 days
+    until: Timestamp,
+}
+
+/// A window as it is planned
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Planned {
+    /// Its number
+    maintenance_window_id: i64,
+}
+
+/// Plan a maintenance window
+///
+/// While it lasts, alarms of its place are in maintenance and no message is sent. Those that go on are open again at
+/// its end. It begins no baseline: enter the work when it is done.
+#[utoipa::path(
+    post, path = "/v1/robots/{robot}/windows", tag = "Actions", operation_id = "planWindow",
+    params(("robot" = String, Path, description = "Name of the robot")),
+    request_body = Plan,
+    responses(
+        (status = 201, description = "The window is planned", body = Planned),
+        (status = 400, description = "The body lacks a field or has a wrong or unknown one, or the window is over", body = Problem),
+        (status = 404, description = "No such robot", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
+pub async fn plan_window(
+    State(shared): State<Arc<Shared>>,
+    Path(robot): Path<String>,
+    headers: HeaderMap,
+    plan: Result<axum::Json<Plan>, JsonRejection>,
+) -> Result<(StatusCode, Json<Planned>), Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
+    let Plan { who, what, joint, from, until } = body(plan, PLAN_EXAMPLE)?;
+    let (who, what) = (named(&who)?, bounded(&what, "what")?);
+    if what.is_empty() {
+        return Err(bad("give what is to be done, such as \"gearbox is changed\""));
+    }
+    let now = Timestamp::now();
+    let from = from.unwrap_or(now);
+    if until <= from || until <= now || until.duration_since(now) > LONGEST_PLAN {
+        return Err(bad("until must be after from, in the future and within 366 days"));
+    }
+    let joint = place(&shared, &robot, joint).await?;
+    let window = NewWindow { robot: robot.clone(), joint, from, until, what, who };
+    let planned = shared.store.plan_window(&window, now).await.map_err(|error| Refusal::internal(&error))?;
+    let maintenance_window_id = planned.ok_or_else(|| no_robot(&robot))?;
+    Ok((StatusCode::CREATED, Json(Planned { maintenance_window_id })))
+}
+
+/// Delete a maintenance window
+///
+/// Alarms that it alone holds are open again.
+#[utoipa::path(
+    delete, path = "/v1/windows/{id}", tag = "Actions", operation_id = "cancelWindow",
+    params(("id" = i64, Path, description = "Its maintenance_window_id")),
+    responses(
+        (status = 204, description = "The window is deleted"),
+        (status = 400, description = "The number is none", body = Problem),
+        (status = 404, description = "No such window", body = Problem),
+        Refused,
+    ),
+    security(("token" = ["act"])),
+)]
+pub async fn cancel_window(
+    State(shared): State<Arc<Shared>>,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<StatusCode, Refusal> {
+    shared.access.check_for(Scope::Act, &headers)?;
+    let source = "GET /v1/views/maintenance_windows has the numbers in its column maintenance_window_id";
+    let window_id = number(&id, "maintenance window", source)?;
+    let cancelled = shared.store.cancel_window(window_id, Timestamp::now()).await;
+    if cancelled.map_err(|error| Refusal::internal(&error))? {
+        return Ok(StatusCode::NO_CONTENT);
+    }
+    Err(Refusal::new(StatusCode::NOT_FOUND, format!("there is no maintenance window {window_id}; {source}")))
 }
 
 /// Delete an entry of work
@@ -234,12 +418,10 @@ pub async fn delete_maintenance(
     headers: HeaderMap,
 ) -> Result<Json<Entered>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
-    let source = "GET /v1/views/maintenance_log has the numbers in its column maintenance_id";
-    let maintenance_id = number(&id, "entry of work", source)?;
+    let maintenance_id = number(&id, "entry of work", WORK_SOURCE)?;
     let removed = shared.store.remove_maintenance(maintenance_id).await;
     let Some(MaintenanceRow { robot, work, .. }) = removed.map_err(|error| Refusal::internal(&error))? else {
-        let sentence = format!("there is no entry of work {maintenance_id}; {source}");
-        return Err(Refusal::new(StatusCode::NOT_FOUND, sentence));
+        return Err(no_entry(maintenance_id));
     };
     tracing::info!(maintenance_id, robot, what = work.what, "deleted an entry of work over HTTP");
     let joint = work.joint.map(JointIndex::number);

@@ -1,15 +1,16 @@
-import { logIn, post, remove, rights } from "./api.js";
+import { logIn, post, put, remove, rights } from "./api.js";
 import { ask, form, whoField } from "./dialog.js";
 import { h, toast } from "./dom.js";
+import { t } from "./messages.js";
 import { jointName, kindName } from "./status.js";
 
-const WORKS = ["gearbox changed", "grease renewed", "brake changed", "motor changed", "torque sensor changed", "cables renewed", "tool or load changed"];
+const WORKS = [t`gearbox changed`, t`grease renewed`, t`brake changed`, t`motor changed`, t`torque sensor changed`, t`cables renewed`, t`tool or load changed`];
 
 /** Why this browser may not change anything, with the remedy; null where it may. */
 export function whyNot() {
   if (!rights || rights.act) return null;
-  if (!rights.needsToken) return h("p", { class: "muted" }, "You can only look: the daemon has no token. The operator sets one with serve.token_file.");
-  return h("p", { class: "muted" }, "You can only look. ", h("button", { type: "button", class: "quiet", "data-key": "log-in", onclick: () => logIn() }, "Log in to act"));
+  if (!rights.needsToken) return h("p", { class: "muted" }, t`You can only look: the daemon has no token. The operator sets one with serve.token_file.`);
+  return h("p", { class: "muted" }, t`You can only look.`, " ", h("button", { type: "button", class: "quiet", "data-key": "log-in", onclick: () => logIn() }, t`Log in to act`));
 }
 
 /** A button of an action: disabled where this browser may only look. */
@@ -24,14 +25,14 @@ function local(at) {
 
 const inDays = (days) => local(new Date(Date.now() + days * 86_400_000));
 const utc = (text) => (text ? new Date(text).toISOString() : null);
-const whyField = (hint) => ({ name: "why", label: "Reason", hint });
+const whyField = (hint) => ({ name: "why", label: t`Reason`, hint });
 
 function maintenanceFields(joints, joint, when) {
   return [
-    { name: "what", label: "Work that was done", required: true, suggest: WORKS.map((one) => [one]) },
-    { name: "joint", label: "Where", chosen: true, value: joint ?? "", options: [["", "whole arm"], ...joints.map((one) => [one, jointName(one)])] },
+    { name: "what", label: t`Work that was done`, required: true, suggest: WORKS.map((one) => [one]) },
+    { name: "joint", label: t`Where`, chosen: true, value: joint ?? "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
     whoField(),
-    ...(when ? [{ name: "at", label: "When, if not now", type: "datetime-local", hint: "In the time zone of this browser." }] : []),
+    ...(when ? [{ name: "at", label: t`When, if not now`, type: "datetime-local", hint: t`In the time zone of this browser.` }] : []),
   ];
 }
 
@@ -39,27 +40,107 @@ async function enter(robot, values, done) {
   const entered = await post(`v1/robots/${encodeURIComponent(robot)}/maintenance`, {
     who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, at: utc(values.at),
   });
-  toast(`Work on ${robot} is entered: ${values.what}.`, async () => {
+  toast(t`Work on ${robot} is entered: ${values.what}.`, async () => {
     await remove(`v1/maintenance/${entered.maintenance_id}`);
     done();
   });
 }
 
+/** A button that corrects an entry of work. */
+export function editButton(work, joints, done) {
+  return act({ class: "quiet", "data-key": `edit/${work.maintenance_id}`, "aria-label": t`Edit the entry: ${work.what}`, onclick: async () => {
+    const fields = maintenanceFields(joints, work.joint, true).map((one) => ({ ...one, value: { what: work.what, at: local(new Date(work.at)) }[one.name] ?? one.value }));
+    if (!await ask({
+      title: t`Edit the entry: ${work.what}`, fields, submit: t`Save`,
+      // A time that was not touched keeps its seconds.
+      onsubmit: (values) => put(`v1/maintenance/${work.maintenance_id}`, {
+        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null,
+        at: values.at === local(new Date(work.at)) ? work.at : utc(values.at),
+      }),
+    })) return;
+    toast(t`The entry is saved.`);
+    done();
+  } }, t`Edit`);
+}
+
+/** A button that plans a maintenance window. */
+export function windowButton(robot, joints, done) {
+  return act({ "data-key": "window", onclick: async () => {
+    if (!await ask({
+      title: t`Plan maintenance of ${robot}`,
+      intro: t`While the window lasts, alarms are in maintenance and no message is sent. Those that go on are open again at its end.`,
+      fields: [
+        { name: "what", label: t`Planned work`, required: true, suggest: WORKS.map((one) => [one]) },
+        { name: "joint", label: t`Where`, chosen: true, value: "", options: [["", t`whole arm`], ...joints.map((one) => [one, jointName(one)])] },
+        { name: "from", label: t`From`, type: "datetime-local", required: true, value: inDays(0) },
+        { name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(1), hint: t`In the time zone of this browser.` },
+        whoField(),
+      ],
+      submit: t`Plan the window`,
+      onsubmit: (values) => post(`v1/robots/${encodeURIComponent(robot)}/windows`, {
+        who: values.who, what: values.what, joint: values.joint ? Number(values.joint) : null, from: utc(values.from), until: utc(values.until),
+      }),
+    })) return;
+    toast(t`The window is planned.`);
+    done();
+  } }, t`Plan maintenance`);
+}
+
+/** A button that deletes a planned window. */
+export function cancelWindowButton(planned, done) {
+  return act({ class: "quiet", "data-key": `cancel/${planned.maintenance_window_id}`, "aria-label": t`Delete the window: ${planned.what}`, onclick: async () => {
+    if (!await ask({
+      title: t`Delete the window: ${planned.what}`, intro: t`Alarms that it alone holds are open again.`,
+      fields: [], submit: t`Delete the window`, onsubmit: () => remove(`v1/windows/${planned.maintenance_window_id}`),
+    })) return;
+    toast(t`The window is deleted.`);
+    done();
+  } }, t`Delete`);
+}
+
+/** A form below the history of an alarm: a comment changes no state. */
+export function commentForm(anomaly, done) {
+  if (rights && !rights.act) return null;
+  const node = form({
+    fields: [{ name: "why", label: t`Comment`, required: true }, whoField()], submit: t`Add the comment`,
+    onsubmit: async (values) => {
+      await post(`v1/anomalies/${anomaly.anomaly_id}/comment`, values);
+      node.querySelector('[name="why"]').value = "";
+      done();
+    },
+  });
+  return node;
+}
+
+/** A button that puts an alarm into the hands of a person. */
+export function assignButton(anomaly, people, done) {
+  return act({ "data-key": "assign", onclick: async () => {
+    if (!await ask({
+      title: t`Assign: ${nameOf(anomaly)}`, intro: t`An empty field assigns it to nobody.`,
+      fields: [{ name: "to", label: t`Assign to`, value: anomaly.assignee ?? "", suggest: people.map((one) => [one]) }, whoField()],
+      submit: t`Assign`,
+      onsubmit: (values) => post(`v1/anomalies/${anomaly.anomaly_id}/assign`, { who: values.who, to: values.to || null }),
+    })) return;
+    toast(t`The person is noted.`);
+    done();
+  } }, t`Assign`);
+}
+
 /** A button that deletes an entry of work. */
 export function deleteButton(work, done) {
   const name = `${work.what}, ${jointName(work.joint)}`;
-  return act({ class: "quiet", "data-key": `delete/${work.maintenance_id}`, "aria-label": `Delete the entry: ${name}`, onclick: async () => {
+  return act({ class: "quiet", "data-key": `delete/${work.maintenance_id}`, "aria-label": t`Delete the entry: ${name}`, onclick: async () => {
     if (await ask({
-      title: "Delete this entry", intro: `${work.robot}: ${name}. The baseline of before holds again, and alarms that this entry put into maintenance are open again.`,
-      fields: [], submit: "Delete the entry", onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
+      title: t`Delete this entry`, intro: t`${work.robot}: ${name}. The baseline of before holds again, and alarms that this entry put into maintenance are open again.`,
+      fields: [], submit: t`Delete the entry`, onsubmit: () => remove(`v1/maintenance/${work.maintenance_id}`),
     })) {
-      toast(`Deleted: ${name}.`, async () => {
+      toast(t`Deleted: ${name}.`, async () => {
         await post(`v1/robots/${encodeURIComponent(work.robot)}/maintenance`, { who: work.who ?? "unknown", what: work.what, joint: work.joint, at: work.at });
         done();
       });
       done();
     }
-  } }, "Delete");
+  } }, t`Delete`);
 }
 
 /** The form "enter work done" of a robot's page. */
@@ -67,7 +148,7 @@ export function maintenanceForm(robot, joints, done) {
   const refusal = whyNot();
   if (refusal) return h("div", null, refusal);
   const node = form({
-    fields: maintenanceFields(joints, null, true), submit: "Enter the work",
+    fields: maintenanceFields(joints, null, true), submit: t`Enter the work`,
     onsubmit: async (values) => {
       await enter(robot, values, done);
       node.reset();
@@ -79,9 +160,9 @@ export function maintenanceForm(robot, joints, done) {
 
 export function askMaintenance(anomaly, joints, done) {
   return ask({
-    title: `Work was done: ${nameOf(anomaly)}`,
-    intro: "From this work on, a new baseline is learnt. Earlier alarms of this place are in maintenance until tests show whether they are gone.",
-    fields: maintenanceFields(joints, anomaly.joint, true), submit: "Enter the work",
+    title: t`Work was done: ${nameOf(anomaly)}`,
+    intro: t`From this work on, a new baseline is learnt. Earlier alarms of this place are in maintenance until tests show whether they are gone.`,
+    fields: maintenanceFields(joints, anomaly.joint, true), submit: t`Enter the work`,
     onsubmit: (values) => enter(anomaly.robot, values, done),
   }).then((entered) => { if (entered) done(); });
 }
@@ -90,24 +171,24 @@ const nameOf = (one) => `${one.robot}, ${jointName(one.joint)}, ${kindName(one.k
 
 const ACTIONS = {
   acknowledge: {
-    text: "Acknowledge", intro: "Others see that somebody knows of this alarm.", said: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
+    text: t`Acknowledge`, intro: t`Others see that somebody knows of this alarm.`, said: "acknowledged", from: ["open", "shelved"], fields: () => [whoField(), whyField()],
   },
   shelve: {
-    text: "Shelve until", intro: "The alarm is silent until this time, unless its severity rises.", said: "shelved", from: ["open", "acknowledged", "shelved"],
+    text: t`Shelve until`, intro: t`The alarm is silent until this time, unless its severity rises.`, said: "shelved", from: ["open", "acknowledged", "shelved"],
     fields: () => [{
-      name: "until", label: "Until", type: "datetime-local", required: true, value: inDays(7), hint: "In the time zone of this browser.",
-      suggest: [["1 day", inDays(1)], ["7 days", inDays(7)], ["14 days", inDays(14)], ["30 days", inDays(30)]],
-    }, whoField(), whyField("For example: gearbox comes in two weeks.")],
+      name: "until", label: t`Until`, type: "datetime-local", required: true, value: inDays(7), hint: t`In the time zone of this browser.`,
+      suggest: [[t`1 day`, inDays(1)], [t`7 days`, inDays(7)], [t`14 days`, inDays(14)], [t`30 days`, inDays(30)]],
+    }, whoField(), whyField(t`For example: gearbox comes in two weeks.`)],
   },
   resolve: {
-    text: "Resolve", intro: "The cause is gone. A later test that shows it opens the alarm again.", said: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
+    text: t`Resolve`, intro: t`The cause is gone. A later test that shows it opens the alarm again.`, said: "resolved", from: ["open", "acknowledged", "shelved", "maintenance"], fields: () => [whoField(), whyField()],
   },
   "false-alarm": {
-    text: "False alarm", intro: "Nothing was wrong. This episode does not open again.", said: "marked as a false alarm", from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
-    fields: () => [whoField(), whyField("What was seen on the robot.")],
+    text: t`False alarm`, intro: t`Nothing was wrong. This episode does not open again.`, said: t`marked as a false alarm`, from: ["open", "acknowledged", "shelved", "maintenance", "resolved"],
+    fields: () => [whoField(), whyField(t`What was seen on the robot.`)],
   },
   reopen: {
-    text: "Reopen", intro: "Nobody deals with the alarm now.", said: "open again", from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
+    text: t`Reopen`, intro: t`Nobody deals with the alarm now.`, said: t`open again`, from: ["acknowledged", "shelved", "maintenance", "resolved", "false_alarm"], fields: () => [whoField(), whyField()],
   },
 };
 
@@ -129,7 +210,7 @@ export function actionButton(name, anomaly, done) {
     onsubmit: async (values) => {
       await send(name, { who: values.who, why: values.why || null, ...(values.until ? { until: utc(values.until) } : {}) });
       const back = BACK[anomaly.state];
-      toast(`The alarm of ${nameOf(anomaly)} is ${action.said}.`, back ? async () => {
+      toast(t`The alarm of ${nameOf(anomaly)} is ${action.said}.`, back ? async () => {
         // A closed alarm cannot be shelved.
         if (back === "shelve") await send("reopen", { who: values.who, why: "undone" });
         await send(back, { who: values.who, why: "undone", ...(back === "shelve" ? { until: anomaly.shelved_until } : {}) });
@@ -141,39 +222,39 @@ export function actionButton(name, anomaly, done) {
 
 /** The button of the usual next step after a repair. */
 export function workButton(anomaly, joints, done) {
-  return act({ "data-key": "work", onclick: () => askMaintenance(anomaly, joints, done) }, "Work was done");
+  return act({ "data-key": "work", onclick: () => askMaintenance(anomaly, joints, done) }, t`Work was done`);
 }
 
 /** A button that dismisses an export in quarantine. */
 export function dismissButton(fault, done) {
-  return act({ "data-key": `dismiss/${fault.fault_id}`, "aria-label": `Dismiss ${fault.source_name}`, onclick: async () => {
+  return act({ "data-key": `dismiss/${fault.fault_id}`, "aria-label": t`Dismiss ${fault.source_name}`, onclick: async () => {
     const dismissed = await ask({
-      title: `Dismiss ${fault.source_name}`, intro: "Nothing is to be done about this file. It stays where it is and is no longer counted.",
-      fields: [whoField(), { name: "why", label: "Reason", required: true, suggest: [["not an export"], ["recorded again"], ["recording is broken"]] }], submit: "Dismiss",
+      title: t`Dismiss ${fault.source_name}`, intro: t`Nothing is to be done about this file. It stays where it is and is no longer counted.`,
+      fields: [whoField(), { name: "why", label: t`Reason`, required: true, suggest: [[t`not an export`], [t`recorded again`], [t`recording is broken`]] }], submit: t`Dismiss`,
       onsubmit: (values) => post(`v1/quarantine/${fault.run_id}/dismiss`, values),
     });
     if (!dismissed) return;
-    toast(`${fault.source_name} is dismissed.`, async () => {
+    toast(t`${fault.source_name} is dismissed.`, async () => {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
       done();
     });
     done();
-  } }, "Dismiss");
+  } }, t`Dismiss`);
 }
 
 /** A button that asks for another attempt of an export in quarantine. */
 export function retryButton(fault, done) {
-  const button = act({ "data-key": `retry/${fault.fault_id}`, "aria-label": `Retry ${fault.source_name}`, onclick: async () => {
+  const button = act({ "data-key": `retry/${fault.fault_id}`, "aria-label": t`Retry ${fault.source_name}`, onclick: async () => {
     button.disabled = true;
     try {
       await post(`v1/quarantine/${fault.run_id}/retry`, {});
-      toast(`${fault.source_name} is read again at the next scan.`);
+      toast(t`${fault.source_name} is read again at the next scan.`);
       done();
     } catch (error) {
       toast(error.message);
     } finally {
       button.disabled = false;
     }
-  } }, "Retry");
+  } }, t`Retry`);
   return button;
 }

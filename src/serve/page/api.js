@@ -1,4 +1,5 @@
 import { askToken } from "./dialog.js";
+import { t } from "./messages.js";
 
 const KEY = "armwatch.token";
 let refused = false;
@@ -29,7 +30,7 @@ export function headers() {
 async function failure(answer) {
   let sentence = "";
   try { sentence = (await answer.json()).error; } catch { /* Not JSON: the sentence below. */ }
-  return new Failure(sentence || `The daemon answered ${answer.status} ${answer.statusText}.`, answer.status);
+  return new Failure(sentence || t`The daemon answered ${answer.status} ${answer.statusText}.`, answer.status);
 }
 
 async function send(path, options) {
@@ -42,7 +43,7 @@ async function send(path, options) {
     return await fetch(new URL(path, document.baseURI), { ...options, headers: { ...options.headers, ...headers() } });
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Failure("The daemon does not answer. Check that armwatch runs and that this device reaches it.", 0);
+    throw new Failure(t`The daemon does not answer. Check that armwatch runs and that this device reaches it.`, 0);
   }
 }
 
@@ -50,10 +51,10 @@ async function request(path, options = {}) {
   let answer = await send(path, options);
   while (answer.status === 401) {
     const sentence = (await failure(answer)).message;
-    if (refused) throw new Failure(`A token is needed: ${sentence}`, 401);
+    if (refused) throw new Failure(t`A token is needed: ${sentence}`, 401);
     if (!await logIn()) {
       refused = true;
-      throw new Failure("The daemon needs a token. Press “Try again” to enter it.", 401);
+      throw new Failure(t`The daemon needs a token. Press “Try again” to enter it.`, 401);
     }
     answer = await send(path, options);
   }
@@ -109,10 +110,13 @@ export async function view(name, query = {}, signal) {
   }
 }
 
-export function post(path, body) {
+function write(method, path, body) {
   mayAskAgain();
-  return request(path, { method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
+  return request(path, { method, body: JSON.stringify(body), headers: { "Content-Type": "application/json" } });
 }
+
+export const post = (path, body) => write("POST", path, body);
+export const put = (path, body) => write("PUT", path, body);
 
 export function remove(path) {
   mayAskAgain();

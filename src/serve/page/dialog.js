@@ -1,4 +1,5 @@
 import { h, remember, remembered } from "./dom.js";
+import { t } from "./messages.js";
 
 let number = 0;
 
@@ -17,8 +18,8 @@ function field(one) {
     onclick: () => { input.value = value ?? text; input.dispatchEvent(new Event("input", { bubbles: true })); },
   }, text));
   return h("div", { class: "field" },
-    h("label", { for: id }, one.label, one.required || one.chosen ? null : h("span", { class: "muted" }, " (optional)")),
-    suggestions.length ? h("div", { class: "chips", role: "group", "aria-label": `Suggestions for: ${one.label}` }, suggestions) : null,
+    h("label", { for: id }, one.label, one.required || one.chosen ? null : h("span", { class: "muted" }, " ", t`(optional)`)),
+    suggestions.length ? h("div", { class: "chips", role: "group", "aria-label": t`Suggestions for: ${one.label}` }, suggestions) : null,
     input, hint);
 }
 
@@ -43,11 +44,11 @@ export function form({ fields, submit, onsubmit, cancel }) {
       }
     },
   }, fields.map(field), problem, h("div", { class: "actions" }, send,
-    cancel ? h("button", { type: "button", class: "quiet", onclick: cancel }, "Cancel") : null));
+    cancel ? h("button", { type: "button", class: "quiet", onclick: cancel }, t`Cancel`) : null));
   return node;
 }
 
-export const whoField = () => ({ name: "who", label: "Your name", required: true, value: remembered("who"), autocomplete: "name" });
+export const whoField = () => ({ name: "who", label: t`Your name`, required: true, value: remembered("who"), autocomplete: "name" });
 
 /** Opens a dialog with a form; gives true when its work is done. */
 export function ask({ title, intro, ...rest }) {
@@ -75,12 +76,12 @@ export function ask({ title, intro, ...rest }) {
 
 /** Asks for a token; `use` tries it. Gives true when it was accepted. */
 export const askToken = (use) => ask({
-  title: "Log in",
-  intro: "Enter the token that the operator of armwatch gave you. On the daemon's machine, it is in the file that serve.token_file names.",
+  title: t`Log in`,
+  intro: t`Enter the token that the operator of armwatch gave you. On the daemon's machine, it is in the file that serve.token_file names.`,
   fields: [
-    { name: "token", label: "Token", type: "password", required: true },
-    { name: "keep", label: "Stay logged in", chosen: true, options: [["", "until the browser is closed"], ["yes", "for 90 days"]] },
+    { name: "token", label: t`Token`, type: "password", required: true },
+    { name: "keep", label: t`Stay logged in`, chosen: true, options: [["", t`until the browser is closed`], ["yes", t`for 90 days`]] },
   ],
-  submit: "Log in",
+  submit: t`Log in`,
   onsubmit: use,
 });

@@ -1,3 +1,4 @@
+import { t } from "./messages.js";
 const SVG = "http://www.w3.org/2000/svg";
 
 // what crates/model/src/text.rs hides
@@ -74,11 +75,11 @@ export function table({ caption, showCaption, columns, rows, key, tall }) {
 
 /** A button that saves rows of a view with all their columns, units in the names. */
 function csvButton(caption, rows) {
-  return h("button", { type: "button", class: "quiet", "data-key": `csv/${caption}`, "aria-label": `${caption}: save as CSV`, onclick: () => {
+  return h("button", { type: "button", class: "quiet", "data-key": `csv/${caption}`, "aria-label": t`${caption}: save as CSV`, onclick: () => {
     const url = URL.createObjectURL(new Blob([csv(rows)], { type: "text/csv;charset=utf-8" }));
     h("a", { href: url, download: `armwatch ${caption}.csv` }).click();
     setTimeout(() => URL.revokeObjectURL(url), 60_000);
-  } }, "Save as CSV");
+  } }, t`Save as CSV`);
 }
 
 function csv(rows) {
@@ -108,13 +109,13 @@ export function toast(text, undo) {
       await undo();
       node.remove();
     } catch (error) {
-      node.replaceChildren(h("span", null, `Not undone: ${error.message}`));
-      announce(`Not undone: ${error.message}`);
+      node.replaceChildren(h("span", null, t`Not undone: ${error.message}`));
+      announce(t`Not undone: ${error.message}`);
     }
-  } }, "Undo") : null;
+  } }, t`Undo`) : null;
   const node = h("div", { class: "toast" }, h("span", null, text), button);
   document.getElementById("toasts").append(node);
-  announce(undo ? `${text} Undo is at the end of the page.` : text);
+  announce(undo ? t`${text} Undo is at the end of the page.` : text);
   setTimeout(() => node.remove(), undo ? 15_000 : 6000);
 }
 

@@ -5,6 +5,12 @@ try {
 } catch {
   // Without storage the system's setting holds.
 }
+// The page's language: the choice of before, else the first one of the browser that there is. messages.js loads its texts.
+const languages = [...navigator.languages];
+try { languages.unshift(localStorage.getItem("armwatch.language") ?? ""); } catch { /* Without storage nothing was chosen. */ }
+const language = languages.map((one) => one.slice(0, 2)).find((one) => ["en", "it", "de", "zh"].includes(one)) ?? "en";
+document.documentElement.lang = language;
+if (language !== "en") document.head.append(Object.assign(document.createElement("link"), { rel: "modulepreload", href: `assets/messages-${language}.js` }));
 // A link may carry the token behind "#", which is not sent to any server. It leaves the address at once.
 const carried = /^#token=([!-~]+)$/.exec(location.hash);
 if (carried) {

@@ -1,10 +1,11 @@
 import { get } from "./api.js";
 import { announce, h, hidden, icon, replace } from "./dom.js";
 import { ago, change, count, finding, moment, plural } from "./format.js";
+import { t } from "./messages.js";
 import { empty, failed, loading } from "./part.js";
 import { spark, sparkRange } from "./spark.js";
-import { badge, jointName, kindName, kindWord, known, rank, STATUSES, stateName } from "./status.js";
-import { isFriction } from "./quantities.js";
+import { badge, jointName, kindName, kindWord, known, rank, severityName, stateName, STATUSES, statusName } from "./status.js";
+import { findingOf, isFriction, more } from "./quantities.js";
 
 const FIRST_ALARMS = 6;
 // Rows that a first screen shows; the others are made when the browser has painted them.
@@ -17,9 +18,9 @@ const names = new Intl.Collator("en", { numeric: true });
 export const worstFirst = (a, b) => rank(a.status) - rank(b.status) || b.open_alarms - a.open_alarms || furthest(b) - furthest(a)
   || names.compare(a.robot, b.robot);
 const ORDERS = {
-  worst: ["Worst first", worstFirst],
-  name: ["Name", (a, b) => names.compare(a.robot, b.robot)],
-  test: ["Longest without a test", (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || worstFirst(a, b)],
+  worst: [t`Worst first`, worstFirst],
+  name: [t`Name`, (a, b) => names.compare(a.robot, b.robot)],
+  test: [t`Longest without a test`, (a, b) => (a.last_run_at ?? "").localeCompare(b.last_run_at ?? "") || worstFirst(a, b)],
 };
 
 function furthest(robot) {
@@ -45,17 +46,17 @@ export function jointLook(joint, alarms) {
   const answered = inAlarm && own.length && own.every((one) => one.state !== "open") ? stateName(own[0].state) : null;
   const index = change(joint.friction_index);
   const cause = inAlarm && own.length && !isFriction(own[0].quantity) ? kindWord(own[0].kind) : null;
-  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? "whole arm" : joint.status, value: cause ?? index, index, answered };
+  return { status: ofArm ? "arm" : known(joint.status), word: ofArm ? t`whole arm` : statusName(joint.status), value: cause ?? index, index, answered };
 }
 
 /** A joint at a glance, as a link to its figures. */
 export function jointCell(robot, joint, range, alarms = []) {
   const { status, word, value, index, answered } = jointLook(joint, alarms);
-  const words = [`joint ${joint.joint}: ${word}`, joint.friction_index === null ? "no friction index" : `friction index ${index}`, answered, joint.reason].filter(Boolean);
+  const words = [`${jointName(joint.joint)}: ${word}`, joint.friction_index === null ? t`no friction index` : t`friction index ${index}`, answered, joint.reason].filter(Boolean);
   const cell = h("a", {
     class: `cell s-${status}`, href: robotLink(robot, joint.joint), title: words.join("\n"), "data-key": `${robot}/${joint.joint}`,
   }, h("span", { class: "cell-head" }, icon(status === "arm" ? "info" : status), h("span", { class: "cell-joint" }, `J${joint.joint}`),
-    status === "ok" ? hidden(", ok, ") : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
+    status === "ok" ? hidden(`, ${word}, `) : h("span", { class: "cell-word" }, hidden(", "), word, hidden(", "))),
   h("span", { class: "cell-value" }, value));
   cell.append(spark(joint.history, range));
   if (answered) cell.append(h("span", { class: "cell-mark" }, answered));
@@ -68,10 +69,10 @@ export function alarmRow(one, now) {
     h("a", { class: "row-link", href: `#/alarm/${one.anomaly_id}`, "data-key": `alarm${one.anomaly_id}` },
       h("span", { class: "alarm-severity" }, badge(one.severity)),
       h("span", { class: "alarm-where" }, h("b", null, one.robot), h("span", null, ` ${jointName(one.joint)}`)),
-      h("span", { class: "alarm-text" }, finding(one.message),
+      h("span", { class: "alarm-text" }, findingOf(one),
         one.state === "open" ? null : h("span", { class: "tag" }, stateName(one.state)),
-        one.provisional ? h("span", { class: "tag" }, "test still being written") : null),
-      h("span", { class: "alarm-since" }, "since ", moment(onset, "day"), h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
+        one.provisional ? h("span", { class: "tag" }, t`test still being written`) : null),
+      h("span", { class: "alarm-since" }, t`since ${moment(onset, "day")}`, h("span", { class: "muted" }, ` ${ago(onset, now)}`))));
 }
 
 function robotRow(robot, range, now, alarms) {
@@ -79,29 +80,34 @@ function robotRow(robot, range, now, alarms) {
   const arm = alarms.filter((one) => one.joint === null);
   const late = robot.joints.some((one) => one.status === "overdue") || robot.status === "overdue";
   const test = robot.last_run_at
-    ? h("p", null, "Last test ", moment(robot.last_run_at, "day"), h("span", { class: "muted" }, `, ${ago(robot.last_run_at, now)}`))
-    : h("p", null, "No complete test yet");
+    ? h("p", null, t`Last test ${moment(robot.last_run_at, "day")}`, h("span", { class: "muted" }, `, ${ago(robot.last_run_at, now)}`))
+    : h("p", null, t`No complete test yet`);
   return h("li", { class: stale ? "robot-row is-stale" : "robot-row" },
     h("div", { class: "robot-head" },
       h("h3", null, h("a", { href: robotLink(robot.robot), "data-key": `robot/${robot.robot}` }, robot.robot)),
-      h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || "model not recognised"),
-        stale ? h("b", { class: "late" }, "stale since ", moment(stale, "day")) : null,
-        arm.map((one) => h("span", null, `${kindName(one.kind)} of the whole arm: ${one.severity}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
+      h("p", { class: "robot-status" }, badge(robot.status), h("span", { class: "muted" }, robot.model || t`model not recognised`),
+        stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null,
+        arm.map((one) => h("span", null, `${t`${kindName(one.kind)} of the whole arm`}: ${severityName(one.severity)}${one.state === "open" ? "" : `, ${stateName(one.state)}`}`)),
         robot.open_alarms ? h("span", null, plural(robot.open_alarms, "open alarm")) : null,
-        robot.open_infos ? h("span", { class: "muted" }, `${count(robot.open_infos)} worth knowing`) : null),
+        robot.open_infos ? h("span", { class: "muted" }, t`${count(robot.open_infos)} worth knowing`) : null),
       test,
-      late ? h("p", { class: "late" }, "Test overdue: expected by ", moment(robot.expected_by, "day")) : null),
+      late ? h("p", { class: "late" }, t`Test overdue: expected by ${moment(robot.expected_by, "day")}`) : null),
     robot.joints.length
       ? h("div", { class: "cells" }, robot.joints.map((joint) => jointCell(robot.robot, joint, range, alarms)))
-      : h("p", { class: "muted" }, "No joint has a figure yet. The first complete test gives them."));
+      : h("p", { class: "muted" }, t`No joint has a figure yet. The first complete test gives them.`));
 }
 
 /** Where an export is to be copied. */
-export const watchedNote = ({ watched }) => h("p", null, "Copy an export of a test into ", watched.length > 1 ? "one of the watched folders: " : "the watched folder: ",
-  watched.map((one, index) => [index ? ", " : "", h("code", null, one)]), ".");
+export function watchedNote({ watched }) {
+  const folders = watched.map((one, index) => [index ? ", " : "", h("code", null, one)]);
+  return h("p", null, watched.length > 1 ? t`Copy an export of a test into one of the watched folders: ${folders}.` : t`Copy an export of a test into the watched folder: ${folders}.`);
+}
+
+/** How to see the program without a robot. */
+export const demoNote = () => h("p", null, t`${h("code", null, "armwatch demo")} shows the program with made-up robots.`);
 
 export function mount({ main, query, choose, title }) {
-  title("Fleet");
+  title(t`Fleet`);
   let data = null;
   let gone = false;
   let status = query.get("status") ?? "";
@@ -122,10 +128,10 @@ export function mount({ main, query, choose, title }) {
   const totals = h("dl", { class: "totals" });
   const alarms = h("div");
   const live = h("div");
-  const chips = h("div", { class: "chips", role: "group", "aria-label": "Show robots of a status" });
+  const chips = h("div", { class: "chips", role: "group", "aria-label": t`Show robots of a status` });
   const found = h("p", { class: "muted found", role: "status" });
   const list = h("ul", { class: "robots" });
-  const search = h("input", { id: "search", type: "search", value: words, placeholder: "Name or model", oninput: () => {
+  const search = h("input", { id: "search", type: "search", value: words, placeholder: t`Name or model`, oninput: () => {
     words = search.value;
     choose({ search: words });
     drawRobots();
@@ -137,13 +143,13 @@ export function mount({ main, query, choose, title }) {
   } }, Object.entries(ORDERS).map(([key, [text]]) => h("option", { value: key, selected: key === order }, text)));
   const body = h("div", null, loading());
   const content = [
-    h("div", { class: "fleet-head" }, h("h1", { tabindex: -1 }, "Fleet"), totals),
+    h("div", { class: "fleet-head" }, h("h1", { tabindex: -1 }, t`Fleet`), totals),
     alarms, live,
     h("section", { class: "part flush", "aria-labelledby": "robots-title" },
-      h("div", { class: "part-head" }, h("h2", { id: "robots-title" }, "Robots"),
-        h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "search" }, "Search"), search), h("span", { class: "pair" }, h("label", { for: "order" }, "Sort by"), sort))),
+      h("div", { class: "part-head" }, h("h2", { id: "robots-title" }, t`Robots`),
+        h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "search" }, t`Search`), search), h("span", { class: "pair" }, h("label", { for: "order" }, t`Sort by`), sort))),
       chips, found, list,
-      h("p", { class: "part-note" }, "Each cell is a joint: friction at equal speed and temperature against the joint's own baseline, with its latest tests. All curves have one scale.")),
+      h("p", { class: "part-note" }, t`Each cell is a joint: friction at equal speed and temperature against the joint's own baseline, with its latest tests. All curves have one scale.`)),
   ];
   main.replaceChildren(body);
 
@@ -154,9 +160,9 @@ export function mount({ main, query, choose, title }) {
 
   function drawHead() {
     const of = data.counts;
-    if (differs("totals", of)) replace(totals, total("Robots", of.robots), total("Open alarms", of.open_alarms, null, of.open_alarms > 0),
-      of.open_infos ? total("Worth knowing", of.open_infos) : null,
-      total("In quarantine", of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total("Live tests", of.streaming_runs, "#/ingest"));
+    if (differs("totals", of)) replace(totals, total(t`Robots`, of.robots), total(t`Open alarms`, of.open_alarms, null, of.open_alarms > 0),
+      of.open_infos ? total(t`Worth knowing`, of.open_infos) : null,
+      total(t`In quarantine`, of.quarantined_runs, "#/ingest", of.quarantined_runs > 0), total(t`Live tests`, of.streaming_runs, "#/ingest"));
     const now = Date.parse(data.now);
     const minute = Math.floor(now / 60_000);
     const open = data.anomalies.filter((one) => one.state === "open" && one.severity !== "info");
@@ -166,29 +172,29 @@ export function mount({ main, query, choose, title }) {
     const states = [...new Set(answered.map((one) => stateName(one.state)))];
     const counted = states.map((name) => `${answered.filter((one) => stateName(one.state) === name).length} ${name}`).join(", ");
     const none = !data.robots.length ? null
-      : answered.length ? h("p", { class: "part-note" }, `No open alarm. ${plural(answered.length, "alarm")} still shown by tests: ${counted}.`)
-        : h("p", { class: "calm" }, icon("ok"), "No open alarm.");
+      : answered.length ? h("p", { class: "part-note" }, t`No open alarm. ${plural(answered.length, "alarm")} still shown by tests: ${counted}.`)
+        : h("p", { class: "calm" }, icon("ok"), t`No open alarm.`);
     const late = data.robots.filter((one) => one.status === "overdue" || one.joints.some((joint) => joint.status === "overdue"));
     if (differs("alarms", data.anomalies, allAlarms, late.map((one) => one.robot), data.robots.length, minute)) replace(alarms, data.robots.length || data.anomalies.length ? h("section", { class: "part flush", "aria-labelledby": "alarms-title" },
-      h("div", { class: "part-head" }, h("h2", { id: "alarms-title" }, "Open alarms")),
+      h("div", { class: "part-head" }, h("h2", { id: "alarms-title" }, t`Open alarms`)),
       open.length ? h("ol", { class: "alarms" }, shown.map((one) => alarmRow(one, now))) : none,
       open.length > FIRST_ALARMS ? h("button", { class: "quiet more", type: "button", "data-key": "all-alarms", "aria-expanded": String(allAlarms), onclick: () => {
         allAlarms = !allAlarms;
         drawHead();
-      } }, allAlarms ? "Show the first only" : `Show all ${open.length} alarms`) : null,
+      } }, allAlarms ? t`Show the first only` : t`Show all ${open.length} alarms`) : null,
       rest.length ? h("details", { class: "more", "data-key": "rest" }, h("summary", { "data-key": "rest-summary" },
-        [answered.length ? plural(answered.length, "answered alarm") : null, rest.length > answered.length ? plural(rest.length - answered.length, "informational finding") : null].filter(Boolean).join(" and ")),
+        [answered.length ? plural(answered.length, "answered alarm") : null, rest.length > answered.length ? plural(rest.length - answered.length, "informational finding") : null].filter(Boolean).join(" + ")),
       h("ol", { class: "alarms" }, rest.map((one) => alarmRow(one, now)))) : null,
-      late.length ? h("p", { class: "late-note" }, icon("overdue"), h("span", null, late.length === 1 ? "1 robot is overdue for its test: " : `${late.length} robots are overdue for their test: `,
+      late.length ? h("p", { class: "late-note" }, icon("overdue"), h("span", null, late.length === 1 ? t`1 robot is overdue for its test:` : t`${late.length} robots are overdue for their test:`, " ",
         late.slice(0, 4).map((one, index) => [index ? ", " : "", h("a", { href: robotLink(one.robot), "data-key": `late/${one.robot}` }, one.robot)]),
-        late.length > 4 ? ` and ${late.length - 4} more (filter by overdue).` : ".")) : null) : null);
+        late.length > 4 ? [" ", t`and ${late.length - 4} more (filter by overdue).`] : ".")) : null) : null);
     if (differs("live", data.live, minute)) replace(live, data.live.length ? h("section", { class: "part flush", "aria-labelledby": "live-title" },
-      h("div", { class: "part-head" }, h("h2", { id: "live-title" }, "Live tests")),
+      h("div", { class: "part-head" }, h("h2", { id: "live-title" }, t`Live tests`)),
       h("ul", { class: "lives" }, data.live.map((one) => h("li", null, h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` },
         h("span", { class: "badge s-live" }, icon("live"), one.robot),
-        h("span", null, `${plural(one.cycles, "cycle")} so far`),
+        h("span", null, t`${plural(one.cycles, "cycle")} so far`),
         h("span", { class: "muted file" }, one.source_name),
-        h("span", { class: "muted" }, "began ", ago(one.started_at, now))))))) : null);
+        h("span", { class: "muted" }, t`began ${ago(one.started_at, now)}`)))))) : null);
   }
 
   function drawChips() {
@@ -199,7 +205,7 @@ export function mount({ main, query, choose, title }) {
       drawChips();
       drawRobots();
     } }, name ? icon(name) : null, `${text} `, h("b", null, count(number)));
-    if (differs("chips", status, data.robots.length, STATUSES.map(of))) replace(chips, chip("", "All", data.robots.length), STATUSES.filter((one) => of(one) || one === status).map((one) => chip(one, one, of(one))));
+    if (differs("chips", status, data.robots.length, STATUSES.map(of))) replace(chips, chip("", t`All`, data.robots.length), STATUSES.filter((one) => of(one) || one === status).map((one) => chip(one, statusName(one), of(one))));
   }
 
   function drawRobots() {
@@ -241,16 +247,16 @@ export function mount({ main, query, choose, title }) {
     list.classList.toggle("many", shown.length > MANY);
     step(AT_ONCE);
     found.textContent = shown.length === data.robots.length ? "" : shown.length
-      ? `${count(shown.length)} of ${plural(data.robots.length, "robot")}` : "No robot matches. Clear the search or choose “All”.";
+      ? t`${count(shown.length)} of ${plural(data.robots.length, "robot")}` : t`No robot matches. Clear the search or choose “All”.`;
   }
 
   function draw() {
     if (!data.robots.length && !data.live.length && !data.anomalies.length) {
       drawHead();
-      replace(body, content[0], empty(h("h2", null, "No test yet"),
+      replace(body, content[0], empty(h("h2", null, t`No test yet`),
         watchedNote(data),
-        h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."),
-        data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, `${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
+        demoNote(),
+        data.counts.quarantined_runs ? h("p", null, h("a", { href: "#/ingest" }, t`${plural(data.counts.quarantined_runs, "export")} in quarantine: see why`)) : null));
       return;
     }
     if (body.children.length !== content.length) body.replaceChildren(...content);
@@ -264,11 +270,11 @@ export function mount({ main, query, choose, title }) {
     try {
       const fresh = await get("v1/fleet");
       if (gone) return;
-      if (data && fresh.counts.open_alarms > data.counts.open_alarms) announce(`A new alarm. ${plural(fresh.counts.open_alarms, "open alarm")}.`);
+      if (data && fresh.counts.open_alarms > data.counts.open_alarms) announce(t`A new alarm. ${plural(fresh.counts.open_alarms, "open alarm")}.`);
       data = fresh;
       draw();
     } catch (error) {
-      if (!gone && (data === null || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, "Fleet"), failed(error, () => refresh().catch(() => {})));
+      if (!gone && (data === null || error.status === 401)) replace(body, h("h1", { tabindex: -1 }, t`Fleet`), failed(error, () => refresh().catch(() => {})));
       throw error;
     }
   }

@@ -1,15 +1,18 @@
 import { h } from "./dom.js";
+import { language, t } from "./messages.js";
 
 const MINUS = "\u2212";
 const THIN = "\u202f";
 const NONE = "\u2013";
-const LOCALE = "en-GB";
+const LOCALE = { en: "en-GB", zh: "zh-CN" }[language] ?? language;
+// Decimal mark.
+const POINT = language === "it" || language === "de" ? "," : ".";
 const dayAndTime = new Intl.DateTimeFormat(LOCALE, { day: "numeric", month: "short", year: "numeric", hour: "2-digit", minute: "2-digit" });
 const dayOnly = new Intl.DateTimeFormat(LOCALE, { day: "numeric", month: "short", year: "numeric" });
 const timeOnly = new Intl.DateTimeFormat(LOCALE, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 
 export const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
-const sign = (text) => text.replace("-", MINUS);
+const sign = (text) => text.replace("-", MINUS).replace(".", POINT);
 
 /** A number with so many significant digits. */
 export function digits(value, significant = 3) {
@@ -39,8 +42,11 @@ export function change(index, places = 1) {
   const percent = (index - 1) * 100;
   const text = Math.abs(percent).toFixed(places);
   const none = Number(text) === 0;
-  return `${none ? "±" : percent > 0 ? "+" : MINUS}${text}${THIN}%`;
+  return `${none ? "±" : percent > 0 ? "+" : MINUS}${text.replace(".", POINT)}${THIN}%`;
 }
+
+/** A mark of an axis: a number without zeros at its end. */
+export const tick = (value) => digits(value, 3).replace(/([.,]\d*?)0+$/, "$1").replace(/[.,]$/, "");
 
 export function percent(fraction, places = 1) {
   return isNumber(fraction) ? `${sign((fraction * 100).toFixed(places))}${THIN}%` : NONE;
@@ -50,8 +56,10 @@ export function unit(text) {
   return (text ?? "").replace(/\^2/g, "²").replace(/\^3/g, "³").replaceAll(" ", "\u00a0");
 }
 
-export function plural(number, one, many = `${one}s`) {
-  return `${count(number)} ${number === 1 ? one : many}`;
+/** A number with a noun: the form for one, then that for more. */
+export function plural(number, noun) {
+  const [one, many = one] = t(`{0} ${noun}`, `{0} ${noun}|{0} ${noun}s`).split("|");
+  return (number === 1 ? one : many).replace("{0}", count(number));
 }
 
 export function sentence(text) {
@@ -84,29 +92,34 @@ export const clock = (at) => timeOnly.format(at);
 export const dayText = (at) => dayOnly.format(at);
 export const momentText = (at) => dayAndTime.format(at);
 
+const relative = new Intl.RelativeTimeFormat(LOCALE);
+
 /** How long ago, in one rounded unit. */
 export function ago(text, now = Date.now()) {
   const seconds = (now - Date.parse(text ?? "")) / 1000;
   if (!Number.isFinite(seconds)) return "";
-  if (seconds < 0) return `in ${span(-seconds)}`;
-  return seconds < 45 ? "just now" : `${span(seconds)} ago`;
+  if (seconds >= 0 && seconds < 45) return t`just now`;
+  const [number, unit] = rounded(Math.abs(seconds));
+  return relative.format(seconds < 0 ? number : -number, unit);
 }
 
-export function span(seconds) {
-  for (const [size, name] of [[31557600, "year"], [2629800, "month"], [86400, "day"], [3600, "hour"], [60, "minute"]]) {
-    if (seconds >= size * (size >= 86400 ? 2 : 1)) return plural(Math.floor(seconds / size), name);
+export const span = (seconds) => plural(...rounded(seconds));
+
+function rounded(seconds) {
+  for (const [size, unit] of [[31557600, "year"], [2629800, "month"], [86400, "day"], [3600, "hour"], [60, "minute"]]) {
+    // One month, for example, is told in days.
+    if (seconds >= size * (size >= 86400 ? 2 : 1)) return [Math.floor(seconds / size), unit];
   }
-  if (seconds >= 86400) return plural(Math.floor(seconds / 3600), "hour");
-  return plural(Math.max(1, Math.round(seconds)), "second");
+  return [Math.max(1, Math.round(seconds)), "second"];
 }
 
 /** Odds as a likelihood in words, with the figure. */
 export function likelihood(odds) {
-  if (!isNumber(odds) || odds < 0) return "not known";
+  if (!isNumber(odds) || odds < 0) return t`not known`;
   const share = odds / (1 + odds);
-  const word = share > 0.999 ? "almost certain" : share > 0.95 ? "very likely" : share > 0.66 ? "likely"
-    : share > 0.33 ? "as likely as not" : share > 0.05 ? "unlikely" : share > 0.001 ? "very unlikely" : "almost excluded";
-  const figure = odds >= 1e6 ? "more than a million to 1" : odds >= 1 ? `${digits(odds, 2)} to 1`
-    : odds >= 1e-6 ? `1 to ${digits(1 / odds, 2)}` : "less than 1 to a million";
+  const word = share > 0.999 ? t`almost certain` : share > 0.95 ? t`very likely` : share > 0.66 ? t`likely`
+    : share > 0.33 ? t`as likely as not` : share > 0.05 ? t`unlikely` : share > 0.001 ? t`very unlikely` : t`almost excluded`;
+  const figure = odds >= 1e6 ? t`more than a million to 1` : odds >= 1 ? t`${digits(odds, 2)} to 1`
+    : odds >= 1e-6 ? t`1 to ${digits(1 / odds, 2)}` : t`less than 1 to a million`;
   return `${word} (${figure})`;
 }

@@ -1,9 +1,9 @@
-import { digits, fixed, isNumber, percent } from "./format.js";
+import { digits, fixed, isNumber, percent, tick } from "./format.js";
+import { t } from "./messages.js";
 import { JOINT_DASHES, plot, ramp } from "./plot.js";
 
 const CURVE_POINTS = 80;
 const newton = (value) => `${digits(value, 3)} Nm`;
-const tick = (value) => digits(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 
 /** Means of both directions, by cycle and speed level. */
 function means(points) {
@@ -26,12 +26,12 @@ export function speedPlot(points, joint, owned) {
   const cycles = [...new Set(all.map((one) => one.cycle))].sort((a, b) => a - b);
   const series = cycles.map((cycle, index) => {
     const of = all.filter((one) => one.cycle === cycle).sort((a, b) => a.speed - b.speed);
-    return { label: `cycle ${cycle}`, x: of.map((one) => one.speed), y: of.map((one) => one.torque), color: ramp(cycles.length < 2 ? 1 : index / (cycles.length - 1)), points: true, size: 5, width: 1.5 };
+    return { label: t`cycle ${cycle}`, x: of.map((one) => one.speed), y: of.map((one) => one.torque), color: ramp(cycles.length < 2 ? 1 : index / (cycles.length - 1)), points: true, size: 5, width: 1.5 };
   });
   return plot({
-    title: `Friction over speed, joint ${joint}`, head: `Joint ${joint}, friction in Nm over speed in rad/s`, xLabel: "speed in rad/s", yLabel: "friction in Nm", height: 240, zero: true,
+    title: t`Friction over speed, joint ${joint}`, head: t`Joint ${joint}, friction in Nm over speed in rad/s`, xLabel: t`speed in rad/s`, yLabel: t`friction in Nm`, height: 240, zero: true,
     format: newton, formatTick: tick, formatX: (value) => `${fixed(value, 2)} rad/s`, series,
-    legend: [{ ramp: true, label: `cycle ${cycles[0]} (cold) to ${cycles.at(-1)} (hot)` }],
+    legend: [{ ramp: true, label: t`cycle ${cycles[0]} (cold) to ${cycles.at(-1)} (hot)` }],
   }, owned);
 }
 
@@ -54,12 +54,12 @@ export function warmUpPlot(points, fits, joint, owned) {
     if (fit && isNumber(fit.a_nm)) {
       const from = fit.first_min ?? of[0].minute;
       const drawn = curve(fit, from, fit.last_min ?? of.at(-1).minute);
-      series.push({ label: `fit ${percent(level, 0)}`, ...drawn, color, dash: JOINT_DASHES[index % JOINT_DASHES.length], width: 1.5, derived: true, spanGaps: true });
+      series.push({ label: t`fit ${percent(level, 0)}`, ...drawn, color, dash: JOINT_DASHES[index % JOINT_DASHES.length], width: 1.5, derived: true, spanGaps: true });
     }
-    legend.push({ label: `${percent(level, 0)} of the largest speed`, color, dot: true, dash: JOINT_DASHES[index % JOINT_DASHES.length] });
+    legend.push({ label: t`${percent(level, 0)} of the largest speed`, color, dot: true, dash: JOINT_DASHES[index % JOINT_DASHES.length] });
   });
   return plot({
-    title: `Warm-up, joint ${joint}`, head: `Joint ${joint}, friction in Nm over minutes since the start`, xLabel: "minutes since the start", yLabel: "friction in Nm", height: 240,
+    title: t`Warm-up, joint ${joint}`, head: t`Joint ${joint}, friction in Nm over minutes since the start`, xLabel: t`minutes since the start`, yLabel: t`friction in Nm`, height: 240,
     format: newton, formatTick: tick, formatX: (value) => `${fixed(value, 1)} min`, series, legend,
   }, owned);
 }

@@ -1,5 +1,6 @@
 import { h } from "./dom.js";
 import { change, isNumber } from "./format.js";
+import { t } from "./messages.js";
 import { plot, seconds } from "./plot.js";
 import { jointName, kindName } from "./status.js";
 
@@ -29,11 +30,11 @@ export function commonRange(rows, limits = []) {
 export function limitsOf(fleet, anomalies, joint) {
   const told = fleet?.limits;
   const lines = [];
-  if (isNumber(told?.drift_warning_fraction)) lines.push({ value: 1 + told.drift_warning_fraction, label: "warning", color: "--warning-icon", dash: [6, 4] });
-  if (isNumber(told?.drift_critical_fraction)) lines.push({ value: 1 + told.drift_critical_fraction, label: "critical", color: "--critical", dash: [2, 3] });
+  if (isNumber(told?.drift_warning_fraction)) lines.push({ value: 1 + told.drift_warning_fraction, label: t`warning`, color: "--warning-icon", dash: [6, 4] });
+  if (isNumber(told?.drift_critical_fraction)) lines.push({ value: 1 + told.drift_critical_fraction, label: t`critical`, color: "--critical", dash: [2, 3] });
   if (!lines.length) {
     const own = anomalies.find((one) => one.joint === joint && one.quantity === "friction_index" && (one.kind === "drift" || one.kind === "step") && isNumber(one.threshold));
-    if (own) lines.push({ value: 1 + own.threshold, label: "limit of the alarm", color: "--warning-icon", dash: [6, 4] });
+    if (own) lines.push({ value: 1 + own.threshold, label: t`limit of the alarm`, color: "--warning-icon", dash: [6, 4] });
   }
   return lines;
 }
@@ -43,7 +44,7 @@ export function marksOf(anomalies, works, joint) {
   const concerns = (one) => one.joint === null || one.joint === joint;
   return [
     ...anomalies.filter((one) => concerns(one) && one.onset_at && one.severity !== "info")
-      .map((one) => ({ x: seconds(one.onset_at), label: `onset: ${kindName(one.kind)}`, kind: "onset", color: "--critical", dash: [] })),
+      .map((one) => ({ x: seconds(one.onset_at), label: t`onset: ${kindName(one.kind)}`, kind: "onset", color: "--critical", dash: [] })),
     ...works.filter((one) => concerns(one) && one.at).map((one) => ({ x: seconds(one.at), label: one.what, kind: "maintenance", color: "--plot-mark", dash: [3, 3] })),
   ];
 }
@@ -51,11 +52,11 @@ export function marksOf(anomalies, works, joint) {
 export function legendOf(limits, marks, others = []) {
   const lines = [...new Map(limits.map((one) => [`${one.label}${one.value}`, one])).values()];
   return [
-    { label: "friction index, 95 % interval", color: "--plot", band: true },
-    others.length ? { label: "other arms of the model", color: "--plot-grey" } : null,
+    { label: t`friction index, 95 % interval`, color: "--plot", band: true },
+    others.length ? { label: t`other arms of the model`, color: "--plot-grey" } : null,
     ...lines.map((one) => ({ label: `${one.label} (${change(one.value, 0)})`, color: one.color, dash: [4, 2] })),
-    marks.some((one) => one.kind === "onset") ? { label: "onset of an alarm", color: "--critical", upright: true } : null,
-    marks.some((one) => one.kind === "maintenance") ? { label: "maintenance", color: "--plot-mark", upright: true, dash: [2, 1.5] } : null,
+    marks.some((one) => one.kind === "onset") ? { label: t`onset of an alarm`, color: "--critical", upright: true } : null,
+    marks.some((one) => one.kind === "maintenance") ? { label: t`maintenance`, color: "--plot-mark", upright: true, dash: [2, 1.5] } : null,
   ].filter(Boolean);
 }
 
@@ -63,7 +64,7 @@ export function legendOf(limits, marks, others = []) {
 export function indexPlot({ rows, joint, limits = [], marks = [], range, xRange, title, head, others = [], sync, height, plain }, owned) {
   const known = rows.filter((row) => isNumber(row.friction_index));
   if (!known.length && !others.length) {
-    return h("figure", { class: "plot" }, h("figcaption", { class: "plot-title" }, head ?? title), h("p", { class: "muted" }, "No friction index yet. It needs a baseline of five full tests."));
+    return h("figure", { class: "plot" }, h("figcaption", { class: "plot-title" }, head ?? title), h("p", { class: "muted" }, t`No friction index yet. It needs a baseline of five full tests.`));
   }
   const series = [
     ...others.map((one) => ({ label: one.label, x: one.x, y: one.y, color: "--plot-grey", width: 1, spanGaps: true })),
@@ -74,8 +75,8 @@ export function indexPlot({ rows, joint, limits = [], marks = [], range, xRange,
   ];
   const low = commonRange(known, limits);
   return plot({
-    title: title ?? jointName(joint), head, label: `Friction index of ${title ?? jointName(joint)}`, time: true, xLabel: "time", yLabel: "change of friction",
-    boundsLabel: "95 % interval", format: (value) => change(value), formatTick: (value) => change(value, 0).replace("±", ""), series,
+    title: title ?? jointName(joint), head, label: t`Friction index of ${title ?? jointName(joint)}`, time: true, xLabel: t`time`, yLabel: t`change of friction`,
+    boundsLabel: t`95 % interval`, format: (value) => change(value), formatTick: (value) => change(value, 0).replace("±", ""), series,
     limits: [{ value: 1, color: "--strong-line", dash: [1, 3] }, ...limits], marks, yRange: range ?? low, xRange, sync, legend: plain ? [] : legendOf(limits, marks, others), height,
   }, owned);
 }

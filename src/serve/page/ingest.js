@@ -2,12 +2,13 @@ import { dismissButton, retryButton, whyNot } from "./actions.js";
 import { get, view } from "./api.js";
 import { h, icon } from "./dom.js";
 import { ago, count, moment, plural, sentence } from "./format.js";
+import { t } from "./messages.js";
 import { empty, part } from "./part.js";
-import { watchedNote } from "./fleet.js";
+import { demoNote, watchedNote } from "./fleet.js";
 import { runTable } from "./robot.js";
 
 const STATES = {
-  open: "open", dismissed: "dismissed", earlier: "another fault was found later", reading: "being read again", stored: "stored since", superseded: "replaced by a corrected export",
+  open: "open", dismissed: "dismissed", earlier: t`another fault was found later`, reading: t`being read again`, stored: t`stored since`, superseded: t`replaced by a corrected export`,
 };
 
 function fact(name, value) {
@@ -20,68 +21,68 @@ function fault(one, soon) {
       h("h3", null, one.source_name),
       one.state === "open" ? h("div", { class: "pair" }, retryButton(one, soon), dismissButton(one, soon)) : one.state === "dismissed" ? retryButton(one, soon) : h("span", { class: "tag" }, STATES[one.state] ?? one.state)),
     h("p", { class: "lead" }, sentence(one.problem), "."),
-    one.remedy ? h("p", null, h("b", null, "What to do: "), one.remedy, ".") : null,
-    one.retry_asked_at ? h("p", { class: "muted" }, "Another attempt was asked for ", ago(one.retry_asked_at), ".") : null,
-    one.dismissal_reason ? h("p", { class: "muted" }, `Dismissed by ${one.dismissed_by ?? "somebody"}: ${one.dismissal_reason}`) : null,
+    one.remedy ? h("p", null, h("b", null, t`What to do:`), " ", one.remedy, ".") : null,
+    one.retry_asked_at ? h("p", { class: "muted" }, t`Another attempt was asked for ${ago(one.retry_asked_at)}.`) : null,
+    one.dismissal_reason ? h("p", { class: "muted" }, t`Dismissed by ${one.dismissed_by ?? t`somebody`}: ${one.dismissal_reason}`) : null,
     h("dl", { class: "facts" },
-      fact("Robot", one.robot), fact("Line", one.line === null ? null : count(one.line)), fact("Column", one.column_name),
-      fact("Value", one.value === null ? null : h("code", null, one.value)), fact("Cycles stored before it", one.cycles_stored ? count(one.cycles_stored) : null),
-      fact("Found", [moment(one.last_at), one.tries > 1 ? h("small", null, `${plural(one.tries, "attempt")}, the first ${ago(one.first_at)}`) : null]),
-      fact("Run", h("a", { href: `#/run/${one.run_id}`, "data-key": `fault/${one.fault_id}` }, `run ${one.run_id}`))));
+      fact(t`Robot`, one.robot), fact(t`Line`, one.line === null ? null : count(one.line)), fact(t`Column`, one.column_name),
+      fact(t`Value`, one.value === null ? null : h("code", null, one.value)), fact(t`Cycles stored before it`, one.cycles_stored ? count(one.cycles_stored) : null),
+      fact(t`Found`, [moment(one.last_at), one.tries > 1 ? h("small", null, t`${plural(one.tries, "attempt")}, the first ${ago(one.first_at)}`) : null]),
+      fact(t`Run`, h("a", { href: `#/run/${one.run_id}`, "data-key": `fault/${one.fault_id}` }, t`run ${one.run_id}`))));
 }
 
 function blocked(one) {
   return h("li", { class: "fault" },
-    h("div", { class: "fault-head" }, h("h3", null, one.source_name), h("span", { class: "tag" }, "still growing")),
-    h("p", { class: "lead" }, one.line === null ? "Cannot be read" : `Cannot be read beyond line ${count(one.line)}`, ` since ${moment(one.blocked_at)}: `, one.problem, "."),
-    one.remedy ? h("p", null, h("b", null, "What to do: "), one.remedy, ".") : null,
-    h("dl", { class: "facts" }, fact("Robot", one.robot),
-      fact("Run", one.run_id === null ? null : h("a", { href: `#/run/${one.run_id}`, "data-key": `blocked/${one.run_id}` }, `run ${one.run_id}`))));
+    h("div", { class: "fault-head" }, h("h3", null, one.source_name), h("span", { class: "tag" }, t`still growing`)),
+    h("p", { class: "lead" }, one.line === null ? t`Cannot be read since ${moment(one.blocked_at)}` : t`Cannot be read beyond line ${count(one.line)} since ${moment(one.blocked_at)}`, `: ${one.problem}.`),
+    one.remedy ? h("p", null, h("b", null, t`What to do:`), " ", one.remedy, ".") : null,
+    h("dl", { class: "facts" }, fact(t`Robot`, one.robot),
+      fact(t`Run`, one.run_id === null ? null : h("a", { href: `#/run/${one.run_id}`, "data-key": `blocked/${one.run_id}` }, t`run ${one.run_id}`))));
 }
 
 export function mount({ main, title }) {
-  title("Ingest");
+  title(t`Ingest`);
   const refresh = () => Promise.all(parts.map((one) => one.refresh()));
   const soon = () => { refresh().catch(() => {}); };
 
   const live = part({
-    title: "Live files", className: "flush",
+    title: t`Live files`, className: "flush",
     load: async (signal) => (await get("v1/fleet", signal)).live,
     draw: (rows) => (rows.length ? h("ul", { class: "lives" }, rows.map((one) => h("li", null,
       h("a", { class: "row-link live-row", href: `#/run/${one.run_id}`, "data-key": `live${one.run_id}` }, h("span", { class: "badge s-live" }, icon("live"), one.robot),
-        h("span", null, `${plural(one.cycles, "cycle")} so far`), h("span", { class: "muted file" }, one.source_name), h("span", { class: "muted" }, "began ", ago(one.started_at))))))
-      : h("p", { class: "page-note" }, "No file is being read now.")),
+        h("span", null, t`${plural(one.cycles, "cycle")} so far`), h("span", { class: "muted file" }, one.source_name), h("span", { class: "muted" }, t`began ${ago(one.started_at)}`)))))
+      : h("p", { class: "page-note" }, t`No file is being read now.`)),
   });
 
   const stuck = part({
-    title: "Cannot be read on", note: "Growing files with a fault. They are tried again while they grow, and judged when they have settled.",
+    title: t`Cannot be read on`, note: t`Growing files with a fault. They are tried again while they grow, and judged when they have settled.`,
     load: async (signal) => (await view("blocked_files", { order: "-blocked_at", limit: 300 }, signal)).rows,
     draw: (rows) => (rows.length ? h("ul", { class: "faults" }, rows.map(blocked))
-      : h("p", { class: "calm bare-calm" }, icon("ok"), "Every growing file is read as far as it is written.")),
+      : h("p", { class: "calm bare-calm" }, icon("ok"), t`Every growing file is read as far as it is written.`)),
   });
 
   const quarantine = part({
-    title: "In quarantine", note: "Exports that were not understood. Correct the export or the layout, then retry.",
+    title: t`In quarantine`, note: t`Exports that were not understood. Correct the export or the layout, then retry.`,
     load: async (signal) => (await view("quarantine", { order: "-last_at", limit: 300 }, signal)).rows,
     draw: (rows) => {
       const open = rows.filter((one) => one.state === "open" || one.state === "reading");
       const settled = rows.filter((one) => !open.includes(one));
       return [
         open.length ? whyNot() : null,
-        open.length ? h("ul", { class: "faults" }, open.map((one) => fault(one, soon))) : h("p", { class: "calm bare-calm" }, icon("ok"), "No export is in quarantine."),
+        open.length ? h("ul", { class: "faults" }, open.map((one) => fault(one, soon))) : h("p", { class: "calm bare-calm" }, icon("ok"), t`No export is in quarantine.`),
         settled.length ? h("details", { "data-key": "settled" }, h("summary", { "data-key": "settled-summary" }, plural(settled.length, "settled fault")), h("ul", { class: "faults" }, settled.map((one) => fault(one, soon)))) : null,
       ];
     },
   });
 
   const runs = part({
-    title: "Latest runs",
+    title: t`Latest runs`,
     load: async (signal) => ({ rows: (await view("runs", { order: "-run_id", limit: 30 }, signal)).rows, fleet: { watched: (await get("v1/fleet", signal)).watched } }),
-    draw: ({ rows, fleet }) => (rows.length ? runTable(rows, "The latest 30 runs", true)
-      : empty(h("p", null, "No export was read yet."), watchedNote(fleet), h("p", null, h("code", null, "armwatch demo"), " shows the program with made-up robots."))),
+    draw: ({ rows, fleet }) => (rows.length ? runTable(rows, t`The latest 30 runs`, true)
+      : empty(h("p", null, t`No export was read yet.`), watchedNote(fleet), demoNote())),
   });
 
   const parts = [live, stuck, quarantine, runs];
-  main.replaceChildren(h("h1", { tabindex: -1 }, "Ingest"), ...parts.map((one) => one.element));
+  main.replaceChildren(h("h1", { tabindex: -1 }, t`Ingest`), ...parts.map((one) => one.element));
   return { refresh, destroy() { for (const one of parts) one.destroy(); } };
 }

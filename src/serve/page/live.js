@@ -1,6 +1,7 @@
 import { headers } from "./api.js";
 import { announce } from "./dom.js";
 import { span } from "./format.js";
+import { t } from "./messages.js";
 
 // The server says "alive" at once and then every 10 s. After three of them the connection counts as lost: a proxy that
 // buffers answers passes on nothing, not even the status.
@@ -23,7 +24,7 @@ export function follow({ changed, note }) {
 
   function tell(now) {
     if (connected === now) return;
-    if (connected !== null || !now) announce(now ? "Connected again." : "The connection to the daemon is lost. Trying again.");
+    if (connected !== null || !now) announce(now ? t`Connected again.` : t`The connection to the daemon is lost. Trying again.`);
     connected = now;
     words();
   }
@@ -31,8 +32,8 @@ export function follow({ changed, note }) {
   function words() {
     if (document.hidden) return;
     if (connected === null) note("", "");
-    else if (connected) note("live", "Live");
-    else note("lost", `Not live; data is ${span((Date.now() - fresh) / 1000)} old`);
+    else if (connected) note("live", t`Live`);
+    else note("lost", t`Not live; data is ${span((Date.now() - fresh) / 1000)} old`);
   }
 
   async function run() {

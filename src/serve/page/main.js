@@ -1,6 +1,7 @@
 import { logIn, logOut, readRights, rights } from "./api.js";
 import { h, remember, toast } from "./dom.js";
 import { follow } from "./live.js";
+import { language, LANGUAGES, t } from "./messages.js";
 import { failed, loading } from "./part.js";
 
 const PAGES = { "": "fleet", wall: "wall", alarms: "alarms", robot: "robot", alarm: "alarm", run: "run", cycle: "cycle", ingest: "ingest" };
@@ -43,8 +44,8 @@ async function show() {
     else link.removeAttribute("aria-current");
   }
   if (!file) {
-    document.title = "No such page \u2013 armwatch";
-    main.replaceChildren(h("h1", { tabindex: -1 }, "There is no such page"), h("p", null, h("a", { href: "#/" }, "Show the fleet")));
+    document.title = `${t`There is no such page`} \u2013 armwatch`;
+    main.replaceChildren(h("h1", { tabindex: -1 }, t`There is no such page`), h("p", null, h("a", { href: "#/" }, t`Show the fleet`)));
     return;
   }
   const at = here;
@@ -62,8 +63,8 @@ async function show() {
     else scrollTo(0, 0);
     if (!first) main.querySelector("h1")?.focus({ preventScroll: true });
   } catch {
-    const error = new Error("This page cannot be loaded: the daemon does not answer. Check that armwatch runs and that this device reaches it.");
-    main.replaceChildren(h("h1", { tabindex: -1 }, "Not loaded"), failed(error, show));
+    const error = new Error(t`This page cannot be loaded: the daemon does not answer. Check that armwatch runs and that this device reaches it.`);
+    main.replaceChildren(h("h1", { tabindex: -1 }, t`Not loaded`), failed(error, show));
   }
   first = false;
 }
@@ -86,17 +87,25 @@ const stream = follow({
     // Stale content must not look like the present state.
     document.body.classList.toggle("stale", kind === "lost");
     banner.hidden = kind !== "lost";
-    const words = kind === "lost" ? `${text}. The daemon does not answer, or a proxy holds back its events.` : "";
+    const words = kind === "lost" ? t`${text}. The daemon does not answer, or a proxy holds back its events.` : "";
     if (banner.textContent !== words) banner.textContent = words;
   },
+});
+
+for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.textContent);
+const languages = document.getElementById("language");
+languages.append(...Object.entries(LANGUAGES).map(([key, name]) => h("option", { value: key, lang: key, selected: key === language }, name)));
+languages.addEventListener("change", () => {
+  remember("language", languages.value);
+  location.reload();
 });
 
 const theme = document.getElementById("theme");
 const systemDark = matchMedia("(prefers-color-scheme: dark)");
 const isDark = () => (document.documentElement.dataset.theme ?? (systemDark.matches ? "dark" : "light")) === "dark";
 function nameTheme() {
-  theme.textContent = isDark() ? "Light" : "Dark";
-  theme.setAttribute("aria-label", isDark() ? "Light colours" : "Dark colours");
+  theme.textContent = isDark() ? t`Light` : t`Dark`;
+  theme.setAttribute("aria-label", t`${theme.textContent} colours`);
   dispatchEvent(new Event("themechange"));
 }
 theme.addEventListener("click", () => {
@@ -114,10 +123,10 @@ login.addEventListener("click", () => (rights?.loggedIn ? logOut() : logIn()).ca
 async function about() {
   try {
     const session = await readRights();
-    document.getElementById("about").textContent = `armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
+    document.getElementById("about").textContent = t`armwatch ${session.version} · database ${session.database} · times in ${Intl.DateTimeFormat().resolvedOptions().timeZone}`;
     login.hidden = !rights.needsToken;
-    login.textContent = rights.loggedIn ? "Log out" : "Log in";
-    login.title = rights.act ? "You may act on alarms." : rights.loggedIn ? "This token may only look." : "";
+    login.textContent = rights.loggedIn ? t`Log out` : t`Log in`;
+    login.title = rights.act ? t`You may act on alarms.` : rights.loggedIn ? t`This token may only look.` : "";
   } catch { /* The page shows that the daemon does not answer. */ }
 }
 

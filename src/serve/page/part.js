@@ -1,15 +1,16 @@
 import { h, replace } from "./dom.js";
 import { mayAskAgain } from "./api.js";
+import { t } from "./messages.js";
 
 let number = 0;
 
-export function loading(text = "Loading") {
+export function loading(text = t`Loading`) {
   return h("p", { class: "page-note" }, text);
 }
 
 export function failed(error, retry) {
   return h("div", { class: "failure", role: "alert" }, h("p", null, error.message),
-    h("button", { type: "button", "data-key": "retry", onclick: () => { mayAskAgain(); retry(); } }, "Try again"));
+    h("button", { type: "button", "data-key": "retry", onclick: () => { mayAskAgain(); retry(); } }, t`Try again`));
 }
 
 export function empty(...children) {

@@ -1,5 +1,6 @@
 import { h, svg } from "./dom.js";
 import { clock, dayText, digits, isNumber, momentText } from "./format.js";
+import { language, t } from "./messages.js";
 
 let library = null;
 function uplot() {
@@ -105,12 +106,12 @@ function figures(spec) {
     const bounds = rows.some((row) => isNumber(row.low));
     const body = rows.slice(0, TABLE_ROWS).map((row) => h("tr", null, h("th", { scope: "row" }, spec.formatX(row.x)), h("td", null, row.one.label),
       h("td", { class: "number" }, spec.format(row.y)),
-      bounds ? h("td", { class: "number" }, isNumber(row.low) ? `${spec.format(row.low)} to ${spec.format(row.high)}` : "") : null));
-    box.append(h("div", { class: "scroll tall", tabindex: 0, role: "group", "aria-label": `Figures of ${spec.title}` }, h("table", null,
-      h("caption", { class: rows.length > TABLE_ROWS ? null : "hidden" }, rows.length > TABLE_ROWS ? `The first ${TABLE_ROWS} of ${rows.length} rows` : spec.title),
-      h("thead", null, h("tr", null, [spec.xLabel, "Series", spec.yLabel, bounds ? spec.boundsLabel ?? "Interval" : null].filter(Boolean)
+      bounds ? h("td", { class: "number" }, isNumber(row.low) ? t`${spec.format(row.low)} to ${spec.format(row.high)}` : "") : null));
+    box.append(h("div", { class: "scroll tall", tabindex: 0, role: "group", "aria-label": t`Figures of ${spec.title}` }, h("table", null,
+      h("caption", { class: rows.length > TABLE_ROWS ? null : "hidden" }, rows.length > TABLE_ROWS ? t`The first ${TABLE_ROWS} of ${rows.length} rows` : spec.title),
+      h("thead", null, h("tr", null, [spec.xLabel, t`Series`, spec.yLabel, bounds ? spec.boundsLabel ?? t`Interval` : null].filter(Boolean)
         .map((text) => h("th", { scope: "col" }, text)))), h("tbody", null, body))));
-  } }, h("summary", { "data-key": `summary/${spec.title}` }, "Figures as a table"), box);
+  } }, h("summary", { "data-key": `summary/${spec.title}` }, t`Figures as a table`), box);
   return details;
 }
 
@@ -122,7 +123,7 @@ export function plot(given, owned) {
   const spec = { height: 200, format: (value) => digits(value), ...given };
   spec.formatX ??= spec.time ? (value) => momentText(value * 1000) : (value) => digits(value);
   const tip = h("div", { class: "plot-tip", hidden: true });
-  const box = h("div", { class: "plot-box", role: "img", tabindex: 0, "aria-label": `${spec.label ?? spec.title}. ${spec.yLabel} over ${spec.xLabel}. The figures follow as a table. Arrow keys move the cursor.` }, tip);
+  const box = h("div", { class: "plot-box", role: "img", tabindex: 0, "aria-label": t`${spec.label ?? spec.title}. ${spec.yLabel} over ${spec.xLabel}. The figures follow as a table. Arrow keys move the cursor.` }, tip);
   box.style.height = `${spec.height}px`;
   const element = h("figure", { class: "plot" }, spec.hideTitle ? null : h("figcaption", { class: "plot-title" }, spec.head ?? spec.title), box, legend(spec.legend), figures(spec));
   const data = joined(spec.series);
@@ -269,7 +270,7 @@ export function plot(given, owned) {
       if (chart.width !== box.clientWidth) chart.setSize({ width: box.clientWidth, height: spec.height });
     } else if (!building) {
       building = true;
-      uplot().then((UPlot) => { if (!gone) build(UPlot); }, () => { box.textContent = "The plot cannot be drawn. Reload the page."; });
+      uplot().then((UPlot) => { if (!gone) build(UPlot); }, () => { box.textContent = t`The plot cannot be drawn. Reload the page.`; });
     }
   });
   let building = false;
@@ -294,7 +295,7 @@ export function plot(given, owned) {
   return element;
 }
 
-const month = new Intl.DateTimeFormat("en-GB", { month: "short" });
+const month = new Intl.DateTimeFormat(language, { month: "short" });
 // Axes of less than this show the time of day, others days: a day is named once.
 const SHORT_S = 2 * 86400;
 const MINUTES = [1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720].map((minutes) => 60 * minutes);

@@ -1,14 +1,16 @@
-import { deleteButton, maintenanceForm } from "./actions.js";
+import { cancelWindowButton, deleteButton, editButton, maintenanceForm, windowButton } from "./actions.js";
 import { get, view } from "./api.js";
 import { h, icon, replace, table } from "./dom.js";
 import { alarmRow, alarmsOf, jointCell, robotLink, staleSince } from "./fleet.js";
-import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, unit } from "./format.js";
+import { ago, change, count, digits, isNumber, moment, percent, plural, sentence, tick, unit } from "./format.js";
 import { commonRange, indexPlot, legendOf, limitsOf, marksOf } from "./index-plot.js";
+import { language, t } from "./messages.js";
 import { empty, part } from "./part.js";
 import { legend, plot, seconds } from "./plot.js";
 import { speedPlot, warmUpPlot } from "./friction-plots.js";
+import { findingOf, more } from "./quantities.js";
 import { sparkRange } from "./spark.js";
-import { badge, known, rank } from "./status.js";
+import { badge, jointName, known, rank } from "./status.js";
 
 const RUNS_SHOWN = 20;
 const TWINS = 40;
@@ -59,23 +61,23 @@ export function mount({ main, argument: robot, query, choose, title }) {
     const text = JSON.stringify([whole, alarmsOf(data.anomalies, robot), Math.floor(Date.now() / 60_000)]);
     if (text === headText) return;
     headText = text;
-    const crumb = h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, "Fleet"), ` / ${robot}`);
+    const crumb = h("p", { class: "crumb" }, h("a", { href: "#/", "data-key": "fleet" }, t`Fleet`), ` / ${robot}`);
     if (!whole) {
-      replace(head, crumb, h("h1", { tabindex: -1 }, robot), empty(h("p", null, "This robot has no complete test. Its runs and exports are below, if there are any."), h("p", null, h("a", { href: "#/ingest", "data-key": "ingest" }, "Show exports and quarantine"))));
+      replace(head, crumb, h("h1", { tabindex: -1 }, robot), empty(h("p", null, t`This robot has no complete test. Its runs and exports are below, if there are any.`), h("p", null, h("a", { href: "#/ingest", "data-key": "ingest" }, t`Show exports and quarantine`))));
       return;
     }
     if (!joint || !jointsOf().includes(joint)) joint = [...whole.joints].sort((a, b) => rank(a.status) - rank(b.status) || a.joint - b.joint)[0]?.joint ?? null;
     const worst = whole.joints.filter((one) => one.status === whole.status);
     const reasons = by(worst.filter((one) => one.reason), "reason");
     replace(head, crumb, h("h1", { tabindex: -1 }, robot),
-      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, "stale since ", moment(stale, "day")) : null, h("span", null, `Model ${whole.model || "not recognised"}`),
-        h("span", null, "last test ", moment(whole.last_run_at), h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
+      h("p", { class: "head-line" }, badge(whole.status), stale ? h("b", { class: "late" }, t`stale since ${moment(stale, "day")}`) : null, h("span", null, t`Model ${whole.model || t`not recognised`}`),
+        h("span", null, t`last test ${moment(whole.last_run_at)}`, h("span", { class: "muted" }, ` ${ago(whole.last_run_at)}`)),
         whole.expected_by ? h("span", { class: worst.some((one) => one.status === "overdue") ? "late" : "muted" },
-          Date.parse(whole.expected_by) < Date.now() ? "next test was expected by " : "next test expected by ", moment(whole.expected_by, "day")) : null),
-      [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? "All joints: " : joints.length > 1 ? `Joints ${joints.map((one) => one.joint).join(", ")}: ` : `Joint ${joints[0].joint}: `, reason.replace(/^joint \d+: /, ""), ".")),
-      whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, `Joint ${one.joint}: friction is ${one.trend ?? "changing"}. `,
-        one.warning_by ? ["A warning is expected by ", moment(one.warning_by, "day"), ". "] : null, one.critical_by ? ["The critical limit is expected by ", moment(one.critical_by, "day"), "."] : null)),
-      h("nav", { class: "cells joints", "aria-label": "Joints" }, whole.joints.map((one) => {
+          Date.parse(whole.expected_by) < Date.now() ? t`next test was expected by ${moment(whole.expected_by, "day")}` : t`next test expected by ${moment(whole.expected_by, "day")}`) : null),
+      [...reasons].map(([reason, joints]) => h("p", { class: "lead" }, joints.length === whole.joints.length ? t`All joints:` : joints.length > 1 ? t`Joints ${joints.map((one) => one.joint).join(", ")}:` : t`Joint ${joints[0].joint}:`, " ", reasonText(data.anomalies, reason))),
+      whole.joints.filter((one) => one.warning_by || one.critical_by).map((one) => h("p", { class: "lead" }, t`Joint ${one.joint}: friction is ${one.trend ? t(one.trend) : t`changing`}.`, " ",
+        one.warning_by ? [t`A warning is expected by ${moment(one.warning_by, "day")}.`, " "] : null, one.critical_by ? [t`The critical limit is expected by ${moment(one.critical_by, "day")}.`] : null)),
+      h("nav", { class: "cells joints", "aria-label": t`Joints` }, whole.joints.map((one) => {
         const cell = jointCell(robot, one, sparkRange([whole]), alarmsOf(data.anomalies, robot));
         if (one.joint === joint) cell.setAttribute("aria-current", "true");
         cell.addEventListener("click", (event) => {
@@ -87,6 +89,14 @@ export function mount({ main, argument: robot, query, choose, title }) {
       })));
   }
 
+  const soon = () => { refresh().catch(() => {}); };
+
+  /** The reason of a status: of an alarm in the language of the page, of all else in English. */
+  function reasonText(anomalies, reason) {
+    const alarm = language === "en" ? null : anomalies.find((one) => one.robot === robot && one.message === reason);
+    return alarm ? `${findingOf(alarm)}. ${more(alarm)[0]}` : h("span", { lang: "en" }, reason.replace(/^joint \d+: /, ""), ".");
+  }
+
   const jointSelect = h("select", { id: "joint", onchange: () => setJoint(Number(jointSelect.value)) });
   const runSelect = h("select", { id: "run", onchange: () => {
     run = Number(runSelect.value);
@@ -94,13 +104,13 @@ export function mount({ main, argument: robot, query, choose, title }) {
     frictionSpeed.again();
     warmUp.again();
   } });
-  const detailHead = h("div", { class: "detail-head" }, h("h2", { id: "detail" }, "One joint"),
-    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "joint" }, "Joint"), jointSelect), h("span", { class: "pair" }, h("label", { for: "run" }, "Run"), runSelect)));
+  const detailHead = h("div", { class: "detail-head" }, h("h2", { id: "detail" }, t`One joint`),
+    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "joint" }, t`Joint`), jointSelect), h("span", { class: "pair" }, h("label", { for: "run" }, t`Run`), runSelect)));
 
   function setJoint(next) {
     joint = next;
     choose({ joint });
-    fill(jointSelect, jointsOf().map((one) => [one, `Joint ${one}`]), joint);
+    fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
     for (const cell of head.querySelectorAll(".cell")) {
       if (cell.dataset.key === `${robot}/${joint}`) cell.setAttribute("aria-current", "true");
       else cell.removeAttribute("aria-current");
@@ -109,14 +119,14 @@ export function mount({ main, argument: robot, query, choose, title }) {
   }
 
   const alarms = part({
-    title: "Alarms", className: "flush",
+    title: t`Alarms`, className: "flush",
     load: async (signal) => (await view("anomalies", { robot, order: "-last_seen_at", limit: 200 }, signal)).rows,
     draw: (rows) => {
       const active = rows.filter((one) => !["resolved", "false_alarm"].includes(one.state)).sort((a, b) => rank(a.severity) - rank(b.severity));
       const closed = rows.filter((one) => !active.includes(one));
       return [
-        active.length ? h("ol", { class: "alarms" }, active.map((one) => alarmRow(one))) : h("p", { class: "calm" }, icon("ok"), "No open alarm."),
-        closed.length ? h("details", { class: "more", "data-key": "closed" }, h("summary", { "data-key": "closed-summary" }, `${plural(closed.length, "earlier alarm")}`), h("ol", { class: "alarms" }, closed.map((one) => alarmRow(one)))) : null,
+        active.length ? h("ol", { class: "alarms" }, active.map((one) => alarmRow(one))) : h("p", { class: "calm" }, icon("ok"), t`No open alarm.`),
+        closed.length ? h("details", { class: "more", "data-key": "closed" }, h("summary", { "data-key": "closed-summary" }, plural(closed.length, "earlier alarm")), h("ol", { class: "alarms" }, closed.map((one) => alarmRow(one)))) : null,
       ];
     },
   });
@@ -128,8 +138,8 @@ export function mount({ main, argument: robot, query, choose, title }) {
   } });
   scale.checked = own;
   const index = part({
-    title: "Friction index over time", note: "Friction of each test against the joint's own baseline, at equal speed and temperature. The band is the 95 % interval.",
-    tools: h("div", { class: "tools" }, h("label", { class: "check" }, scale, "A scale of its own for each joint")),
+    title: t`Friction index over time`, note: t`Friction of each test against the joint's own baseline, at equal speed and temperature. The band is the 95 % interval.`,
+    tools: h("div", { class: "tools" }, h("label", { class: "check" }, scale, t`A scale of its own for each joint`)),
     load: async (signal) => {
       const [rows, anomalies, works, data] = await Promise.all([
         view("friction_index", { robot, order: "-started_at", limit: 10000 }, signal), view("anomalies", { robot, limit: 500 }, signal),
@@ -138,7 +148,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
         joints: data.robots.find((one) => one.robot === robot)?.joints.map((one) => [one.joint, one.status, one.friction_index]) ?? [] };
     },
     draw: ({ rows, truncated, anomalies, works, limits, joints }, owned) => {
-      if (!rows.length) return empty("No friction index yet. A joint needs a baseline of full tests first, five by default. Until then the status is “learning”.");
+      if (!rows.length) return empty(t`No friction index yet. A joint needs a baseline of full tests first, five by default. Until then the status is “learning”.`);
       const groups = by(rows, "joint");
       const lines = (one) => limitsOf({ limits }, anomalies, one);
       const anyLimit = [...groups.keys()].some((one) => lines(one).length);
@@ -151,41 +161,41 @@ export function mount({ main, argument: robot, query, choose, title }) {
         h("div", { class: "plots" }, [...groups].sort((a, b) => a[0] - b[0]).map(([number, of]) => {
           const [, status, value] = state.get(number) ?? [];
           return indexPlot({
-            rows: of, joint: number, limits: lines(number), marks: marksOf(anomalies, works, number), range, xRange, title: `Joint ${number}`, sync: `index/${robot}`, height: 184, plain: true,
-            head: [h("span", null, `Joint ${number}`), status ? badge(known(status), status) : null, h("span", { class: "muted" }, change(value))],
+            rows: of, joint: number, limits: lines(number), marks: marksOf(anomalies, works, number), range, xRange, title: t`Joint ${number}`, sync: `index/${robot}`, height: 184, plain: true,
+            head: [h("span", null, t`Joint ${number}`), status ? badge(known(status)) : null, h("span", { class: "muted" }, change(value))],
           }, owned);
         })),
         legend(legendOf([...groups.keys()].flatMap(lines), [...groups.keys()].flatMap((one) => marksOf(anomalies, works, one)))),
-        limits ? null : h("p", { class: "part-note" }, anyLimit ? "A limit is drawn where an alarm tells it. The daemon does not tell the limits of the other joints." : "No limit is drawn: the daemon does not tell the limits of these joints."),
-        truncated ? h("p", { class: "part-note" }, "The history is longer than 10 000 points; the latest of them are shown.") : null,
+        limits ? null : h("p", { class: "part-note" }, anyLimit ? t`A limit is drawn where an alarm tells it. The daemon does not tell the limits of the other joints.` : t`No limit is drawn: the daemon does not tell the limits of these joints.`),
+        truncated ? h("p", { class: "part-note" }, t`The history is longer than 10 000 points; the latest of them are shown.`) : null,
       ];
     },
   });
 
   const frictionSpeed = part({
-    title: "Friction over speed", level: 3, note: "Mean of both directions, of the chosen run; cycles from cold to hot.", lazy: true,
+    title: t`Friction over speed`, level: 3, note: t`Mean of both directions, of the chosen run; cycles from cold to hot.`, lazy: true,
     load: async (signal) => {
       await chosen;
       return joint && run ? { joint, rows: (await view("friction_points", { run_id: run, joint, limit: 10000 }, signal)).rows } : null;
     },
-    draw: (data, owned) => (data?.rows.length ? speedPlot(data.rows, data.joint, owned) : empty("This run has no friction points of the joint. They come from the friction stage of a test.")),
+    draw: (data, owned) => (data?.rows.length ? speedPlot(data.rows, data.joint, owned) : empty(t`This run has no friction points of the joint. They come from the friction stage of a test.`)),
   });
 
   const warmUp = part({
-    title: "Friction over time of a run", level: 3, note: "Points at each speed level, and the fitted warm-up curve a + b exp(−t/t₁) + c exp(−t/t₂).", lazy: true,
+    title: t`Friction over time of a run`, level: 3, note: t`Points at each speed level, and the fitted warm-up curve a + b exp(−t/t₁) + c exp(−t/t₂).`, lazy: true,
     load: async (signal) => {
       await chosen;
       if (!joint || !run) return null;
       const [points, fits] = await Promise.all([view("friction_points", { run_id: run, joint, limit: 10000 }, signal), view("warmup_fits", { run_id: run, joint }, signal)]);
       return { joint, points: points.rows, fits: fits.rows };
     },
-    draw: (data, owned) => (data?.points.length ? warmUpPlot(data.points, data.fits, data.joint, owned) : empty("This run has no friction points of the joint.")),
+    draw: (data, owned) => (data?.points.length ? warmUpPlot(data.points, data.fits, data.joint, owned) : empty(t`This run has no friction points of the joint.`)),
   });
 
   const runTimes = async (signal) => (await view("runs", { robot, kind: "test", order: "-started_at", limit: 10000 }, signal)).rows;
 
   const rmsd = part({
-    title: "RMSD over runs", level: 3, note: "Relative RMSD of the excitation stage while the joint moves: median of a run's cycles, and their range. Logarithmic axis.", lazy: true, quiet: SLOW_MS,
+    title: t`RMSD over runs`, level: 3, note: t`Relative RMSD of the excitation stage while the joint moves: median of a run's cycles, and their range. Logarithmic axis.`, lazy: true, quiet: SLOW_MS,
     load: async (signal) => {
       await chosen;
       if (!joint) return null;
@@ -197,11 +207,11 @@ export function mount({ main, argument: robot, query, choose, title }) {
       }).sort((a, b) => a[0].localeCompare(b[0]));
     },
     draw: (rows, owned) => (rows?.length ? plot({
-      title: "RMSD over runs", hideTitle: true, time: true, xLabel: "time", yLabel: "relative RMSD", boundsLabel: "Range of the cycles", log: true, height: 240,
+      title: t`RMSD over runs`, hideTitle: true, time: true, xLabel: t`time`, yLabel: t`relative RMSD`, boundsLabel: t`Range of the cycles`, log: true, height: 240,
       format: (value) => percent(value, 2), formatTick: (value) => percent(value, value < 0.01 ? 1 : value < 0.03 ? 1 : 0),
-      series: [{ label: "median", x: rows.map((one) => seconds(one[0])), y: rows.map((one) => one[1]), low: rows.map((one) => one[2]), high: rows.map((one) => one[3]), color: "--plot", points: rows.length < 90, size: 5 }],
-      legend: [{ label: "median of a run's cycles, with their range", color: "--plot" }],
-    }, owned) : empty("No RMSD yet. It comes with the first cycle that gives parameters.")),
+      series: [{ label: t`median`, x: rows.map((one) => seconds(one[0])), y: rows.map((one) => one[1]), low: rows.map((one) => one[2]), high: rows.map((one) => one[3]), color: "--plot", points: rows.length < 90, size: 5 }],
+      legend: [{ label: t`median of a run's cycles, with their range`, color: "--plot" }],
+    }, owned) : empty(t`No RMSD yet. It comes with the first cycle that gives parameters.`)),
   });
 
   const parameterSelect = h("select", { id: "parameter", onchange: () => {
@@ -210,8 +220,8 @@ export function mount({ main, argument: robot, query, choose, title }) {
     parameters.again();
   } });
   const parameters = part({
-    title: "Parameters over runs", level: 3, note: "The last cycle of each run, with its 95 % interval.", lazy: true, quiet: SLOW_MS,
-    tools: h("div", { class: "tools" }, h("label", { for: "parameter" }, "Parameter"), parameterSelect),
+    title: t`Parameters over runs`, level: 3, note: t`The last cycle of each run, with its 95 % interval.`, lazy: true, quiet: SLOW_MS,
+    tools: h("div", { class: "tools" }, h("label", { for: "parameter" }, t`Parameter`), parameterSelect),
     load: async (signal) => {
       await chosen;
       if (!joint) return null;
@@ -227,22 +237,22 @@ export function mount({ main, argument: robot, query, choose, title }) {
     },
     draw: (data, owned) => {
       fill(parameterSelect, data?.names.map((one) => [one, one]) ?? [], data?.shown);
-      if (!data?.last.length) return empty("No parameters of this joint yet.");
+      if (!data?.last.length) return empty(t`No parameters of this joint yet.`);
       const { row } = data.last.at(-1);
       return [
         plot({
-          title: `${data.shown} in ${unit(row.unit)}`, time: true, xLabel: "time", yLabel: `${data.shown} in ${unit(row.unit)}`, boundsLabel: "95 % interval", height: 224,
-          format: (value) => `${digits(value, 4)} ${unit(row.unit)}`, formatTick: (value) => digits(value, 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""),
+          title: t`${data.shown} in ${unit(row.unit)}`, time: true, xLabel: t`time`, yLabel: t`${data.shown} in ${unit(row.unit)}`, boundsLabel: t`95 % interval`, height: 224,
+          format: (value) => `${digits(value, 4)} ${unit(row.unit)}`, formatTick: tick,
           series: [{ label: data.shown, x: data.last.map((one) => seconds(one.at)), y: data.last.map((one) => one.row.value), low: data.last.map((one) => one.row.interval_low), high: data.last.map((one) => one.row.interval_high), color: "--plot", points: true, size: 5, width: 1 }],
-          legend: [{ label: "value, with its 95 % interval", color: "--plot", dot: true }],
+          legend: [{ label: t`value, with its 95 % interval`, color: "--plot", dot: true }],
         }, owned),
-        row.grouping && row.grouping !== data.shown ? h("p", { class: "part-note" }, `Stands for ${row.grouping}.`) : null,
+        row.grouping && row.grouping !== data.shown ? h("p", { class: "part-note" }, t`Stands for ${row.grouping}.`) : null,
       ];
     },
   });
 
   const twins = part({
-    title: "Against other arms of the model", level: 3, note: "Friction index of the same joint of the other arms, in grey.", lazy: true, quiet: SLOW_MS,
+    title: t`Against other arms of the model`, level: 3, note: t`Friction index of the same joint of the other arms, in grey.`, lazy: true, quiet: SLOW_MS,
     load: async (signal) => {
       await chosen;
       if (!joint) return null;
@@ -256,73 +266,80 @@ export function mount({ main, argument: robot, query, choose, title }) {
       return { joint, mine: mine.rows, others, of: same.size, model };
     },
     draw: (data, owned) => {
-      if (!data?.mine.length) return empty("No friction index of this joint yet.");
-      if (!data.others.length) return empty(`No other arm of the model ${data.model || "of this robot"} has a friction index of this joint.`);
+      if (!data?.mine.length) return empty(t`No friction index of this joint yet.`);
+      if (!data.others.length) return empty(t`No other arm of the model ${data.model || t`of this robot`} has a friction index of this joint.`);
       const values = data.others.flatMap((one) => one.y.map((y) => ({ friction_index: y })));
-      return [indexPlot({ rows: data.mine, joint: data.joint, others: data.others, range: commonRange([...data.mine, ...values]), title: robot, head: `Joint ${data.joint}`, height: 240 }, owned),
-        data.others.length < data.of ? h("p", { class: "part-note" }, `${data.others.length} of ${data.of} other arms are shown, those with the latest tests.`) : null];
+      return [indexPlot({ rows: data.mine, joint: data.joint, others: data.others, range: commonRange([...data.mine, ...values]), title: robot, head: t`Joint ${data.joint}`, height: 240 }, owned),
+        data.others.length < data.of ? h("p", { class: "part-note" }, t`${data.others.length} of ${data.of} other arms are shown, those with the latest tests.`) : null];
     },
   });
 
   const runs = part({
-    title: "Runs",
+    title: t`Runs`,
     load: async (signal) => (await view("runs", { robot, order: "-started_at", limit: 500 }, signal)).rows,
     draw: (rows) => {
       const tests = rows.filter((one) => one.kind === "test" && (one.status === "complete" || one.status === "streaming"));
       if (!tests.some((one) => one.run_id === run)) run = (tests.find((one) => one.status === "complete") ?? tests[0])?.run_id ?? null;
-      fill(runSelect, tests.map((one) => [one.run_id, `${one.started_at.slice(0, 10)}, run ${one.run_id}`]), run);
-      const ended = tests.filter((one) => one.status === "complete").map((one) => [one.run_id, `${one.started_at.slice(0, 10)}, run ${one.run_id}`]);
+      fill(runSelect, tests.map((one) => [one.run_id, t`${one.started_at.slice(0, 10)}, run ${one.run_id}`]), run);
+      const ended = tests.filter((one) => one.status === "complete").map((one) => [one.run_id, t`${one.started_at.slice(0, 10)}, run ${one.run_id}`]);
       fill(emptySelect, ended, emptySelect.value || ended.at(-1)?.[0]);
       fill(loadedSelect, ended, loadedSelect.value || ended[0]?.[0]);
-      if (!rows.length) return empty("No run of this robot. Copy an export of a test into a watched folder.");
+      if (!rows.length) return empty(t`No run of this robot. Copy an export of a test into a watched folder.`);
       const shown = allRuns ? rows : rows.slice(0, RUNS_SHOWN);
-      return [runTable(shown, `Runs of ${robot}`), rows.length > RUNS_SHOWN ? h("button", { type: "button", class: "quiet", "data-key": "all-runs", onclick: () => {
+      return [runTable(shown, t`Runs of ${robot}`), rows.length > RUNS_SHOWN ? h("button", { type: "button", class: "quiet", "data-key": "all-runs", onclick: () => {
         allRuns = !allRuns;
         runs.again();
-      } }, allRuns ? `Show the latest ${RUNS_SHOWN}` : `Show all ${rows.length} runs`) : null];
+      } }, allRuns ? t`Show the latest ${RUNS_SHOWN}` : t`Show all ${rows.length} runs`) : null];
     },
   });
 
   const works = part({
-    title: "Maintenance",
-    load: async (signal) => (await view("maintenance_log", { robot, order: "-at", limit: 500 }, signal)).rows,
-    draw: (rows) => (rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
-      h("div", null, h("p", null, h("b", null, sentence(one.what))), h("p", { class: "muted" }, one.joint === null ? "whole arm" : `joint ${one.joint}`, one.who ? `, ${one.who}` : null)), deleteButton(one, () => { refresh().catch(() => {}); }))))
-      : h("p", { class: "muted" }, "No work is entered. From work on, a joint is compared with its tests after it.")),
+    title: t`Maintenance`,
+    load: async (signal) => {
+      const [done, planned] = await Promise.all([view("maintenance_log", { robot, order: "-at", limit: 500 }, signal), view("maintenance_windows", { robot, order: "-until_at", limit: 100 }, signal)]);
+      return { rows: done.rows, planned: planned.rows.filter((one) => Date.parse(one.until_at) > Date.now()) };
+    },
+    draw: ({ rows, planned }) => [
+      h("div", { class: "actions" }, windowButton(robot, jointsOf(), soon)),
+      planned.length ? [h("h3", null, t`Planned`), h("ol", { class: "log" }, planned.map((one) => h("li", null, h("span", { class: "muted" }, t`${moment(one.from_at)} to ${moment(one.until_at)}`),
+        h("div", null, h("p", null, h("b", null, sentence(one.what))), h("p", { class: "muted" }, jointName(one.joint), one.who ? `, ${one.who}` : null)), cancelWindowButton(one, soon))))] : null,
+      (rows.length ? h("ol", { class: "log" }, rows.map((one) => h("li", null, h("span", { class: "muted" }, moment(one.at)),
+      h("div", null, h("p", null, h("b", null, sentence(one.what))), h("p", { class: "muted" }, jointName(one.joint), one.who ? `, ${one.who}` : null)), h("div", { class: "pair" }, editButton(one, jointsOf(), soon), deleteButton(one, soon)))))
+      : h("p", { class: "muted" }, t`No work is entered. From work on, a joint is compared with its tests after it.`))],
   });
-  const workForm = h("section", { class: "part", "aria-labelledby": "enter-work" }, h("div", { class: "part-head" }, h("h2", { id: "enter-work" }, "Enter work done")), h("div", null));
+  const workForm = h("section", { class: "part", "aria-labelledby": "enter-work" }, h("div", { class: "part-head" }, h("h2", { id: "enter-work" }, t`Enter work done`)), h("div", null));
 
   const emptySelect = h("select", { id: "payload-empty" });
   const loadedSelect = h("select", { id: "payload-loaded" });
   const payloadResult = h("div", { role: "status" });
   async function showPayload() {
-    replace(payloadResult, h("p", { class: "muted" }, "Reading the cycles of both tests."));
+    replace(payloadResult, h("p", { class: "muted" }, t`Reading the cycles of both tests.`));
     try {
       const found = await get(`v1/payload?${new URLSearchParams({ empty: emptySelect.value, loaded: loadedSelect.value })}`);
-      const number = (value) => (value === null ? "not shown" : digits(value, 4));
-      replace(payloadResult, table({ caption: `Payload of ${robot}`, rows: found.quantities, columns: [
-        { title: "Quantity", cell: (one) => one.quantity },
-        { title: "Value", number: true, cell: (one) => number(one.value) },
-        { title: "95 % from", number: true, cell: (one) => number(one.interval_low) },
-        { title: "95 % to", number: true, cell: (one) => number(one.interval_high) },
-      ] }), h("p", { class: "part-note" }, `Drive gains may be off by up to ${Math.round(100 * found.gain_uncertainty)} %.`));
+      const number = (value) => (value === null ? t`not shown` : digits(value, 4));
+      replace(payloadResult, table({ caption: t`Payload of ${robot}`, rows: found.quantities, columns: [
+        { title: t`Quantity`, cell: (one) => one.quantity },
+        { title: t`Value`, number: true, cell: (one) => number(one.value) },
+        { title: t`95 % from`, number: true, cell: (one) => number(one.interval_low) },
+        { title: t`95 % to`, number: true, cell: (one) => number(one.interval_high) },
+      ] }), h("p", { class: "part-note" }, t`Drive gains may be off by up to ${Math.round(100 * found.gain_uncertainty)} %.`));
     } catch (error) {
       replace(payloadResult, h("p", { class: "late" }, sentence(error.message)));
     }
   }
-  const payloadPart = h("section", { class: "part", "aria-labelledby": "payload" }, h("div", { class: "part-head" }, h("h2", { id: "payload" }, "Payload"),
-    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "payload-empty" }, "Without"), emptySelect), h("span", { class: "pair" }, h("label", { for: "payload-loaded" }, "With"), loadedSelect),
-      h("button", { type: "button", "data-key": "payload", onclick: showPayload }, "Compare"))), payloadResult);
+  const payloadPart = h("section", { class: "part", "aria-labelledby": "payload" }, h("div", { class: "part-head" }, h("h2", { id: "payload" }, t`Payload`),
+    h("div", { class: "tools" }, h("span", { class: "pair" }, h("label", { for: "payload-empty" }, t`Without`), emptySelect), h("span", { class: "pair" }, h("label", { for: "payload-loaded" }, t`With`), loadedSelect),
+      h("button", { type: "button", "data-key": "payload", onclick: showPayload }, t`Compare`))), payloadResult);
 
   const ofJoint = [frictionSpeed, warmUp, rmsd, parameters, twins];
   const parts = [alarms, index, runs, works, ...ofJoint];
   const sections = {
-    now: ["Now", [alarms.element, index.element]],
-    runs: ["Runs and maintenance", [runs.element, h("div", { class: "columns" }, works.element, workForm), payloadPart]],
-    engineering: ["Engineering", [detailHead, h("div", { class: "columns" }, frictionSpeed.element, warmUp.element, twins.element, rmsd.element, parameters.element)]],
+    now: [t`Now`, [alarms.element, index.element]],
+    runs: [t`Runs and maintenance`, [runs.element, h("div", { class: "columns" }, works.element, workForm), payloadPart]],
+    engineering: [t`Engineering`, [detailHead, h("div", { class: "columns" }, frictionSpeed.element, warmUp.element, twins.element, rmsd.element, parameters.element)]],
   };
   const bodies = new Map(Object.entries(sections).map(([name, [, content]]) => [name, h("div", null, content)]));
-  const tabs = h("nav", { class: "tabs", "aria-label": "Parts of this page" }, Object.entries(sections).map(([name, [text]]) => h("a", {
+  const tabs = h("nav", { class: "tabs", "aria-label": t`Parts of this page` }, Object.entries(sections).map(([name, [text]]) => h("a", {
     href: `#/robot/${encodeURIComponent(robot)}?tab=${name}`, "data-tab": name, onclick: (event) => {
       event.preventDefault();
       showTab(name);
@@ -347,7 +364,7 @@ export function mount({ main, argument: robot, query, choose, title }) {
       const data = await fleet();
       if (gone) return;
       drawHead(data);
-      fill(jointSelect, jointsOf().map((one) => [one, `Joint ${one}`]), joint);
+      fill(jointSelect, jointsOf().map((one) => [one, t`Joint ${one}`]), joint);
       if (whole && !workForm.querySelector("form")) workForm.lastChild.replaceWith(maintenanceForm(robot, jointsOf(), () => refresh().catch(() => {})));
     } catch (error) {
       if (!head.firstChild) replace(head, h("h1", { tabindex: -1 }, robot));
@@ -365,18 +382,18 @@ export function mount({ main, argument: robot, query, choose, title }) {
 /** Runs as a table; also used by the page of exports. */
 export function runTable(rows, caption, withRobot = false) {
   const columns = [
-    { title: "Run", cell: (one) => h("a", { href: `#/run/${one.run_id}`, "data-key": `run/${one.run_id}` }, `run ${one.run_id}`) },
-    withRobot ? { title: "Robot", cell: (one) => h("a", { href: robotLink(one.robot), "data-key": `of/${one.run_id}` }, one.robot) } : null,
-    { title: "Started", cell: (one) => moment(one.started_at) },
-    { title: "Status", cell: (one) => runStatus(one) },
-    { title: "Cycles", number: true, cell: (one) => count(one.cycles) },
-    { title: "Rows", number: true, cell: (one) => count(one.rows) },
-    { title: "Export", wide: true, cell: (one) => one.source_name },
+    { title: t`Run`, cell: (one) => h("a", { href: `#/run/${one.run_id}`, "data-key": `run/${one.run_id}` }, t`run ${one.run_id}`) },
+    withRobot ? { title: t`Robot`, cell: (one) => h("a", { href: robotLink(one.robot), "data-key": `of/${one.run_id}` }, one.robot) } : null,
+    { title: t`Started`, cell: (one) => moment(one.started_at) },
+    { title: t`Status`, cell: (one) => runStatus(one) },
+    { title: t`Cycles`, number: true, cell: (one) => count(one.cycles) },
+    { title: t`Rows`, number: true, cell: (one) => count(one.rows) },
+    { title: t`Export`, wide: true, cell: (one) => one.source_name },
   ].filter(Boolean);
   return table({ caption, columns, rows });
 }
 
 export function runStatus(one) {
-  const [look, word] = { complete: ["ok", "complete"], streaming: ["live", "being read"], quarantined: ["critical", "in quarantine"], superseded: ["unknown", "superseded"], set_aside: ["unknown", "set aside"] }[one.status] ?? ["unknown", one.status];
-  return h("span", { class: `badge s-${look}` }, icon(look), word, one.kind === "production" ? h("span", { class: "tag" }, "production") : null);
+  const [look, word] = { complete: ["ok", t`complete`], streaming: ["live", t`being read`], quarantined: ["critical", t`in quarantine`], superseded: ["unknown", t`superseded`], set_aside: ["unknown", t`set aside`] }[one.status] ?? ["unknown", one.status];
+  return h("span", { class: `badge s-${look}` }, icon(look), word, one.kind === "production" ? h("span", { class: "tag" }, t`production`) : null);
 }

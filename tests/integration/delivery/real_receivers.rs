@@ -276,6 +276,76 @@ fn a_message_that_a_broker_never_takes_has_failed_at_once_and_lets_others_pass()
     assert_eq!(states, ["1|failed|1", "2|sent|1"]);
 }
 
+/// A mail server that keeps its mails in a folder, each in a file.
+fn mail_server(workshop: &Workshop, port: u16, mails: &Path) -> Option<Server> {
+    server(&["/usr/bin/python3"], &workshop.path("smtp.log"), port, |command| {
+        command
+            .args(["-m", "aiosmtpd", "-n", "-l", &format!("127.0.0.1:{port}")])
+            .args(["-c", "aiosmtpd.handlers.Mailbox"])
+            .arg(mails)
+            .env("PYTHONPATH", DEBIAN_PYTHON);
+    })
+}
+
+/// Mails as Python's `email` reads them.
+const READ_MAILS: &str = r#"
+import email, email.policy, json, pathlib, sys
+def parts(path):
+    mail = email.message_from_bytes(path.read_bytes(), policy=email.policy.default)
+    pictures = [part for part in mail.walk() if part.get_content_type() == "image/png"]
+    return {
+        "subject": mail["Subject"], "type": mail.get_content_type(), "text": mail.get_body(("plain",)).get_content(),
+        "page": mail.get_body(("html",)).get_content(), "ids": [part["Content-ID"].strip("<>") for part in pictures],
+        "sound": [part.get_content().startswith(b"\x89PNG\r\n\x1a\n") for part in pictures],
+    }
+print(json.dumps([parts(path) for path in pathlib.Path(sys.argv[1], "new").iterdir()]))
+"#;
+
+#[test]
+fn a_mail_has_text_page_and_picture_in_the_language_of_its_route() {
+    if !Path::new(DEBIAN_PYTHON).join("aiosmtpd").exists() {
+        println!("SKIPPED: python3-aiosmtpd is not installed; .ci/run installs it");
+        return;
+    }
+    let port = port();
+    let workshop = workshop(&format!(
+        "link = \"https://example.org/\"\n[[alerts.site]]\nname = \"Zürich\"\nrobots = [\"TEST\"]\n\
+         [[alerts.route]]\nname = \"mail\"\nlanguage = \"de\"\n[alerts.route.email]\nhost = \"127.0.0.1\"\n\
+         port = {port}\nencryption = \"none\"\nfrom = \"armwatch@example.org\"\nto = [\"wartung@example.org\"]\n"
+    ));
+    let mails = workshop.path("mails");
+    let Some(_python) = mail_server(&workshop, port, &mails) else { return };
+    workshop.stdout(&["ingest", "inbox"], 0);
+    workshop.stdout(&["alerts", "test", "mail"], 0);
+    let read =
+        Command::new("/usr/bin/python3").args(["-c", READ_MAILS]).arg(&mails).output().expect("python");
+    assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
+    let found: Value = serde_json::from_slice(&read.stdout).expect("JSON");
+    let mail = &found[0];
+    assert_eq!(mail["type"], "multipart/alternative");
+    assert_eq!(mail["subject"], "[armwatch] Warnung: TEST (Zürich), Gelenk 3: Drift der Reibung, neu");
+    let (text, page) = (mail["text"].as_str().expect("text"), mail["page"].as_str().expect("a page"));
+    for line in [
+        "Reibungsindex: 1,24, erwartet 1 (Grenze 5 %). Schmierung, Getriebe und Bremse prüfen.",
+        "Dringlichkeit: Prüfung einplanen",
+        "letzter Test: 1,24, erwartet 1",
+    ] {
+        assert!(text.lines().any(|found| found.trim() == line), "{line}\nnot in\n{text}");
+    }
+    // the page says what the text says, and shows the picture that comes with it
+    for words in [
+        "<html lang=\"de\">",
+        "TEST (Zürich), Gelenk 3",
+        "Prüfung einplanen",
+        "https://example.org/#/alarm/0",
+    ] {
+        assert!(page.contains(words), "{words}\nnot in\n{page}");
+    }
+    let id = mail["ids"][0].as_str().expect("a picture");
+    assert!(page.contains(&format!("src=\"cid:{id}\"")), "{id}\nnot in\n{page}");
+    assert_eq!(mail["sound"], serde_json::json!([true]));
+}
+
 #[test]
 fn a_mail_server_takes_a_mail_for_each_event() {
     if !Path::new(DEBIAN_PYTHON).join("aiosmtpd").exists() {
@@ -288,23 +358,8 @@ fn a_mail_server_takes_a_mail_for_each_event() {
          encryption = \"none\"\nfrom = \"armwatch <armwatch@example.org>\"\n\
          to = [\"Wartung <wartung@example.org>\", \"shift@example.org\"]\n"
     ));
-    // a folder of mails, each a file
     let mails = workshop.path("mails");
-    let python = server(&["/usr/bin/python3"], &workshop.path("smtp.log"), port, |command| {
-        command
-            .args([
-                "-m",
-                "aiosmtpd",
-                "-n",
-                "-l",
-                &format!("127.0.0.1:{port}"),
-                "-c",
-                "aiosmtpd.handlers.Mailbox",
-            ])
-            .arg(&mails)
-            .env("PYTHONPATH", DEBIAN_PYTHON);
-    });
-    let Some(_python) = python else { return };
+    let Some(_python) = mail_server(&workshop, port, &mails) else { return };
     let mut outbox = Outbox::new(&workshop);
     let daemon = workshop.daemon();
     let anomaly = outbox.open_anomaly("R01", 3, "critical");

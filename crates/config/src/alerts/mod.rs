@@ -1,5 +1,6 @@
 //! `[alerts]`: who is told of alarms, and how.
 
+pub(super) mod language;
 pub(super) mod settings;
 mod values;
 pub mod receivers;

@@ -6,6 +6,7 @@ use std::time::Duration;
 use jiff::civil::Time;
 use jiff::tz::TimeZone;
 
+use super::language::Language;
 use super::receivers::read_receiver;
 use super::settings::{AlertSettings, QuietHours, Route, Site};
 use super::values::{given, texts};
@@ -45,6 +46,7 @@ impl Default for AlertSettings {
                 Duration::from_secs_f64(DEFAULT_RETRY_FIRST_S),
                 Duration::from_secs_f64(DEFAULT_RETRY_MOST_S),
             ),
+            language: Language::default(),
             link: None,
             routes: vec![Route::log()],
         }
@@ -63,6 +65,7 @@ pub(crate) fn read_alerts(table: &Table<'_>) -> Option<AlertSettings> {
         table.number_or("give_up_after_h", &Limits::above(0.0, YEAR_H, "h"), DEFAULT_GIVE_UP_AFTER_H);
     let first = table.number_or("retry_first_s", &Limits::between(0.05, 3600.0, "s"), DEFAULT_RETRY_FIRST_S);
     let most = table.number_or("retry_most_s", &Limits::between(0.05, 86_400.0, "s"), DEFAULT_RETRY_MOST_S);
+    let language = given(read_language(table));
     let link = table.optional("link").map(|value| value.text().map(str::to_owned));
     let sites = read_list(table, "site", read_site);
     let routes = read_routes(table);
@@ -75,6 +78,7 @@ pub(crate) fn read_alerts(table: &Table<'_>) -> Option<AlertSettings> {
         remind_after: (remind > 0.0).then(|| hours(remind)),
         give_up_after: hours(give_up?),
         retry: (Duration::from_secs_f64(first), Duration::from_secs_f64(most.max(first))),
+        language: language?.unwrap_or_default(),
         link: match link {
             Some(link) => Some(link?),
             None => None,
@@ -134,6 +138,7 @@ fn read_route(table: &Table<'_>, name: Option<String>) -> Option<Route> {
             value.items()?.iter().map(|item| one_of(item, &AnomalyKind::ALL, |kind| kind.name())).collect();
         kinds.into_iter().collect::<Option<Vec<_>>>()
     });
+    let language = given(read_language(table));
     let zone = match table.optional("time_zone") {
         Some(value) => read_zone(&value),
         None => Some(TimeZone::UTC),
@@ -151,6 +156,7 @@ fn read_route(table: &Table<'_>, name: Option<String>) -> Option<Route> {
         robots: given(robots)?,
         kinds: given(kinds)?,
         sites: given(sites)?,
+        language: language?,
         zone: zone?,
         quiet: given(quiet)?,
         digest_at: given(digest_at)?,
@@ -188,6 +194,11 @@ fn one_of<T: Copy>(value: &Value<'_>, all: &[T], name: impl Fn(T) -> &'static st
         value.refuse("is not known here".into(), Some(format!("write one of {}", names.join(", "))));
     }
     found
+}
+
+/// `language`; outer `None` where it is not given, inner after a problem.
+fn read_language(table: &Table<'_>) -> Option<Option<Language>> {
+    table.optional("language").map(|value| one_of(&value, &Language::ALL, |language| language.code()))
 }
 
 fn read_zone(value: &Value<'_>) -> Option<TimeZone> {

@@ -5,6 +5,7 @@ use std::time::Duration;
 use jiff::civil::Time;
 use jiff::tz::TimeZone;
 
+use super::language::Language;
 use super::receivers::{LogSettings, ReceiverSettings};
 use crate::pattern;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
@@ -23,6 +24,8 @@ pub struct AlertSettings {
     pub give_up_after: Duration,
     /// Shortest and longest pause before another attempt.
     pub retry: (Duration, Duration),
+    /// Language of messages, unless a route has its own.
+    pub language: Language,
     /// Address that messages refer people to.
     pub link: Option<String>,
     /// To whom.
@@ -60,6 +63,8 @@ pub struct Route {
     pub kinds: Option<Vec<AnomalyKind>>,
     /// Names of sites; `None`: all, and robots of none.
     pub sites: Option<Vec<String>>,
+    /// Language of its messages; `None`: that of all routes.
+    pub language: Option<Language>,
     /// Time zone of the two below.
     pub zone: TimeZone,
     /// When what is not critical waits.
@@ -82,6 +87,7 @@ impl Route {
             robots: None,
             kinds: None,
             sites: None,
+            language: None,
             zone: TimeZone::UTC,
             quiet: None,
             digest_at: None,

@@ -19,7 +19,7 @@ use armwatch_model::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use armwatch_model::robot::JointIndex;
 
 /// Who entered work, where that was not said.
-const SOMEBODY: &str = "somebody";
+pub(super) const SOMEBODY: &str = "somebody";
 
 /// Entries that say the same of the same joint and lie less than this apart are one: it was entered twice, as by a double
 /// click, and nobody does the same work twice within a minute.
@@ -109,6 +109,25 @@ impl Store {
         Ok(removed)
     }
 
+    /// Corrects an entry and gives its key, which is another one if the place or the time has changed: alarms and
+    /// baselines are then as if the old entry had never been there. `None` if there is none of this key.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn edit_maintenance(
+        &self,
+        maintenance_id: i64,
+        of: &NewMaintenance,
+    ) -> Result<Option<Result<i64, NotEntered>>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let edited = edit(&mut transaction, maintenance_id, of).await;
+        let edited = self.checked(edited)?;
+        if matches!(edited, Some(Ok(_))) {
+            self.commit(transaction).await?;
+        }
+        Ok(edited)
+    }
+
     /// Work on one robot or, without a name, on all, in the order of its time.
     ///
     /// # Errors
@@ -170,7 +189,8 @@ async fn enter(
     Ok(Ok(entered))
 }
 
-/// Anomalies of the place of work that began before it, that go on, and that are neither closed nor in maintenance.
+/// Anomalies of the place of work that began before it, that go on, and that are neither closed nor in
+/// maintenance by other work.
 async fn unsettled_before(
     executor: impl EngineExecutor<'_>,
     of: &NewMaintenance,
@@ -180,7 +200,8 @@ async fn unsettled_before(
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
          WHERE robot.name = $1 AND ($2 IS NULL OR anomaly.joint = $2)
                AND (anomaly.first_seen_at < $3 OR anomaly.onset_at < $3)
-               AND anomaly.state IN ('open', 'acknowledged', 'shelved')
+               AND (anomaly.state IN ('open', 'acknowledged', 'shelved')
+                    OR anomaly.state = 'maintenance' AND anomaly.shelved_until IS NOT NULL)
                AND NOT anomaly.ended AND NOT anomaly.withdrawn
          ORDER BY anomaly.anomaly_id",
     )
@@ -189,6 +210,28 @@ async fn unsettled_before(
     .bind(of.at.as_microsecond())
     .fetch_all(executor)
     .await
+}
+
+async fn edit(
+    connection: &mut EngineConnection,
+    maintenance_id: i64,
+    of: &NewMaintenance,
+) -> Result<Option<Result<i64, NotEntered>>, sqlx::Error> {
+    let all = rows(&mut *connection, None).await?;
+    let Some(old) = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id) else {
+        return Ok(None);
+    };
+    if (&old.robot, old.work.joint, old.work.at) != (&of.robot, of.joint, of.at) {
+        remove(&mut *connection, maintenance_id).await?;
+        return enter(connection, of).await.map(Some);
+    }
+    sqlx::query("UPDATE maintenance SET what = $1, who = $2 WHERE maintenance_id = $3")
+        .bind(&of.what)
+        .bind(of.who.as_deref())
+        .bind(maintenance_id)
+        .execute(connection)
+        .await?;
+    Ok(Some(Ok(maintenance_id)))
 }
 
 async fn remove(
@@ -219,7 +262,8 @@ async fn maintained_by_nothing(
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
-         WHERE robot.name = $1 AND ($2 IS NULL OR anomaly.joint = $2) AND anomaly.state = 'maintenance'
+         WHERE robot.name = $1 AND ($2 IS NULL OR anomaly.joint = $2)
+               AND anomaly.state = 'maintenance' AND anomaly.shelved_until IS NULL
                AND NOT EXISTS (
                    SELECT 1 FROM maintenance
                    WHERE maintenance.robot_id = anomaly.robot_id

@@ -10,6 +10,7 @@ pub(super) mod dates;
 pub(super) mod cycle_friction_rows;
 pub(super) mod summaries;
 mod settled;
+pub(super) mod windows;
 pub(super) mod indices;
 pub(super) mod open_test;
 pub(super) mod peers;

@@ -20,7 +20,7 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 
 /// The latest test of a robot, and the store that it is in.
-struct Robot<'a> {
+pub(super) struct Robot<'a> {
     store: &'a Store,
     name: String,
     robot_id: i64,
@@ -29,7 +29,7 @@ struct Robot<'a> {
 }
 
 impl<'a> Robot<'a> {
-    async fn with_runs(store: &'a Store, name: &str, days: usize) -> Self {
+    pub(super) async fn with_runs(store: &'a Store, name: &str, days: usize) -> Self {
         let mut runs = Vec::new();
         for day in 0..days {
             let begun =
@@ -45,7 +45,7 @@ impl<'a> Robot<'a> {
     }
 
     /// Drift of joint 3, seen from one day to another.
-    fn drift(&self, from: usize, to: usize) -> Anomaly {
+    pub(super) fn drift(&self, from: usize, to: usize) -> Anomaly {
         let at = |days: usize| day(i64::try_from(days).expect("few"));
         Anomaly {
             quantity: Quantity::FrictionIndex,
@@ -58,7 +58,7 @@ impl<'a> Robot<'a> {
         }
     }
 
-    async fn reconcile(&self, anomalies: Vec<Anomaly>) -> Reconciled {
+    pub(super) async fn reconcile(&self, anomalies: Vec<Anomaly>) -> Reconciled {
         let mut conclusion = self.store.conclude(self.robot_id).await.expect("a transaction");
         let outcome = conclusion.reconcile(&findings(anomalies), &[]).await.expect("findings");
         let history = conclusion.history().await.expect("a count");
@@ -67,7 +67,7 @@ impl<'a> Robot<'a> {
     }
 
     /// Enters work on a joint, or on the whole arm, and gives its key.
-    async fn repaired(&self, of: Option<usize>, at: i64) -> i64 {
+    pub(super) async fn repaired(&self, of: Option<usize>, at: i64) -> i64 {
         let new = NewMaintenance {
             robot: self.name.clone(),
             joint: of.map(joint),
@@ -79,7 +79,7 @@ impl<'a> Robot<'a> {
     }
 
     /// States of what is shown, by number.
-    async fn states(&self) -> Vec<String> {
+    pub(super) async fn states(&self) -> Vec<String> {
         self.shown().await.into_iter().map(|(_, _, state, _)| state).collect()
     }
 
@@ -90,12 +90,12 @@ impl<'a> Robot<'a> {
     }
 
     /// What happened with these findings.
-    async fn events(&self, anomalies: Vec<Anomaly>) -> Vec<EventKind> {
+    pub(super) async fn events(&self, anomalies: Vec<Anomaly>) -> Vec<EventKind> {
         self.reconcile(anomalies).await.events.iter().map(|event| event.what).collect()
     }
 
     /// Number, kind, state and first run of what is shown.
-    async fn shown(&self) -> Vec<(i64, String, String, usize)> {
+    pub(super) async fn shown(&self) -> Vec<(i64, String, String, usize)> {
         let rows = self.store.anomalies_after(0).await.expect("anomalies");
         let of_robot = rows.into_iter().filter(|row| row.robot == self.name);
         let place = |run: Option<i64>| self.runs.iter().position(|id| Some(*id) == run).expect("a run");

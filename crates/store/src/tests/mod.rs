@@ -1,6 +1,7 @@
 //! The ledger and the results of cycles, against a real database.
 
 mod anomalies;
+mod windows;
 mod factors;
 mod plans;
 mod retention;

@@ -9,6 +9,7 @@ use super::anomalies::{AnomalyEvent, Person, record};
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
+use crate::robot::windows;
 use crate::values::{in_views, joint, named, time, time_text};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::quantity::Quantity;
@@ -184,6 +185,48 @@ pub struct SeriesRun {
 }
 
 impl Store {
+    /// Writes down what a person says of an anomaly, whatever its state is. Gives the event.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn comment_on_anomaly(
+        &self,
+        anomaly_id: i64,
+        who: &str,
+        text: &str,
+    ) -> Result<Result<AnomalyEvent, NotDone>, StoreError> {
+        self.note(anomaly_id, EventKind::Commented, Person { who, why: Some(text) }, None).await
+    }
+
+    /// Puts an anomaly into the hands of a person, `None` of nobody, and writes down who did that.
+    ///
+    /// # Errors
+    /// [`StoreError`] of the database.
+    pub async fn assign_anomaly(
+        &self,
+        anomaly_id: i64,
+        to: Option<&str>,
+        who: &str,
+    ) -> Result<Result<AnomalyEvent, NotDone>, StoreError> {
+        self.note(anomaly_id, EventKind::Assigned, Person { who, why: to }, Some(to)).await
+    }
+
+    async fn note(
+        &self,
+        anomaly_id: i64,
+        what: EventKind,
+        by: Person<'_>,
+        assignee: Option<Option<&str>>,
+    ) -> Result<Result<AnomalyEvent, NotDone>, StoreError> {
+        let mut transaction = self.begin().await?;
+        let noted = note(&mut transaction, anomaly_id, what, by, assignee).await;
+        let noted = self.checked(noted)?;
+        if noted.is_ok() {
+            self.commit(transaction).await?;
+        }
+        Ok(noted)
+    }
+
     /// Does `action` to all of these anomalies, or to none if it cannot be done to one of them, and writes down who
     /// did it and why.
     ///
@@ -206,7 +249,7 @@ impl Store {
     }
 
     /// Opens shelved anomalies whose time was over before `clock`, and those in maintenance that a run after the work
-    /// shows, and says which.
+    /// shows or whose window is over. Puts open ones into maintenance whose window has begun. Says which.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -214,7 +257,9 @@ impl Store {
         // readers do not wait for writers, and mostly there is nothing to do
         let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
         let worked_on = self.checked(shown_after_work(&self.readers).await)?;
-        if shelved.is_empty() && worked_on.is_empty() {
+        let over = self.checked(windows::over(&self.readers, clock).await)?;
+        let waiting = self.checked(windows::waiting(&self.readers, clock).await)?;
+        if shelved.is_empty() && worked_on.is_empty() && over.is_empty() && waiting.is_empty() {
             return Ok(Vec::new());
         }
         let mut transaction = self.begin().await?;
@@ -296,6 +341,28 @@ async fn act(
     Ok(Ok(events))
 }
 
+async fn note(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+    what: EventKind,
+    by: Person<'_>,
+    assignee: Option<Option<&str>>,
+) -> Result<Result<AnomalyEvent, NotDone>, sqlx::Error> {
+    match find(&mut *connection, anomaly_id).await? {
+        None => return Ok(Err(NotDone::Unknown(anomaly_id))),
+        Some(known) if known.withdrawn => return Ok(Err(NotDone::Withdrawn(anomaly_id))),
+        Some(_) => {}
+    }
+    if let Some(assignee) = assignee {
+        sqlx::query("UPDATE anomaly SET assignee = $1 WHERE anomaly_id = $2")
+            .bind(assignee)
+            .bind(anomaly_id)
+            .execute(&mut *connection)
+            .await?;
+    }
+    record(connection, anomaly_id, what, Some(by)).await.map(Ok)
+}
+
 struct Known {
     state: AlarmState,
     ended: bool,
@@ -361,9 +428,12 @@ async fn end_shelving(
         set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
         events.push(record(&mut *connection, anomaly_id, EventKind::Unshelved, None).await?);
     }
-    for anomaly_id in shown_after_work(&mut *connection).await? {
+    let mut back = shown_after_work(&mut *connection).await?;
+    back.extend(windows::over(&mut *connection, clock).await?);
+    for anomaly_id in back {
         events.extend(open_again(&mut *connection, anomaly_id).await?);
     }
+    events.extend(windows::hold(connection, clock).await?);
     Ok(events)
 }
 
@@ -373,7 +443,8 @@ async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>,
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
          FROM anomaly JOIN robot ON robot.robot_id = anomaly.robot_id
-         WHERE anomaly.state = 'maintenance' AND NOT anomaly.ended AND NOT anomaly.withdrawn
+         WHERE anomaly.state = 'maintenance' AND anomaly.shelved_until IS NULL
+               AND NOT anomaly.ended AND NOT anomaly.withdrawn
                AND robot.history = robot.concluded
                AND anomaly.last_seen_at >= (
                    SELECT max(maintenance.at) FROM maintenance
@@ -394,6 +465,18 @@ pub(in crate::robot) async fn maintain(
     let action = AlarmAction::Maintain;
     set_life(&mut *connection, anomaly_id, &Life::of(action.state())).await?;
     record(connection, anomaly_id, action.event(), Some(by)).await
+}
+
+/// Puts an anomaly into maintenance until the end of a window.
+pub(in crate::robot) async fn maintain_until(
+    connection: &mut EngineConnection,
+    anomaly_id: i64,
+    until: Timestamp,
+    by: Person<'_>,
+) -> Result<AnomalyEvent, sqlx::Error> {
+    let life = Life { shelved_until: Some(until), ..Life::of(AlarmState::Maintenance) };
+    set_life(&mut *connection, anomaly_id, &life).await?;
+    record(connection, anomaly_id, EventKind::Maintenance, Some(by)).await
 }
 
 /// Opens an anomaly that was in maintenance. Of one that the history has taken back nothing is said: it comes back open.

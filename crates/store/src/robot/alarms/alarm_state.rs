@@ -78,11 +78,15 @@ pub enum EventKind {
     Resolved,
     /// A person says that nothing was wrong.
     FalseAlarm,
+    /// A person wrote something about it, which changes nothing.
+    Commented,
+    /// It is in the hands of another person, or of none.
+    Assigned,
 }
 
 impl EventKind {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 15] = [
         Self::Opened,
         Self::Worse,
         Self::Corrected,
@@ -96,6 +100,8 @@ impl EventKind {
         Self::Maintenance,
         Self::Resolved,
         Self::FalseAlarm,
+        Self::Commented,
+        Self::Assigned,
     ];
 
     /// Name as in the view `anomaly_history`.
@@ -115,6 +121,8 @@ impl EventKind {
             Self::Maintenance => "maintenance",
             Self::Resolved => "resolved",
             Self::FalseAlarm => "false_alarm",
+            Self::Commented => "commented",
+            Self::Assigned => "assigned",
         }
     }
 
@@ -165,7 +173,7 @@ impl Told {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Life {
     pub(in crate::robot) state: AlarmState,
-    /// Until when it is shelved.
+    /// Until when it is shelved, or held by a maintenance window.
     pub(in crate::robot) shelved_until: Option<Timestamp>,
     /// Start of the latest run that showed it when a person resolved it.
     pub(in crate::robot) resolved_seen_at: Option<Timestamp>,

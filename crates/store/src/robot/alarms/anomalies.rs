@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row};
 use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
 use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_arm, same};
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
-use crate::robot::settled as settled_history;
+use crate::robot::{settled as settled_history, windows};
 use crate::values::{count, finite, joint_number, known_time, named};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Findings, JointHealth, Severity};
@@ -146,7 +146,8 @@ pub(crate) async fn reconcile(
         settled_history::settle_anomaly(&mut *connection, known.anomaly_id, settled_by).await?;
     }
     replace_health(&mut *connection, robot_id, &findings.health).await?;
-    set_expected_by(connection, robot_id, findings.expected_by).await?;
+    set_expected_by(&mut *connection, robot_id, findings.expected_by).await?;
+    events.extend(windows::hold(connection, clock).await?);
     Ok(Reconciled { events })
 }
 

@@ -1,0 +1,82 @@
+//! A page in another language: its texts are keys of the table of messages. Other texts, such as names and the
+//! sentences of detectors, stay as they are.
+
+use super::figure::{Figure, Panel};
+use super::page::{Block, Cell, Page};
+use crate::language::{Language, translated};
+
+impl Page {
+    /// The page in a language.
+    #[must_use]
+    pub fn in_language(mut self, language: Language) -> Self {
+        self.language = language;
+        let change = |text: &mut String| *text = in_words(language, text);
+        change(&mut self.title);
+        change(&mut self.subtitle);
+        for section in &mut self.sections {
+            change(&mut section.heading);
+            section.blocks.iter_mut().for_each(|block| translate_block(block, &change));
+        }
+        self
+    }
+}
+
+/// A text in a language: as a whole, or each of its sentences and parts.
+fn in_words(language: Language, text: &str) -> String {
+    let whole = translated(language, text);
+    if whole != text {
+        return whole.into_owned();
+    }
+    let parts = |separator: &str, close: &str| {
+        let parts: Vec<String> =
+            text.split(separator).map(|part| translated(language, part).into_owned()).collect();
+        let joined = parts.join(separator);
+        (joined != text).then(|| joined + close)
+    };
+    parts("; ", "").or_else(|| parts(", ", "")).unwrap_or_else(|| text.to_owned())
+}
+
+fn translate_block(block: &mut Block, change: &dyn Fn(&mut String)) {
+    match block {
+        Block::Text(words) | Block::Note(words) => change(words),
+        Block::Facts(facts) => facts.iter_mut().for_each(|(name, words)| {
+            change(name);
+            change(words);
+        }),
+        Block::Findings(findings) => {
+            for finding in findings {
+                change(&mut finding.title);
+                change(&mut finding.standing.word);
+                finding.words.iter_mut().for_each(change);
+            }
+        }
+        Block::Table(table) => {
+            change(&mut table.caption);
+            table.header.iter_mut().for_each(change);
+            for cell in table.rows.iter_mut().flatten() {
+                match cell {
+                    Cell::Words(words) => change(words),
+                    Cell::Standing(of) => change(&mut of.word),
+                    Cell::Number(_) => {}
+                }
+            }
+        }
+        Block::Figure(figure) => translate_figure(figure, change),
+    }
+}
+
+fn translate_figure(figure: &mut Figure, change: &dyn Fn(&mut String)) {
+    change(&mut figure.title);
+    change(&mut figure.subtitle);
+    figure.legend.iter_mut().for_each(|key| change(&mut key.label));
+    for panel in &mut figure.panels {
+        let Panel { title, standing, x_label, y_label, series, strip, .. } = panel;
+        [title, x_label, y_label].into_iter().for_each(change);
+        standing.iter_mut().for_each(|of| change(&mut of.word));
+        series.iter_mut().for_each(|of| change(&mut of.name));
+        if let Some(strip) = strip {
+            change(&mut strip.y_label);
+            strip.series.iter_mut().for_each(|of| change(&mut of.name));
+        }
+    }
+}

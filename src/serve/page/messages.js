@@ -1,0 +1,20 @@
+/** Languages of the pages, as they call themselves. English is the text in the code; the others come from the table. */
+export const LANGUAGES = { en: "English", it: "Italiano", de: "Deutsch", zh: "中文" };
+
+// early.js has chosen it.
+export const language = document.documentElement.lang;
+const table = language === "en" ? {} : (await import(`./messages-${language}.js`)).default;
+
+/**
+ * A message in the language of the page: t`Run ${id} of ${robot}`, or t(text) for text that comes from elsewhere. Gives
+ * text, or parts for `h` where a value is a node.
+ */
+export function t(parts, ...values) {
+  if (typeof parts === "string") return table[parts] ?? values[0] ?? parts;
+  const english = parts.reduce((text, part, index) => `${text}{${index - 1}}${part}`);
+  const pieces = (table[english] ?? english).split(/\{(\d)\}/).map((piece, index) => (index % 2 ? values[piece] : piece));
+  return values.some((one) => typeof one === "object") ? pieces : pieces.join("");
+}
+
+/** A name inside a sentence. German nouns keep their capital. */
+export const lower = (text) => (language === "de" ? text : text.toLowerCase());
