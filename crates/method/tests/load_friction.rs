@@ -102,7 +102,7 @@ fn truth(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
             ParameterKind::Inertial(k) => nominal(id.joint).inertial.0[usize::from(k)],
             ParameterKind::MotorInertia => nominal(id.joint).motor_inertia,
             ParameterKind::Friction(term) => term.nominal(&nominal(id.joint).friction).unwrap_or(0.0),
-            ParameterKind::Coupling(_) => 0.0,
+            ParameterKind::Coupling(_) | ParameterKind::Spring(_) | ParameterKind::Crank(_) => 0.0,
         })
         .collect();
     let is_known = |id: &ParameterId| !matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load());
