@@ -82,6 +82,23 @@ pub fn load_visibility(
     Ok(Some(load_places(robot).filter_map(of_joint).collect()))
 }
 
+/// The arm with this dependence on load in all joints that have friction.
+pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
+    let mut changed = robot.clone();
+    for (joint, index) in changed.joints.iter_mut().zip(robot.joint_indices()) {
+        let model = robot.friction_of(index);
+        let speed = model.load.speed().unwrap_or(STRIBECK_SPEED * joint.limits.velocity);
+        let load = if model.law == FrictionLaw::None { LoadFriction::None } else { of(speed) };
+        joint.friction = Some(FrictionModel { load, ..model });
+    }
+    changed
+}
+
+/// Whether a parameter is a coefficient of friction under load.
+pub(crate) fn is_of_load(id: ParameterId) -> bool {
+    matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,21 +134,4 @@ mod tests {
         }));
         assert!(wide.own_part > LEAST_OWN_PART, "{wide:?}");
     }
-}
-
-/// The arm with this dependence on load in all joints that have friction.
-pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
-    let mut changed = robot.clone();
-    for (joint, index) in changed.joints.iter_mut().zip(robot.joint_indices()) {
-        let model = robot.friction_of(index);
-        let speed = model.load.speed().unwrap_or(STRIBECK_SPEED * joint.limits.velocity);
-        let load = if model.law == FrictionLaw::None { LoadFriction::None } else { of(speed) };
-        joint.friction = Some(FrictionModel { load, ..model });
-    }
-    changed
-}
-
-/// Whether a parameter is a coefficient of friction under load.
-pub(crate) fn is_of_load(id: ParameterId) -> bool {
-    matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load())
 }

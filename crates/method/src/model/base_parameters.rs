@@ -376,7 +376,9 @@ mod tests {
     use super::*;
     use crate::model::dynamics::DynamicModel;
     use armwatch_model::robot::JointKind::{Prismatic, Revolute};
-    use armwatch_model::robot::{FrictionLaw, FrictionModel, JointIndex, Parallelogram, Spring, SpringForm};
+    use armwatch_model::robot::{
+        FrictionLaw, FrictionModel, JointIndex, LoadFriction, Parallelogram, Spring, SpringForm,
+    };
     use armwatch_testing::arms::{any_arm, arm, joint, numbers};
     use armwatch_testing::{change_dh, er3a};
 
@@ -508,7 +510,8 @@ mod tests {
             [0.0, -9.81, 0.0],
         );
         let joints = [0, 1].map(JointIndex::new);
-        robot.friction = FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: false };
+        robot.friction =
+            FrictionModel { law: FrictionLaw::ViscousCoulomb, asymmetric: false, load: LoadFriction::None };
         robot.springs = vec![Spring { joint: joints[1], form: SpringForm::Direct, nominal: None }];
         robot.parallelograms =
             vec![Parallelogram::new(&robot.joints, joints[1], None).expect("parallel axes")];
