@@ -46,7 +46,7 @@ use armwatch_model::robot::{Robot, StandardParameters};
 use armwatch_model::run::{ContentHash, Cycle, RunHeader, Samples};
 use armwatch_simulate::files::export::ExportWriter;
 use armwatch_simulate::run::record::record;
-use armwatch_simulate::run::recording::Row;
+use armwatch_simulate::run::recording::RecordedRow;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
 use armwatch_store::Store;
 
@@ -74,7 +74,7 @@ fn main() {
 }
 
 /// One block of the cycle's export: by the product, which checks what it reads, and by polars alone.
-fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[Row]) {
+fn read_block(criterion: &mut Criterion, arm: &FleetEntry, rows: &[RecordedRow]) {
     let text = export(rows, arm.description.joint_count());
     let path = Path::new("bench.csv");
     let mut blocks = Blocks::new(&text[..], BLOCK_BYTES, arm.layout.text.encoding);
@@ -136,12 +136,12 @@ fn analyse(criterion: &mut Criterion, method: &Method, cycle: &Cycle, analysis: 
 }
 
 /// Rigid-body torque and regressor of one state, averaged over states of the cycle.
-fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[Row]) {
+fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[RecordedRow]) {
     let n = robot.joint_count();
     let links: Vec<StandardParameters> =
         robot.joints.iter().map(|joint| joint.nominal.expect("nominal parameters").inertial).collect();
     // Torque over inertia stands in for acceleration: its cost does not depend on its value.
-    let states: Vec<&Row> = rows.iter().step_by((rows.len() / STATES).max(1)).take(STATES).collect();
+    let states: Vec<&RecordedRow> = rows.iter().step_by((rows.len() / STATES).max(1)).take(STATES).collect();
     let mut tau = vec![0.0; n];
     let mut y = Regressor::new(robot);
     let lane_states: Vec<LaneStates> = states.chunks_exact(LANES).map(|rows| in_lanes(rows, n)).collect();
@@ -178,10 +178,10 @@ fn evaluate_samples(criterion: &mut Criterion, robot: &Robot, rows: &[Row]) {
     group.finish();
 }
 
-fn in_lanes(rows: &[&Row], n: usize) -> LaneStates {
+fn in_lanes(rows: &[&RecordedRow], n: usize) -> LaneStates {
     let mut states = LaneStates::default();
     for j in 0..n {
-        let lanes = |of: fn(&Row, usize) -> f64| Lanes(std::array::from_fn(|lane| of(rows[lane], j)));
+        let lanes = |of: fn(&RecordedRow, usize) -> f64| Lanes(std::array::from_fn(|lane| of(rows[lane], j)));
         states.q[j] = lanes(|row, j| row.position[j]);
         states.qd[j] = lanes(|row, j| row.velocity[j]);
         states.qdd[j] = lanes(|row, j| row.torque[j]);
@@ -252,7 +252,7 @@ fn run_header(robot: &Robot) -> RunHeader {
     }
 }
 
-fn one_cycle(robot: &Robot) -> Vec<Row> {
+fn one_cycle(robot: &Robot) -> Vec<RecordedRow> {
     let settings = SimulationSettings { cycles: 1, ..SimulationSettings::full_test() };
     let recording = recording_of_run(robot, &settings, 0).expect("a recording");
     let mut rows = Vec::new();
@@ -264,8 +264,8 @@ fn one_cycle(robot: &Robot) -> Vec<Row> {
     rows
 }
 
-fn samples(rows: &[Row], joints: usize) -> Samples {
-    let channel = |of: fn(&Row, usize) -> f64| -> Vec<Vec<f64>> {
+fn samples(rows: &[RecordedRow], joints: usize) -> Samples {
+    let channel = |of: fn(&RecordedRow, usize) -> f64| -> Vec<Vec<f64>> {
         (0..joints).map(|j| rows.iter().map(|row| of(row, j)).collect()).collect()
     };
     Samples {
@@ -281,7 +281,7 @@ fn samples(rows: &[Row], joints: usize) -> Samples {
 }
 
 /// The rows as the simulator writes them.
-fn export(rows: &[Row], joints: usize) -> Vec<u8> {
+fn export(rows: &[RecordedRow], joints: usize) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("bench.csv");
     let mut writer = ExportWriter::create(&path, joints).expect("an export");

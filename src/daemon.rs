@@ -35,24 +35,24 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use export_tasks::{Closed, ExportTasks, Happened, closing};
-use file_schedule::{Begun, Closing, FileSchedule, Sighting};
-use folders::{Folders, Look, Turned};
+use file_schedule::{Closing, FileSchedule, KnownFile, Sighting};
+use folders::{FolderLooks, Folders, Turned};
 use judging::OpenTests;
-use left_out::LeftOut;
+use left_out::LeftOutPlaces;
 use outcome_log::{end_of, log_outcome};
 use service::ServiceManager;
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use crate::metrics::{ExportEnd, Stage};
+use crate::metrics::{ExportEnd, WorkStage};
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::conclude::isolation::Conclusion;
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError};
 use crate::pipeline::take::follow::Followed;
 use armwatch_config::{Config, WatchSettings};
 use armwatch_model::text;
-use armwatch_store::{ConclusionFault, Counts, DaemonClaim, StaleRobot};
+use armwatch_store::{ConclusionFault, DaemonClaim, StaleRobot, StoredCounts};
 
 pub use signals::{reload_on_hangup, stop_on_signal};
 use stale::Stale;
@@ -76,7 +76,7 @@ const FILES_ASKED_AT_ONCE: usize = 500;
 
 /// What the daemon has to say.
 #[derive(Debug)]
-pub enum Event<'a> {
+pub enum DaemonEvent<'a> {
     /// What became of an export.
     Export(&'a Path, &'a Outcome),
     /// What a robot's history says.
@@ -97,7 +97,7 @@ struct Rereading {
 }
 
 /// The daemon at work.
-struct Work {
+struct RunningDaemon {
     pipeline: Pipeline,
     reread: Reread,
     rereading: Option<Rereading>,
@@ -108,7 +108,7 @@ struct Work {
     stop: CancellationToken,
     schedule: FileSchedule,
     missing: Missing,
-    left_out: LeftOut,
+    left_out: LeftOutPlaces,
     exports: ExportTasks,
     /// The configuration was read again, and what watches the folders does not know it yet.
     is_reloaded: bool,
@@ -145,11 +145,11 @@ pub struct Control {
 pub async fn watch(
     pipeline: &Pipeline,
     control: Control,
-    mut report: impl FnMut(Event<'_>),
+    mut report: impl FnMut(DaemonEvent<'_>),
 ) -> Result<(), PipelineError> {
     let Control { claim: _claim, stop, reload, reread } = control;
     let counts = patiently(&stop, async || Ok(pipeline.store().counts().await?)).await?;
-    let Some(Counts { quarantined_runs, open_anomalies, .. }) = counts else { return Ok(()) };
+    let Some(StoredCounts { quarantined_runs, open_anomalies, .. }) = counts else { return Ok(()) };
     if quarantined_runs > 0 {
         tracing::info!(
             quarantined = quarantined_runs,
@@ -170,7 +170,7 @@ pub async fn watch(
     if patiently(&stop, async || Ok(pipeline.store().forget_folders().await?)).await?.is_none() {
         return Ok(());
     }
-    let mut work = Work::new(pipeline, reread, stop.child_token(), begun_before(&unfinished));
+    let mut work = RunningDaemon::new(pipeline, reread, stop.child_token(), begun_before(&unfinished));
     work.suspect(began, failed);
     let missed = tokio::spawn(archive::take_missed(pipeline.clone(), work.stop.clone()));
     let watched = work.run_loop(reload, &mut report).await;
@@ -205,16 +205,16 @@ pub async fn watch(
 }
 
 /// Reports what a robot's history says.
-fn announce(concluded: &Concluded, report: &mut impl FnMut(Event<'_>)) {
-    report(Event::Concluded(concluded));
+fn announce(concluded: &Concluded, report: &mut impl FnMut(DaemonEvent<'_>)) {
+    report(DaemonEvent::Concluded(concluded));
 }
 
-impl Work {
+impl RunningDaemon {
     fn new(
         pipeline: &Pipeline,
         reread: Reread,
         stop: CancellationToken,
-        begun: HashMap<PathBuf, Begun>,
+        begun: HashMap<PathBuf, KnownFile>,
     ) -> Self {
         let exports = ExportTasks::new(stop.clone());
         Self {
@@ -226,7 +226,7 @@ impl Work {
             stop,
             schedule: FileSchedule::new(pipeline.config().watch.settle, begun),
             missing: Missing::default(),
-            left_out: LeftOut::default(),
+            left_out: LeftOutPlaces::default(),
             exports,
             is_reloaded: false,
             asked: HashSet::new(),
@@ -259,7 +259,7 @@ impl Work {
     async fn run_loop(
         &mut self,
         mut reload: mpsc::Receiver<()>,
-        report: &mut impl FnMut(Event<'_>),
+        report: &mut impl FnMut(DaemonEvent<'_>),
     ) -> Result<(), PipelineError> {
         let mut folders = Folders::new(&self.watch_settings(), self.pipeline.metrics().clone());
         folders.join_by(self.pipeline.shared_config());
@@ -331,7 +331,7 @@ impl Work {
     }
 
     /// Processes the results of scans and the changes that other programs have made to the database.
-    async fn look(&mut self, look: &Look<'_>) -> Result<(), PipelineError> {
+    async fn look(&mut self, look: &FolderLooks<'_>) -> Result<(), PipelineError> {
         self.pipeline.store().check_files()?;
         let retries = self.note_retries().await;
         self.leave_known(&look.files).await?;
@@ -376,7 +376,7 @@ impl Work {
     }
 
     /// Ends unfinished runs whose files are gone.
-    async fn give_up_vanished(&mut self, look: &Look<'_>) -> Result<(), PipelineError> {
+    async fn give_up_vanished(&mut self, look: &FolderLooks<'_>) -> Result<(), PipelineError> {
         let store = self.pipeline.store();
         let mut unfinished = store.unfinished_sources().await?;
         // what is open is read to its end, also when its name is gone
@@ -506,7 +506,7 @@ impl Work {
             let began = Instant::now();
             let concluded = pipeline.conclude_isolated(&robot).await;
             if matches!(concluded, Ok(Conclusion::Drawn(_))) {
-                pipeline.metrics().stage(Stage::Conclude, began.elapsed());
+                pipeline.metrics().stage(WorkStage::Conclude, began.elapsed());
             }
             (robot, concluded)
         });
@@ -516,7 +516,7 @@ impl Work {
     fn concluded(
         &mut self,
         (robot, result): (String, Result<Conclusion, PipelineError>),
-        report: &mut impl FnMut(Event<'_>),
+        report: &mut impl FnMut(DaemonEvent<'_>),
     ) -> Result<(), PipelineError> {
         self.concluded_robot = None;
         self.open_tests.concluded();
@@ -545,7 +545,11 @@ impl Work {
     }
 
     /// Notes, logs and reports what became of a file.
-    fn close(&mut self, closed: Closed, report: &mut impl FnMut(Event<'_>)) -> Result<(), PipelineError> {
+    fn close(
+        &mut self,
+        closed: Closed,
+        report: &mut impl FnMut(DaemonEvent<'_>),
+    ) -> Result<(), PipelineError> {
         let Closed { due, way, result } = closed;
         self.asked.remove(&due.path);
         let read = self.exports.free(&due, &way);
@@ -572,7 +576,7 @@ impl Work {
             if let Outcome::Stored(run) = outcome {
                 self.stale.completed(&run.robot, Instant::now());
             }
-            report(Event::Export(&due.path, outcome));
+            report(DaemonEvent::Export(&due.path, outcome));
         }
         Ok(())
     }

@@ -26,7 +26,7 @@ use prometheus_client::registry::{Metric, Registry};
 
 use armwatch_model::text;
 
-pub use kinds::{Disk, ExportEnd, Queue, Stage};
+pub use kinds::{Disk, ExportEnd, Queue, WorkStage};
 
 /// Upper bounds of the durations of a piece of work, s: from a small transaction to a cycle on a slow machine.
 const WORK_SECONDS: [f64; 14] =
@@ -129,7 +129,7 @@ impl Metrics {
     }
 
     /// A piece of a stage is done.
-    pub fn stage(&self, stage: Stage, took: Duration) {
+    pub fn stage(&self, stage: WorkStage, took: Duration) {
         self.with(|of| {
             of.stage_seconds.get_or_create(&labels([("stage", stage.name())])).observe(took.as_secs_f64());
         });
@@ -457,7 +457,7 @@ impl Families {
             registry,
         };
         // what never happened is 0, not missing
-        for stage in Stage::ALL {
+        for stage in WorkStage::ALL {
             drop(families.stage_seconds.get_or_create(&labels([("stage", stage.name())])));
         }
         for end in ExportEnd::ALL {

@@ -9,7 +9,7 @@ use armwatch::cli::context::CliError;
 
 /// Options of every command.
 #[derive(Debug, Args)]
-pub(crate) struct Global {
+pub(crate) struct LabOptions {
     #[command(flatten)]
     shared: armwatch::cli::context::Global,
     /// The armwatch program that is measured [default: the one next to this program]
@@ -17,7 +17,7 @@ pub(crate) struct Global {
     program: Option<PathBuf>,
 }
 
-impl Deref for Global {
+impl Deref for LabOptions {
     type Target = armwatch::cli::context::Global;
 
     fn deref(&self) -> &Self::Target {
@@ -25,7 +25,7 @@ impl Deref for Global {
     }
 }
 
-impl Global {
+impl LabOptions {
     /// The armwatch program that is measured.
     pub(crate) fn program(&self) -> Result<PathBuf, CliError> {
         let program = match &self.program {

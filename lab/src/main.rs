@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::CliError;
 use armwatch::cli::{execute, parsed};
 
@@ -20,7 +20,7 @@ use armwatch::cli::{execute, parsed};
 #[command(name = "armwatch-lab", version)]
 struct LabCli {
     #[command(flatten)]
-    global: Global,
+    global: LabOptions,
     #[command(subcommand)]
     command: LabCommand,
 }

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::advice::advice;
 use super::figures::Figures;
-use super::trend::Trend;
+use super::trend::TrendFigures;
 use crate::language::{Language, say, translated};
 use armwatch_model::anomaly::odds::odds_in_words;
 use armwatch_model::anomaly::quantity::Quantity;
@@ -53,7 +53,7 @@ pub struct Alarm {
     /// Where the robot stands.
     pub site: Option<String>,
     /// Where the quantity is going.
-    pub trend: Trend,
+    pub trend: TrendFigures,
     /// Language of what people read.
     pub language: Language,
 }
@@ -62,7 +62,7 @@ impl Alarm {
     /// An event of a robot at a site, for people who read a language.
     #[must_use]
     pub fn new(event: AlarmEvent, site: Option<&str>, language: Language) -> Self {
-        let trend = Trend::of(&event.series);
+        let trend = TrendFigures::of(&event.series);
         Self { event, site: site.map(str::to_owned), trend, language }
     }
 
@@ -174,7 +174,7 @@ impl Alarm {
             }),
         );
         // where it went is of no use to who has nothing to do
-        let trend = if is_closed { Trend::default() } else { self.trend };
+        let trend = if is_closed { TrendFigures::default() } else { self.trend };
         fact("smoothed over 3 tests", trend.smoothed.map(|smoothed| figures.value(smoothed)));
         // what no figure measures is not out by one; some have no limit
         let score = score.filter(|_| value.is_some());

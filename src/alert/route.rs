@@ -5,29 +5,29 @@ use jiff::{Timestamp, ToSpan, Zoned};
 
 use armwatch_config::{AlertSettings, QuietHours, Route};
 use armwatch_model::anomaly::Severity;
-use armwatch_store::{AlarmEvent, EventKind, Fate, Held};
+use armwatch_store::{AlarmEvent, EventFate, EventKind, Held};
 
 /// Where people have put an alarm of which they want to hear nothing more.
 const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
 
 /// What becomes of an event on a route.
 #[must_use]
-pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: Timestamp) -> Fate {
+pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: Timestamp) -> EventFate {
     let site = settings.site_of(&event.robot);
     // the store lets an alarm end where it was told, whatever its kind and severity have become
     if !event.what.closes() && !route.takes(&event.robot, site, event.kind, event.severity) {
-        return Fate::Nothing;
+        return EventFate::Nothing;
     }
     let is_silent = SILENT.contains(&event.state.as_str());
     if is_silent && !event.what.closes() && event.what != EventKind::Unshelved {
-        return Fate::Suppress;
+        return EventFate::Suppress;
     }
     if let Some(at) = route.digest_at {
-        return Fate::Send { due_at: next(route, now, at), held: Some(Held::Digest) };
+        return EventFate::Send { due_at: next(route, now, at), held: Some(Held::Digest) };
     }
     match quiet_until(route, event.severity, now) {
-        Some(due_at) => Fate::Send { due_at, held: Some(Held::Quiet) },
-        None => Fate::Send { due_at: now, held: None },
+        Some(due_at) => EventFate::Send { due_at, held: Some(Held::Quiet) },
+        None => EventFate::Send { due_at: now, held: None },
     }
 }
 
@@ -85,16 +85,16 @@ mod tests {
         AlertSettings { sites, ..AlertSettings::default() }
     }
 
-    fn fate(route: &Route, event: &AlarmEvent, now: &str) -> Fate {
+    fn fate(route: &Route, event: &AlarmEvent, now: &str) -> EventFate {
         judge(route, &settings(), event, at(now))
     }
 
     #[test]
     fn routes_choose_by_severity_robot_kind_and_site() {
         let now = "2026-03-01T12:00:00Z";
-        let send = Fate::Send { due_at: at(now), held: None };
+        let send = EventFate::Send { due_at: at(now), held: None };
         let event = |severity| example(severity, at(now));
-        assert_eq!(fate(&route(), &event(Severity::Info), now), Fate::Nothing);
+        assert_eq!(fate(&route(), &event(Severity::Info), now), EventFate::Nothing);
         assert_eq!(fate(&route(), &event(Severity::Warning), now), send);
         let mut ended = event(Severity::Info);
         ended.what = EventKind::Ended;
@@ -108,7 +108,7 @@ mod tests {
             (false, Route { sites: Some(vec!["Lyon".into()]), ..route() }),
         ] {
             let found = fate(&route, &event(Severity::Critical), now);
-            assert_eq!(found, if fits { send } else { Fate::Nothing }, "{route:?}");
+            assert_eq!(found, if fits { send } else { EventFate::Nothing }, "{route:?}");
         }
     }
 
@@ -118,9 +118,9 @@ mod tests {
         let mut event = example(Severity::Critical, at(now));
         event.state = "shelved".into();
         event.what = EventKind::Worse;
-        assert_eq!(fate(&route(), &event, now), Fate::Suppress);
+        assert_eq!(fate(&route(), &event, now), EventFate::Suppress);
         event.what = EventKind::Ended;
-        assert_eq!(fate(&route(), &event, now), Fate::Send { due_at: at(now), held: None });
+        assert_eq!(fate(&route(), &event, now), EventFate::Send { due_at: at(now), held: None });
     }
 
     #[test]
@@ -130,10 +130,10 @@ mod tests {
         event.state = "maintenance".into();
         for what in [EventKind::Overdue, EventKind::Worse, EventKind::Reopened] {
             event.what = what;
-            assert_eq!(fate(&route(), &event, now), Fate::Suppress, "{what:?}");
+            assert_eq!(fate(&route(), &event, now), EventFate::Suppress, "{what:?}");
         }
         event.what = EventKind::Ended;
-        assert_eq!(fate(&route(), &event, now), Fate::Send { due_at: at(now), held: None });
+        assert_eq!(fate(&route(), &event, now), EventFate::Send { due_at: at(now), held: None });
     }
 
     #[test]
@@ -162,7 +162,7 @@ mod tests {
     fn a_digest_goes_out_once_a_day() {
         let daily = Route { digest_at: Some("07:00".parse().unwrap()), ..route() };
         let due = |now: &str| fate(&daily, &example(Severity::Critical, at(now)), now);
-        let send = |due_at: &str| Fate::Send { due_at: at(due_at), held: Some(Held::Digest) };
+        let send = |due_at: &str| EventFate::Send { due_at: at(due_at), held: Some(Held::Digest) };
         assert_eq!(due("2026-03-01T06:59:59Z"), send("2026-03-01T07:00:00Z"));
         assert_eq!(due("2026-03-01T07:00:00Z"), send("2026-03-02T07:00:00Z"));
     }

@@ -15,7 +15,7 @@ pub const TREND_DAYS: f64 = 30.0;
 
 /// The figures of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Trend {
+pub struct TrendFigures {
     /// The value of the latest run.
     pub latest: Option<f64>,
     /// Median of the latest three runs.
@@ -24,7 +24,7 @@ pub struct Trend {
     pub slope_30_d: Option<f64>,
 }
 
-impl Trend {
+impl TrendFigures {
     /// The figures of a series, oldest first. The slope is the median of those between all pairs of runs (Theil 1950,
     /// Sen 1968), which a few wild values do not move.
     #[must_use]
@@ -78,16 +78,16 @@ mod tests {
 
     #[test]
     fn one_wild_run_moves_neither_the_smoothed_figure_nor_the_slope() {
-        let trend = Trend::of(&series(&[1.0, 1.01, 1.02, 1.03, 1.04, 9.0, 1.06]));
+        let trend = TrendFigures::of(&series(&[1.0, 1.01, 1.02, 1.03, 1.04, 9.0, 1.06]));
         assert_eq!((trend.latest, trend.smoothed), (Some(1.06), Some(1.06)));
         assert!((trend.slope_30_d.unwrap() - 0.3).abs() < 1e-9, "{trend:?}");
     }
 
     #[test]
     fn a_few_runs_have_no_trend() {
-        assert_eq!(Trend::of(&[]), Trend::default());
-        let trend = Trend::of(&series(&[1.0, 2.0]));
-        assert_eq!(trend, Trend { latest: Some(2.0), ..Trend::default() });
-        assert_eq!(Trend::of(&series(&[1.0, 2.0, 4.0])).slope_30_d, None);
+        assert_eq!(TrendFigures::of(&[]), TrendFigures::default());
+        let trend = TrendFigures::of(&series(&[1.0, 2.0]));
+        assert_eq!(trend, TrendFigures { latest: Some(2.0), ..TrendFigures::default() });
+        assert_eq!(TrendFigures::of(&series(&[1.0, 2.0, 4.0])).slope_30_d, None);
     }
 }

@@ -15,7 +15,8 @@ use super::route::{judge, quiet_until};
 use armwatch_config::receivers::{LogSettings, ReceiverSettings};
 use armwatch_config::{AlertSettings, Route};
 use armwatch_store::{
-    Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, Sending, Store, StoreError, wait_for_quiet,
+    Again, AlarmEvent, ClaimKind, DueMessage, Held, RouteEntry, SendDecision, Store, StoreError,
+    wait_for_quiet,
 };
 
 /// Time between two looks for events: other processes write them too. Short beside the seconds that a mail takes.
@@ -41,7 +42,7 @@ pub(super) struct Worker {
 }
 
 /// What is known of the route from its start on.
-struct Begun {
+struct RouteStart {
     entry: RouteEntry,
     origin: Origin,
 }
@@ -97,12 +98,12 @@ impl Worker {
         }
     }
 
-    async fn begin(&mut self) -> Result<Begun, StoreError> {
+    async fn begin(&mut self) -> Result<RouteStart, StoreError> {
         let now = Timestamp::now();
         let judge = |event: &AlarmEvent| judge(&self.route, &self.settings, event, now);
         let entry = self.store.enter_route(&self.route.name, now, judge).await?;
         let origin = Origin { identity: self.store.identity().await?, link: self.settings.link.clone() };
-        let begun = Begun { entry, origin };
+        let begun = RouteStart { entry, origin };
         if self.route.receiver == ReceiverSettings::Log(LogSettings) && !entry.is_new {
             self.say_open(&begun).await?;
         }
@@ -110,7 +111,7 @@ impl Worker {
     }
 
     /// A log is read from a start on: what was open before is said once.
-    async fn say_open(&mut self, begun: &Begun) -> Result<(), StoreError> {
+    async fn say_open(&mut self, begun: &RouteStart) -> Result<(), StoreError> {
         let mut open = self.store.told_alarms(begun.entry.route_id).await?;
         open.retain(|event| event.state == "open");
         if !open.is_empty() {
@@ -124,7 +125,7 @@ impl Worker {
 
     /// A route is one daemon's, where there are several: that of the one that was first, until it ends. What is done with
     /// the route by this claim fails once the claim is lost.
-    async fn step_if_ours(&mut self, begun: &Begun) -> Result<Duration, StoreError> {
+    async fn step_if_ours(&mut self, begun: &RouteStart) -> Result<Duration, StoreError> {
         if !self.store.claim_work(ClaimKind::Route, &self.route.name).await? {
             return Ok(LOOK);
         }
@@ -133,7 +134,7 @@ impl Worker {
     }
 
     /// Hands on, and sends all that is due. Gives the time after which there may be more to do.
-    async fn step(&mut self, begun: &Begun, entry: RouteEntry) -> Result<Duration, StoreError> {
+    async fn step(&mut self, begun: &RouteStart, entry: RouteEntry) -> Result<Duration, StoreError> {
         self.mend_moments(entry).await?;
         loop {
             let now = Timestamp::now();
@@ -209,7 +210,7 @@ impl Worker {
     /// Sends one message and writes down what became of it.
     async fn attempt(
         &mut self,
-        begun: &Begun,
+        begun: &RouteStart,
         entry: RouteEntry,
         due: &DueMessage,
         failures: u32,
@@ -218,12 +219,12 @@ impl Worker {
         let message = self.due_message(begun, due);
         let key = &message.key;
         match self.store.begin_attempt(entry, due, Timestamp::now()).await? {
-            Sending::Begun => {}
-            Sending::NotWaiting => {
+            SendDecision::Begun => {}
+            SendDecision::NotWaiting => {
                 tracing::debug!(route, key, "not sent: it does not wait any more");
                 return Ok(());
             }
-            Sending::GivenUp => {
+            SendDecision::GivenUp => {
                 tracing::error!(
                     route,
                     key,
@@ -231,7 +232,7 @@ impl Worker {
                 );
                 return Ok(());
             }
-            Sending::TakenApart => {
+            SendDecision::TakenApart => {
                 tracing::warn!(
                     route,
                     key,
@@ -302,7 +303,7 @@ impl Worker {
     }
 
     /// Tells a receiver that forgets what is open.
-    async fn refresh(&mut self, begun: &Begun) -> Result<(), StoreError> {
+    async fn refresh(&mut self, begun: &RouteStart) -> Result<(), StoreError> {
         let interval = self.receiver.as_ref().and_then(|receiver| receiver.refresh());
         let Some(interval) = interval.filter(|_| !self.end.is_cancelled()) else { return Ok(()) };
         if self.refreshed.is_some_and(|at| at.elapsed() < interval) {
@@ -331,7 +332,7 @@ impl Worker {
         receiver.send(message).await
     }
 
-    fn due_message(&self, begun: &Begun, due: &DueMessage) -> Message {
+    fn due_message(&self, begun: &RouteStart, due: &DueMessage) -> Message {
         let key = match (due.digest, due.alarms.as_slice()) {
             (Some(digest), _) => format!("{}-digest-{}", begun.origin.key(digest), self.route.name),
             (None, [alarm, ..]) => begun.origin.key(alarm.event_id),
@@ -340,7 +341,7 @@ impl Worker {
         self.message(begun, key, due.alarms.clone(), due.digest.is_some())
     }
 
-    fn message(&self, begun: &Begun, key: String, events: Vec<AlarmEvent>, is_digest: bool) -> Message {
+    fn message(&self, begun: &RouteStart, key: String, events: Vec<AlarmEvent>, is_digest: bool) -> Message {
         let alarm = |event: AlarmEvent| {
             let site = self.settings.site_of(&event.robot).map(str::to_owned);
             Alarm::new(event, site.as_deref(), self.route.language.unwrap_or(self.settings.language))

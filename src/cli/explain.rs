@@ -11,7 +11,7 @@ use serde_json::json;
 use super::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, runtime};
 use super::shared::{output, paths};
 use crate::pipeline::look::explain::{
-    CycleSketch, Explainer, Explanation, ExportReading, Ledger, Next, RecognisedAs,
+    CycleSketch, Explainer, Explanation, ExportReading, Ledger, NextAction, RecognisedAs,
 };
 use armwatch_config::{Config, Layout, PartMatch, layout_units};
 use armwatch_ingest::bytes::parts::Parts;
@@ -66,7 +66,7 @@ pub(super) fn explain(global: &Global, args: &ExplainArgs) -> Result<u8, CliErro
         let exports = join_paths(args.files.clone(), |name| config.part_of(name));
         for (number, path) in exports.iter().enumerate() {
             let explanation = explainer.explain(path, args.quick).await?;
-            if explanation.next == Next::Quarantine {
+            if explanation.next == NextAction::Quarantine {
                 code = EXIT_FOUND;
             }
             if global.json {
@@ -418,11 +418,11 @@ fn next_text(config: &Config, of: &Explanation) -> String {
         _ => String::new(),
     };
     let then = match &of.next {
-        Next::Nothing { run_id } => format!("nothing: the content is run {run_id}"),
-        Next::Quarantine => {
+        NextAction::Nothing { run_id } => format!("nothing: the content is run {run_id}"),
+        NextAction::Quarantine => {
             "quarantined, because of the first problem; whole cycles before it are stored".into()
         }
-        Next::Store { continues, replaces } => {
+        NextAction::Store { continues, replaces } => {
             let continues = continues.map(|run| format!(", going on with run {run}")).unwrap_or_default();
             let instead = replaces.map(|run| format!(", superseding run {run}")).unwrap_or_default();
             format!("stored{continues}{instead}")
@@ -441,9 +441,9 @@ fn size(bytes: u64) -> String {
 
 fn as_value(of: &Explanation) -> serde_json::Value {
     let (next, run_id, supersedes) = match &of.next {
-        Next::Store { continues, replaces } => ("store", *continues, *replaces),
-        Next::Nothing { run_id } => ("nothing", Some(*run_id), None),
-        Next::Quarantine => ("quarantine", None, None),
+        NextAction::Store { continues, replaces } => ("store", *continues, *replaces),
+        NextAction::Nothing { run_id } => ("nothing", Some(*run_id), None),
+        NextAction::Quarantine => ("quarantine", None, None),
     };
     let mut value = json!({
         "file": text::of_path(&of.path),

@@ -9,7 +9,7 @@ use super::shared::rows::{self, RowArgs};
 use super::shared::selection::no_run;
 use super::shared::unknown_robot::require_robot;
 use armwatch_model::run::{RunKind, RunStatus};
-use armwatch_store::{AskError, ListFilter, Store, Table};
+use armwatch_store::{AskError, ListFilter, ResultTable, Store};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -111,7 +111,7 @@ pub(super) fn cycles(global: &Global, args: &CyclesArgs) -> Result<u8, CliError>
 }
 
 /// A list that may go on says so.
-fn say_limit(table: &Table, limit: u32) {
+fn say_limit(table: &ResultTable, limit: u32) {
     if table.rows.len() == usize::try_from(limit).unwrap_or(usize::MAX) {
         output::print_hint(&format!("the newest {limit}; --limit shows more"));
     }
@@ -121,8 +121,8 @@ fn say_limit(table: &Table, limit: u32) {
 fn asked(
     global: &Global,
     wanted: &ListFilter<'_>,
-    ask: impl AsyncFnOnce(&Store) -> Result<Table, AskError>,
-) -> Result<Table, CliError> {
+    ask: impl AsyncFnOnce(&Store) -> Result<ResultTable, AskError>,
+) -> Result<ResultTable, CliError> {
     let config = global.read_config()?;
     runtime()?.block_on(async {
         let store = open_to_read(&config).await?;

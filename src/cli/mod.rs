@@ -209,7 +209,7 @@ enum TrajectoryCommand {
     /// Which limits a programme or a CSV of positions breaks, where and by how much
     Check(trajectory::check::CheckArgs),
     /// A programme as CSV of positions, velocities and accelerations, or as waypoints
-    Export(trajectory::export::ExportArgs),
+    Export(trajectory::export::TrajectoryExportArgs),
     /// A programme in a picture, with the limits
     Plot(trajectory::plot::PlotArgs),
     /// A cycle of the whole test as CSV: excitation, friction joint by joint, warming, with the stage signals

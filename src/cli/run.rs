@@ -15,7 +15,7 @@ use crate::daemon::overdue::OverdueWatch;
 use crate::daemon::preflight::{NO_ANSWER, preflight};
 use crate::daemon::retention::Pruning;
 use crate::daemon::snapshots::Snapshots;
-use crate::daemon::{Control, Event};
+use crate::daemon::{Control, DaemonEvent};
 use crate::metrics::{Disk, Metrics};
 use crate::pipeline::context::Pipeline;
 use crate::serve::ServeError;
@@ -145,7 +145,7 @@ async fn at_work(
     let watched = daemon::watch(&pipeline, control, |event| {
         overdue.note(&event);
         dispatcher.nudge();
-        if let (Some(snapshots), Event::Concluded(_)) = (&snapshots, &event) {
+        if let (Some(snapshots), DaemonEvent::Concluded(_)) = (&snapshots, &event) {
             snapshots.note();
         }
     });

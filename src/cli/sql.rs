@@ -10,7 +10,7 @@ use super::context::{CliError, EXIT_DONE, Global, open_to_read, runtime};
 use super::shared::output;
 use super::shared::rows::{self, RowArgs};
 use super::shared::views::{self, view_names};
-use armwatch_store::{Answer, Question, QuestionError};
+use armwatch_store::{QuestionAnswer, QuestionError, SqlQuestion};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -54,9 +54,9 @@ pub(super) fn sql(global: &Global, args: &SqlArgs) -> Result<u8, CliError> {
     if let Some(view) = &args.schema {
         return schema(global, args.rows, view.as_deref());
     }
-    let question = Question { statement: statement(args)?, values: args.params.clone() };
+    let question = SqlQuestion { statement: statement(args)?, values: args.params.clone() };
     let config = global.read_config()?;
-    let Answer { table, null_parameters } = runtime()?.block_on(async {
+    let QuestionAnswer { table, null_parameters } = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
         let answer = store.ask_one(&question).await;
         store.close().await?;

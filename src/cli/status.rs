@@ -15,8 +15,8 @@ use armwatch_config::Recognition;
 use armwatch_model::anomaly::Severity;
 use armwatch_model::run::{RunKind, RunStatus};
 use armwatch_store::{
-    AlarmState, AnomalyRow, BlockedFile, Counts, FaultState, FleetHealthRow, HealthStatus, HostRow,
-    HostState, QuarantineRow, RunRow, Store, UnansweredFolder, time_in_views,
+    AlarmState, AnomalyRow, BlockedFile, FaultState, FleetHealthRow, HealthStatus, HostRow, HostState,
+    QuarantineRow, RunRow, Store, StoredCounts, UnansweredFolder, time_in_views,
 };
 
 /// Where alarms stand that people have answered and that are not closed.
@@ -37,8 +37,8 @@ works while the daemon runs and for users who may not write the database.")]
 pub(super) struct StatusArgs {}
 
 /// What the glance shows.
-struct Fleet {
-    counts: Counts,
+struct FleetGlance {
+    counts: StoredCounts,
     health: Vec<FleetHealthRow>,
     /// Anomalies that nobody has answered, the worst first.
     open: Vec<AnomalyRow>,
@@ -61,7 +61,7 @@ pub(super) fn status(global: &Global, _args: &StatusArgs) -> Result<u8, CliError
     let now = Timestamp::now();
     let fleet = runtime()?.block_on(async {
         let store = open_to_read(&config).await?;
-        let fleet = Fleet::read(&store, &config.recognition, now).await;
+        let fleet = FleetGlance::read(&store, &config.recognition, now).await;
         store.close().await?;
         fleet
     })?;
@@ -83,7 +83,7 @@ fn host_in_words(row: &HostRow) -> String {
     }
 }
 
-impl Fleet {
+impl FleetGlance {
     async fn read(store: &Store, recognition: &Recognition, now: Timestamp) -> Result<Self, CliError> {
         let mut open = words::all(store, now).await?;
         let answered = ANSWERED
@@ -135,7 +135,7 @@ impl Fleet {
         let last = last.map_or_else(|| "none yet".to_owned(), words::minute);
         let tests =
             self.runs.iter().filter(|run| run.kind == RunKind::Test && run.status == RunStatus::Complete);
-        let Counts { cycles, .. } = self.counts;
+        let StoredCounts { cycles, .. } = self.counts;
         let robots = self.robots();
         output::line(&format!(
             "fleet       {}, {}, {}; last result {last}",

@@ -24,7 +24,7 @@ const LONGEST_REST: Duration = Duration::from_secs(60);
 const FIRST_LOOK_AGAIN: Duration = Duration::from_secs(60);
 /// Whether a look that found a file is new.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Seen {
+pub enum LookKind {
     /// It has just ended.
     Now,
     /// It was taken into account before: nothing new is known of the file.
@@ -34,11 +34,11 @@ pub enum Seen {
 }
 
 /// A file, and whether the look is new that found it.
-pub type Sighting<'f> = (&'f FoundFile, Seen);
+pub type Sighting<'f> = (&'f FoundFile, LookKind);
 
 /// How a file that the database knows is taken up when it is seen for the first time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Begun {
+pub enum KnownFile {
     /// It was read while it grew: it is read on at once.
     Growing,
     /// It had settled, with this size in bytes and this time of modification in microseconds: as long as it is
@@ -119,7 +119,7 @@ struct Entry {
 
 /// The order of files in which their lanes take turns: since when the file or its lane waits, since when the file
 /// does, its time of modification, its path.
-type Turn<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
+type TurnOrder<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 
 /// The files of the last look.
 #[derive(Debug)]
@@ -129,7 +129,7 @@ pub struct FileSchedule {
     /// Files that are left alone until they change.
     read: HashMap<Box<Path>, ReadFile>,
     /// Files that the database knows and that are not seen yet.
-    begun: HashMap<PathBuf, Begun>,
+    begun: HashMap<PathBuf, KnownFile>,
     /// Growing files that are not read yet.
     growing: BTreeSet<PathBuf>,
     /// Settled files that are not read yet: a queue for each lane, by name, which begins with robot and time.
@@ -147,7 +147,7 @@ pub struct FileSchedule {
 impl FileSchedule {
     /// A schedule that knows of no file but those that were `begun` earlier; files settle in `settle`.
     #[must_use]
-    pub fn new(settle: Duration, begun: HashMap<PathBuf, Begun>) -> Self {
+    pub fn new(settle: Duration, begun: HashMap<PathBuf, KnownFile>) -> Self {
         Self {
             settle,
             entries: HashMap::new(),
@@ -185,7 +185,7 @@ impl FileSchedule {
 
     /// Notes that the fate of files is decided as they lie there. Call it before the look that finds them is noted.
     pub fn taken_before(&mut self, paths: impl Iterator<Item = PathBuf>) {
-        self.begun.extend(paths.map(|path| (path, Begun::Taken)));
+        self.begun.extend(paths.map(|path| (path, KnownFile::Taken)));
     }
 
     /// Notes what a look at the folders found at `now`. `lane_of` says in which queue a file stands when it has settled.
@@ -202,13 +202,13 @@ impl FileSchedule {
             .suspects
             .any(|path| self.entries.get(path).is_some_and(|entry| self.open.contains(&entry.file)));
         for (file, looked) in files {
-            if *looked == Seen::Now {
+            if *looked == LookKind::Now {
                 let seen = Observation { size: file.size, modified: file.modified, at: now };
                 self.look_at(file, seen, &lane_of);
             }
             let Some(entry) = self.entries.get_mut(&file.path) else { continue };
             let rests = entry.rests_until.is_some_and(|end| now < end)
-                || *looked == Seen::Unanswered
+                || *looked == LookKind::Unanswered
                 || !self.suspects.admit(&file.path, is_suspect_read, now);
             if rests || self.open.contains(&entry.file) {
                 entry.queued = None;
@@ -244,7 +244,7 @@ impl FileSchedule {
         }
         let begun = self.begun.remove(path);
         let entry = Entry::new(seen, file.file, self.settle, lane_of(path));
-        if begun == Some(Begun::Taken) {
+        if begun == Some(KnownFile::Taken) {
             self.read.insert(path.clone().into(), entry.read());
         } else {
             self.entries.insert(path.clone(), entry.begun(begun));
@@ -311,7 +311,7 @@ impl FileSchedule {
     }
 
     /// When it is the turn of a file that waits.
-    fn turn(&self, path: &Path) -> Option<Turn<'_>> {
+    fn turn(&self, path: &Path) -> Option<TurnOrder<'_>> {
         let (path, entry) = self.entries.get_key_value(path)?;
         let queued = entry.queued.unwrap_or(self.count);
         let served = self.turns.get(&entry.lane).copied().unwrap_or(0);
@@ -403,16 +403,16 @@ impl Entry {
     }
 
     /// The same of a file that may have been begun earlier.
-    fn begun(mut self, begun: Option<Begun>) -> Self {
+    fn begun(mut self, begun: Option<KnownFile>) -> Self {
         match begun {
-            Some(Begun::Growing) => self.grown = true,
-            Some(Begun::Settled(size, modified)) => {
+            Some(KnownFile::Growing) => self.grown = true,
+            Some(KnownFile::Settled(size, modified)) => {
                 let seen = Timestamp::try_from(self.seen.modified).map(Timestamp::as_microsecond);
                 if size == self.seen.size && seen.is_ok_and(|seen| seen == modified) {
                     self.settling = Settling::settled_before(self.seen);
                 }
             }
-            Some(Begun::Taken) | None => {}
+            Some(KnownFile::Taken) | None => {}
         }
         self
     }

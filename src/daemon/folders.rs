@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use jiff::Timestamp;
 use tokio::sync::mpsc;
 
-use super::file_schedule::{Seen, Sighting};
+use super::file_schedule::{LookKind, Sighting};
 use crate::metrics::Metrics;
 use armwatch_config::{Config, WatchSettings};
 use armwatch_ingest::find::join::join_parts;
@@ -34,7 +34,7 @@ const OWN_WATCHES: usize = 64;
 
 /// Results of the latest looks at all folders.
 #[derive(Debug, Default)]
-pub struct Look<'f> {
+pub struct FolderLooks<'f> {
     /// Exports, by name and path, each once.
     pub files: Vec<Sighting<'f>>,
     /// The watched folders.
@@ -55,7 +55,7 @@ struct Ended {
 }
 
 /// A folder, and the thread that looks at it.
-struct Folder {
+struct ScannedFolder {
     number: u64,
     path: PathBuf,
     own_watch: bool,
@@ -86,7 +86,7 @@ struct Folder {
 pub(super) struct Folders {
     follow_links: bool,
     interval: Duration,
-    folders: Vec<Folder>,
+    folders: Vec<ScannedFolder>,
     count: u64,
     ended: (mpsc::UnboundedSender<Ended>, mpsc::UnboundedReceiver<Ended>),
     hints: (mpsc::Sender<()>, mpsc::Receiver<()>),
@@ -131,7 +131,7 @@ impl Folders {
         let others =
             std::mem::replace(&mut self.follow_links, settings.follow_links) != settings.follow_links;
         self.interval = settings.scan_interval;
-        let is_dropped = |folder: &mut Folder| others || !settings.folders.contains(&folder.path);
+        let is_dropped = |folder: &mut ScannedFolder| others || !settings.folders.contains(&folder.path);
         let dropped = self.folders.extract_if(.., is_dropped).filter(|folder| folder.is_silent);
         self.dropped.extend(dropped.map(|folder| folder.path));
         let now = Instant::now();
@@ -148,7 +148,7 @@ impl Folders {
             .map(|folder| folder.path.clone())
             .collect();
         self.shared = (!shared.is_empty()).then(|| watch_together(shared, self.hints.0.clone()));
-        let place = |folder: &Folder| settings.folders.iter().position(|path| *path == folder.path);
+        let place = |folder: &ScannedFolder| settings.folders.iter().position(|path| *path == folder.path);
         self.folders.sort_by_key(place);
         self.metrics.keep_folders(&settings.folders, settings.scan_interval);
     }
@@ -176,7 +176,7 @@ impl Folders {
             tracing::error!(folder = %path.display(), %error, "no thread for a watched folder; it is not looked at");
         }
         let now = Instant::now();
-        self.folders.push(Folder {
+        self.folders.push(ScannedFolder {
             number: self.count,
             path: path.to_owned(),
             own_watch,
@@ -217,11 +217,11 @@ impl Folders {
     /// Waits until a look has ended, and takes up all that have; or for a hint, which brings the next looks forward.
     /// Returns whether there is something to take into account. May be dropped before.
     pub(super) async fn happened(&mut self) -> bool {
-        let takes_hint = self.folders.iter().any(Folder::takes_hint);
+        let takes_hint = self.folders.iter().any(ScannedFolder::takes_hint);
         let first = tokio::select! {
             Some(ended) = self.ended.1.recv() => ended,
             Some(()) = self.hints.1.recv(), if takes_hint => {
-                self.folders.iter_mut().for_each(Folder::hint);
+                self.folders.iter_mut().for_each(ScannedFolder::hint);
                 return false;
             }
             else => std::future::pending().await,
@@ -293,7 +293,7 @@ impl Folders {
     }
 
     /// Results of the latest looks at all folders. Each counts as new once.
-    pub(super) fn look(&mut self) -> Look<'_> {
+    pub(super) fn look(&mut self) -> FolderLooks<'_> {
         let new: HashSet<u64> = self
             .folders
             .iter_mut()
@@ -304,10 +304,10 @@ impl Folders {
         if is_whole {
             self.folders.iter_mut().for_each(|folder| folder.is_told = true);
         }
-        let mut look = Look {
+        let mut look = FolderLooks {
             is_whole,
             folders: self.folders.iter().map(|folder| &*folder.path).collect(),
-            ..Look::default()
+            ..FolderLooks::default()
         };
         // a folder below another one, or with two names, is that of the first
         let mut reached: HashMap<&Path, &Path> = HashMap::new();
@@ -322,9 +322,9 @@ impl Folders {
                 look.hidden.push(&folder.path);
             }
             let seen = match (folder.is_silent, new.contains(&folder.number)) {
-                (true, _) => Seen::Unanswered,
-                (false, true) => Seen::Now,
-                (false, false) => Seen::Before,
+                (true, _) => LookKind::Unanswered,
+                (false, true) => LookKind::Now,
+                (false, false) => LookKind::Before,
             };
             let mut again: HashSet<&Path> = HashSet::new();
             for (as_given, real) in &scan.folders {
@@ -342,7 +342,7 @@ impl Folders {
     }
 }
 
-impl Folder {
+impl ScannedFolder {
     fn takes_hint(&self) -> bool {
         if self.began.is_some() { !self.is_hinted } else { self.next > self.earliest }
     }
@@ -438,9 +438,9 @@ mod tests {
         let look = folders.look();
         let names: Vec<&Path> = look.files.iter().map(|(file, _)| &*file.path).collect();
         assert_eq!(names, ["b/R01.csv", "a/in/R02.csv", "a/R03.csv"].map(path));
-        assert!(look.files.iter().all(|(_, seen)| *seen == Seen::Now), "{:?}", look.files);
+        assert!(look.files.iter().all(|(_, seen)| *seen == LookKind::Now), "{:?}", look.files);
         assert_eq!(look.hidden, [path("none")]);
-        assert!(folders.look().files.iter().all(|(_, seen)| *seen == Seen::Before));
+        assert!(folders.look().files.iter().all(|(_, seen)| *seen == LookKind::Before));
         folders.set(&settings(&watched[3..]));
         assert_eq!(folders.look().files.len(), 1, "b keeps its thread and what it saw");
         assert_eq!(folders.folders[0].number, 4);
@@ -469,7 +469,7 @@ mod tests {
         assert_eq!(turned, [Turned { folder: paths[0].clone(), looked_at, answers: false }]);
         assert!(folders.turned(now + 2 * ANSWERS_WITHIN).is_empty(), "it was said");
         let look = folders.look();
-        assert_eq!((look.files[0].1, &look.hidden), (Seen::Unanswered, &vec![&*paths[0]]));
+        assert_eq!((look.files[0].1, &look.hidden), (LookKind::Unanswered, &vec![&*paths[0]]));
         assert!(
             folders
                 .metrics

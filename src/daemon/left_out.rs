@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use super::folders::Look;
+use super::folders::FolderLooks;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use armwatch_ingest::find::watch::Skipped;
 use armwatch_ingest::rejection::Rejection;
@@ -14,14 +14,18 @@ const WRITTEN_AT_ONCE: usize = 50;
 
 /// The places that are written down.
 #[derive(Debug, Default)]
-pub(super) struct LeftOut(HashSet<PathBuf>);
+pub(super) struct LeftOutPlaces(HashSet<PathBuf>);
 
-impl LeftOut {
+impl LeftOutPlaces {
     /// Writes down the places that are skipped now, and deletes the others.
     ///
     /// # Errors
     /// Those of the store.
-    pub(super) async fn note(&mut self, pipeline: &Pipeline, look: &Look<'_>) -> Result<(), PipelineError> {
+    pub(super) async fn note(
+        &mut self,
+        pipeline: &Pipeline,
+        look: &FolderLooks<'_>,
+    ) -> Result<(), PipelineError> {
         let now: BTreeMap<&Path, &Skipped> = look.skipped.iter().map(|of| (of.path(), *of)).collect();
         let gone: Vec<PathBuf> =
             self.0.iter().filter(|path| !now.contains_key(path.as_path())).cloned().collect();

@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use super::Event;
+use super::DaemonEvent;
 use crate::alert;
 use crate::pipeline::context::Outcome;
 use armwatch_store::{Store, StoreError};
@@ -44,11 +44,11 @@ impl OverdueWatch {
     }
 
     /// Hears what the daemon reports.
-    pub fn note(&self, event: &Event<'_>) {
+    pub fn note(&self, event: &DaemonEvent<'_>) {
         let news = match event {
-            Event::Export(_, Outcome::Stored(run)) => News::Stored(run.robot.clone()),
-            Event::Concluded(concluded) => News::Concluded(concluded.robot.clone()),
-            Event::Export(..) => return,
+            DaemonEvent::Export(_, Outcome::Stored(run)) => News::Stored(run.robot.clone()),
+            DaemonEvent::Concluded(concluded) => News::Concluded(concluded.robot.clone()),
+            DaemonEvent::Export(..) => return,
         };
         // nobody listens any more when the daemon ends
         let _ = self.news.send(news);

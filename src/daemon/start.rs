@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
-use super::file_schedule::Begun;
+use super::file_schedule::KnownFile;
 use crate::pipeline::context::{Pipeline, PipelineError};
 use crate::pipeline::reweight::{Reweighted, Reweighting};
 use armwatch_store::{StoreError, UnfinishedSource};
@@ -42,12 +42,12 @@ pub(super) async fn patiently<T>(
 }
 
 /// How files whose runs are not complete are taken up again.
-pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, Begun> {
+pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, KnownFile> {
     let begun = |source: &UnfinishedSource| {
         if source.growing {
-            return Begun::Growing;
+            return KnownFile::Growing;
         }
-        Begun::Settled(source.bytes, source.modified.as_microsecond())
+        KnownFile::Settled(source.bytes, source.modified.as_microsecond())
     };
     unfinished.iter().map(|source| (source.path.clone(), begun(source))).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime};
 
-use super::file_schedule::Seen;
+use super::file_schedule::LookKind;
 use super::turn::Class;
 use super::*;
 use armwatch_ingest::bytes::access::FileAccess;
@@ -12,7 +12,7 @@ use armwatch_store::Store;
 
 const NAMES: [&str; 2] = ["A_20260101_0000.csv", "B_20260101_0000.csv"];
 
-fn look(work: &mut Work, now: Instant) {
+fn look(work: &mut RunningDaemon, now: Instant) {
     let found = |(inode, name)| FoundFile {
         path: PathBuf::from(name),
         size: 10,
@@ -22,7 +22,7 @@ fn look(work: &mut Work, now: Instant) {
         wait: Duration::ZERO,
     };
     let files: Vec<FoundFile> = (1..).zip(NAMES).map(found).collect();
-    let files: Vec<Sighting<'_>> = files.iter().map(|file| (file, Seen::Now)).collect();
+    let files: Vec<Sighting<'_>> = files.iter().map(|file| (file, LookKind::Now)).collect();
     work.schedule.note(&files, now, |path| path.display().to_string());
 }
 
@@ -31,7 +31,7 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(&folder.path().join("armwatch.db")).await.unwrap();
     let pipeline = Pipeline::new(Config::shipped().unwrap().into(), store);
-    let mut work = Work::new(&pipeline, Arc::new(|| None), CancellationToken::new(), HashMap::new());
+    let mut work = RunningDaemon::new(&pipeline, Arc::new(|| None), CancellationToken::new(), HashMap::new());
     let settle = pipeline.config().watch.settle;
     let start = Instant::now();
     look(&mut work, start);
@@ -46,7 +46,7 @@ async fn a_panic_over_one_export_leaves_its_place_and_the_daemon_at_work() {
     work.close(Closed { due, way, result: Err(panic.into()) }, &mut |_| ()).unwrap();
     assert!(!work.exports.reads_settled(NAMES[0]));
     assert_eq!(Class::ALL.map(|class| work.exports.has_place(class, 1)), [true, true]);
-    let next = |work: &mut Work, at: Duration| {
+    let next = |work: &mut RunningDaemon, at: Duration| {
         look(work, start + at);
         let due = work.schedule.next_settled(&HashSet::new(), |_| true, |_| true);
         due.map(|(due, _)| due.path.display().to_string())
@@ -61,7 +61,7 @@ async fn a_full_disk_ends_the_daemon() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(&folder.path().join("armwatch.db")).await.unwrap();
     let pipeline = Pipeline::new(Config::shipped().unwrap().into(), store);
-    let mut work = Work::new(&pipeline, Arc::new(|| None), CancellationToken::new(), HashMap::new());
+    let mut work = RunningDaemon::new(&pipeline, Arc::new(|| None), CancellationToken::new(), HashMap::new());
     let full = armwatch_store::StoreError::Full { path: "armwatch.db".into(), detail: "full".into() };
     assert!(work.concluded(("A".into(), Err(full.into())), &mut |_| ()).is_err());
     let busy = armwatch_store::StoreError::Busy { path: "armwatch.db".into(), detail: "locked".into() };

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::folders::Look;
+use super::folders::FolderLooks;
 use armwatch_store::UnfinishedSource;
 
 /// A file that is missing for so many times the time to settle is gone: longer than a rename or a copy from
@@ -12,7 +12,7 @@ use armwatch_store::UnfinishedSource;
 const SETTLES: u32 = 20;
 
 /// Whether a file is missing from folders that were looked into.
-pub fn is_missing(path: &Path, look: &Look<'_>) -> bool {
+pub fn is_missing(path: &Path, look: &FolderLooks<'_>) -> bool {
     let is_below = |places: &[&Path]| places.iter().any(|place| path.starts_with(place));
     // whole texts compare far faster than paths part by part
     let is_found = || look.files.iter().any(|(file, _)| file.path.as_os_str() == path.as_os_str());
@@ -30,7 +30,7 @@ impl Missing {
     pub fn note(
         &mut self,
         unfinished: &[UnfinishedSource],
-        look: &Look<'_>,
+        look: &FolderLooks<'_>,
         settle: Duration,
         now: Instant,
     ) -> Vec<i64> {
@@ -53,7 +53,7 @@ mod tests {
 
     use jiff::Timestamp;
 
-    use super::super::file_schedule::Seen;
+    use super::super::file_schedule::LookKind;
     use super::*;
     use armwatch_ingest::find::watch::FoundFile;
     use armwatch_model::run::FileId;
@@ -87,11 +87,11 @@ mod tests {
             unfinished(4, "/share/d.csv"),
         ];
         let moved = found("/in/moved.csv");
-        let look = Look {
-            files: vec![(&moved, Seen::Now)],
+        let look = FolderLooks {
+            files: vec![(&moved, LookKind::Now)],
             folders: ["/in", "/share"].map(Path::new).into(),
             hidden: vec![Path::new("/share")],
-            ..Look::default()
+            ..FolderLooks::default()
         };
         let start = Instant::now();
         let mut missing = Missing::default();
@@ -105,8 +105,8 @@ mod tests {
     fn a_file_that_comes_back_in_time_is_waited_for_anew() {
         let runs = [unfinished(1, "/in/a.csv")];
         let file = found("/in/a.csv");
-        let look = |files| Look { files, folders: vec![Path::new("/in")], ..Look::default() };
-        let (here, away) = (look(vec![(&file, Seen::Now)]), look(Vec::new()));
+        let look = |files| FolderLooks { files, folders: vec![Path::new("/in")], ..FolderLooks::default() };
+        let (here, away) = (look(vec![(&file, LookKind::Now)]), look(Vec::new()));
         let start = Instant::now();
         let mut missing = Missing::default();
         for (at, look, is_gone) in [

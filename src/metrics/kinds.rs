@@ -2,7 +2,7 @@
 
 /// Work on an export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum WorkStage {
     /// Its rows are read and cut into a cycle.
     Read,
     /// A cycle is analysed.
@@ -15,7 +15,7 @@ pub enum Stage {
     Conclude,
 }
 
-impl Stage {
+impl WorkStage {
     pub(super) const ALL: [Self; 5] = [Self::Read, Self::Analyse, Self::Record, Self::Finish, Self::Conclude];
 
     pub(super) const fn name(self) -> &'static str {

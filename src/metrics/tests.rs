@@ -15,7 +15,7 @@ fn what_is_counted_is_told_and_what_never_happened_is_zero() {
     let metrics = Metrics::counting();
     assert!(has(&metrics, "armwatch_exports_total{end=\"quarantined\"} 0"));
     assert!(has(&metrics, "armwatch_stage_duration_seconds_count{stage=\"conclude\"} 0"));
-    metrics.stage(Stage::Read, Duration::from_millis(20));
+    metrics.stage(WorkStage::Read, Duration::from_millis(20));
     metrics.cycle_read(75_000, 1 << 20);
     metrics.cycle_read(5, 10);
     metrics.export(ExportEnd::Stored);

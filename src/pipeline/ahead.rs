@@ -15,7 +15,7 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::AbortOnDropHandle;
 
 use super::context::{Lane, Outcome, Pipeline, PipelineError, Progress, Retry};
-use super::cycle_memory::Turn;
+use super::cycle_memory::RecordingTurn;
 use super::production;
 use super::streaming::{Streaming, cycles_in_analysis};
 use super::take::admitted::AdmittedExport;
@@ -64,7 +64,7 @@ pub struct ReadAhead {
     /// Hash of all its bytes, once they are read.
     whole: Arc<OnceLock<ContentHash>>,
     has_read: CancellationToken,
-    pub(super) turn: Turn,
+    pub(super) turn: RecordingTurn,
     pub(super) stop: DropGuard,
 }
 
@@ -204,7 +204,7 @@ impl Pipeline {
             no_hash,
             0,
         );
-        let turn = Turn::default();
+        let turn = RecordingTurn::default();
         let export = AdmittedExport {
             path: path.to_path_buf(),
             run_id: 0,

@@ -76,15 +76,15 @@ struct SharedCycles {
 struct ExportMemory {
     bytes: usize,
     read_at: Instant,
-    turn: Turn,
+    turn: RecordingTurn,
 }
 
 /// Whether the analyses of an export are recorded as they end. Those of an export that is read ahead wait for exports before it,
 /// so that these must not wait for it.
 #[derive(Debug, Clone, Default)]
-pub struct Turn(Arc<AtomicBool>);
+pub struct RecordingTurn(Arc<AtomicBool>);
 
-impl Turn {
+impl RecordingTurn {
     /// Of an export that is recorded while it is read.
     #[must_use]
     pub fn come() -> Self {
@@ -138,7 +138,7 @@ impl CycleMemory {
 
     /// Another export, whose cycle has no row yet.
     #[must_use]
-    pub fn enter(&self, turn: Turn) -> OpenCycle {
+    pub fn enter(&self, turn: RecordingTurn) -> OpenCycle {
         let mut state = self.lock();
         let id = state.next;
         state.next += 1;
@@ -294,8 +294,8 @@ mod tests {
     #[test]
     fn the_largest_cycle_goes_on_and_the_others_follow_when_it_ends() {
         let (all, stop) = (CycleMemory::new(1000), CancellationToken::new());
-        let large = grow(all.enter(Turn::come()), 700, &stop).recv_timeout(SOON).expect("room");
-        let small = grow(all.enter(Turn::come()), 300, &stop).recv_timeout(SOON).expect("room");
+        let large = grow(all.enter(RecordingTurn::come()), 700, &stop).recv_timeout(SOON).expect("room");
+        let small = grow(all.enter(RecordingTurn::come()), 300, &stop).recv_timeout(SOON).expect("room");
         // the bound is passed: the smaller one waits, the larger one does not
         let waiting = grow(small, 400, &stop);
         let large = grow(large, 900, &stop).recv_timeout(SOON).expect("the largest goes on");
@@ -315,12 +315,16 @@ mod tests {
     fn nobody_waits_for_an_export_that_does_not_go_on_and_a_stop_ends_every_wait() {
         let stop = CancellationToken::new();
         let all = CycleMemory { idle: Duration::from_millis(50), ..CycleMemory::new(1000) };
-        let _idle = grow(all.enter(Turn::come()), 2000, &stop).recv_timeout(SOON).expect("the largest");
-        grow(all.enter(Turn::come()), 10, &stop).recv_timeout(SOON).expect("the largest of those that go on");
+        let _idle =
+            grow(all.enter(RecordingTurn::come()), 2000, &stop).recv_timeout(SOON).expect("the largest");
+        grow(all.enter(RecordingTurn::come()), 10, &stop)
+            .recv_timeout(SOON)
+            .expect("the largest of those that go on");
 
         let all = CycleMemory::new(1000);
-        let _large = grow(all.enter(Turn::come()), 2000, &stop).recv_timeout(SOON).expect("the largest");
-        let waiting = grow(all.enter(Turn::come()), 10, &stop);
+        let _large =
+            grow(all.enter(RecordingTurn::come()), 2000, &stop).recv_timeout(SOON).expect("the largest");
+        let waiting = grow(all.enter(RecordingTurn::come()), 10, &stop);
         assert!(waiting.recv_timeout(NOT_YET).is_err());
         stop.cancel();
         waiting.recv_timeout(SOON).expect("stopped");
@@ -331,7 +335,7 @@ mod tests {
         let (all, stop) = (CycleMemory::new(1500), CancellationToken::new());
         let exports: Vec<_> = (0..8)
             .map(|_| {
-                let (cycle, stop) = (all.enter(Turn::come()), stop.clone());
+                let (cycle, stop) = (all.enter(RecordingTurn::come()), stop.clone());
                 thread::spawn(move || {
                     for _ in 0..3 {
                         (0..=10).for_each(|block| cycle.has(100 * block, &stop));
@@ -346,9 +350,10 @@ mod tests {
     #[test]
     fn an_export_that_is_read_ahead_waits_for_one_in_its_turn_however_little_that_has_read() {
         let (all, stop) = (CycleMemory::new(1000), CancellationToken::new());
-        let turn = Turn::default();
+        let turn = RecordingTurn::default();
         let ahead = grow(all.enter(turn.clone()), 2000, &stop).recv_timeout(SOON).expect("alone");
-        let recorded = grow(all.enter(Turn::come()), 10, &stop).recv_timeout(SOON).expect("in its turn");
+        let recorded =
+            grow(all.enter(RecordingTurn::come()), 10, &stop).recv_timeout(SOON).expect("in its turn");
         let waiting = grow(ahead, 2100, &stop);
         assert!(waiting.recv_timeout(NOT_YET).is_err());
         turn.comes();
@@ -385,10 +390,10 @@ mod tests {
     #[tokio::test(flavor = "multi_thread")]
     async fn cycles_that_are_cut_hold_up_reading_until_they_are_recorded() {
         let (all, stop) = (CycleMemory::new(10 * CYCLE_BYTES), CancellationToken::new());
-        let large = grow(all.enter(Turn::come()), 100, &stop).recv_timeout(SOON).expect("room");
+        let large = grow(all.enter(RecordingTurn::come()), 100, &stop).recv_timeout(SOON).expect("room");
         let mut held = all.hold(&cycle(CYCLE_BYTES));
         held.may_be_analysed().await;
-        let waiting = grow(all.enter(Turn::come()), 10, &stop);
+        let waiting = grow(all.enter(RecordingTurn::come()), 10, &stop);
         assert!(waiting.recv_timeout(NOT_YET).is_err());
         drop(held);
         waiting.recv_timeout(SOON).expect("room again");

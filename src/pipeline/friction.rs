@@ -9,7 +9,7 @@ use super::context::PipelineError;
 use armwatch_method::friction::index::baseline::{FormedMaps, fit_maps};
 use armwatch_method::friction::index::held_map::HeldMap;
 use armwatch_method::friction::index::run_record::coverage;
-use armwatch_method::friction::index::{Reference, run_indices};
+use armwatch_method::friction::index::{ReferenceMap, run_indices};
 use armwatch_method::friction::over_speed::friction_over_speed;
 use armwatch_method::signal::filter::independent_fraction;
 use armwatch_method::spare_threads::SpareThreads;
@@ -309,9 +309,9 @@ async fn compare(
             let (maps, references) = (Arc::clone(maps), planned.references.clone());
             indices = tokio::task::spawn_blocking(move || {
                 let reference = |(at, joint, in_baseline): &(usize, JointIndex, bool)| {
-                    Some(Reference { held: maps.map(*at, *joint)?, in_baseline: *in_baseline })
+                    Some(ReferenceMap { held: maps.map(*at, *joint)?, in_baseline: *in_baseline })
                 };
-                let references: Vec<Reference<'_>> = references.iter().filter_map(reference).collect();
+                let references: Vec<ReferenceMap<'_>> = references.iter().filter_map(reference).collect();
                 run_indices(&references, &before, &run)
             })
             .await?;

@@ -148,7 +148,7 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        self.process_reading(path, Reading::NotBegun, retry, stop, progress).await
+        self.process_reading(path, AheadReading::NotBegun, retry, stop, progress).await
     }
 
     /// As [`process`](Self::process), of an export that may be read ahead.
@@ -163,13 +163,13 @@ impl Pipeline {
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
-        self.process_reading(path, Reading::Begun(ahead), retry, stop, progress).await
+        self.process_reading(path, AheadReading::Begun(ahead), retry, stop, progress).await
     }
 
     async fn process_reading(
         &self,
         path: &Path,
-        reading: Reading,
+        reading: AheadReading,
         retry: Retry,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
@@ -214,15 +214,15 @@ impl Pipeline {
         &self,
         path: &Path,
         (name, state): (&str, Option<SourceState>),
-        reading: Reading,
+        reading: AheadReading,
         retry: Retry,
         stop: &CancellationToken,
         progress: impl Fn(Progress) + Send + Sync + Clone + 'static,
     ) -> Result<Outcome, PipelineError> {
         let is_spent = match &reading {
             // counted before it was read ahead
-            Reading::Begun(Some(_)) => false,
-            Reading::NotBegun | Reading::Begun(None) => {
+            AheadReading::Begun(Some(_)) => false,
+            AheadReading::NotBegun | AheadReading::Begun(None) => {
                 self.begin_attempt(name, state, stop).await?.is_spent()
             }
         };
@@ -230,8 +230,8 @@ impl Pipeline {
             self.quarantine_unread(path, name, state).await?
         } else {
             let ahead = match reading {
-                Reading::NotBegun => self.read_ahead(path, retry, stop).await?,
-                Reading::Begun(ahead) => ahead,
+                AheadReading::NotBegun => self.read_ahead(path, retry, stop).await?,
+                AheadReading::Begun(ahead) => ahead,
             };
             self.take(path, ahead, retry, stop, progress).await?
         };
@@ -473,7 +473,7 @@ impl Pipeline {
 }
 
 /// Whether an export is read ahead when its turn comes.
-enum Reading {
+enum AheadReading {
     /// It is to be read ahead now.
     NotBegun,
     /// It was looked at before.

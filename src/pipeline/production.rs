@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::context::{Pipeline, PipelineError};
-use super::stored::chosen_cycles::{Candidate, RunCycles, StoredError, unit_identification};
+use super::stored::chosen_cycles::{ParameterCandidate, RunCycles, StoredError, unit_identification};
 use super::take::admitted::AdmittedExport;
 use armwatch_config::Layout;
 use armwatch_method::analyse::{Method, analyse_cycle, analyse_cycle_in};
@@ -105,7 +105,7 @@ async fn as_reference(
     store: &Store,
     run_id: i64,
     estimator: Estimator,
-    candidate: &Candidate,
+    candidate: &ParameterCandidate,
 ) -> Result<Arc<Reference>, PipelineError> {
     let parameters: Vec<_> =
         candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)).collect();
@@ -119,9 +119,11 @@ async fn candidate(
     store: &Store,
     run_id: i64,
     estimator: Estimator,
-) -> Result<Option<Candidate>, PipelineError> {
+) -> Result<Option<ParameterCandidate>, PipelineError> {
     match unit_identification(store, &[RunCycles::all(run_id)], estimator).await {
-        Ok(set) => Ok(Some(Candidate { model: set.model, parameters: set.identification.parameters })),
+        Ok(set) => {
+            Ok(Some(ParameterCandidate { model: set.model, parameters: set.identification.parameters }))
+        }
         Err(StoredError::Store(error)) => Err(error.into()),
         Err(StoredError::Task(error)) => Err(error.into()),
         // stored by an older program, or a motion too poor: another test may do

@@ -10,7 +10,7 @@ use tokio::task::{JoinError, JoinHandle};
 use super::context::InAnalysis;
 use super::production::CycleWork;
 use super::take::cutting::CutCycle;
-use crate::metrics::{Metrics, Stage};
+use crate::metrics::{Metrics, WorkStage};
 use armwatch_method::buffers::Buffers;
 use armwatch_method::spare_threads::SpareThreads;
 
@@ -114,7 +114,7 @@ async fn analyse_in_order(
     // a cycle is not taken over before it is its turn: those that wait fill the memory
     while let Ok(turn) = to_record.reserve().await {
         let Some(CutCycle { cycle, read, took, written, mut held }) = cycles.recv().await else { return };
-        metrics.stage(Stage::Read, took);
+        metrics.stage(WorkStage::Read, took);
         let until = read.prefix.bytes;
         metrics.cycle_read(cycle.samples.rows(), until.saturating_sub(bytes));
         bytes = until;
@@ -125,7 +125,7 @@ async fn analyse_in_order(
         let analysis = tokio::task::spawn_blocking(move || {
             let began = Instant::now();
             let analysis = work.analyse_in(cycle, &buffers, &spare);
-            metrics.stage(Stage::Analyse, began.elapsed());
+            metrics.stage(WorkStage::Analyse, began.elapsed());
             drop(place);
             held.is_analysed(&analysis);
             (analysis, held)

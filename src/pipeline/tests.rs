@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use tokio_util::sync::CancellationToken;
 
 use super::context::{Outcome, Pipeline, Retry};
-use super::stored::chosen_cycles::{Candidate, RunCycles, cross_verification, rmsd_on, unit_identification};
+use super::stored::chosen_cycles::{
+    ParameterCandidate, RunCycles, cross_verification, rmsd_on, unit_identification,
+};
 use armwatch_config::Config;
 use armwatch_ingest::bytes::source::open_hashing;
 use armwatch_ingest::table::reader::{ExportReader, ReadOptions};
@@ -67,7 +69,7 @@ impl Ingested {
         let set = self.unit(&[1, 2], Estimator::Ordinary).await;
         let theta = self.theta(&set);
         assert_equal(&theta, &raw_parameters(&self.method, &[&self.cycles[0], &self.cycles[1]]));
-        let candidate = Candidate { model: set.model, parameters: set.identification.parameters };
+        let candidate = ParameterCandidate { model: set.model, parameters: set.identification.parameters };
         let third = [RunCycles { cycles: Some(vec![3]), ..RunCycles::all(1) }];
         let rmsd = rmsd_on(&self.store, &candidate, &third).await.expect("deviations");
         let direct = Direct::new(&self.method, &self.cycles[2], &theta);

@@ -1,6 +1,8 @@
 //! The tests before and since an anomaly: friction against the baseline, and RMSD.
 
-use super::figure::{Area, Band, ESTIMATED, Figure, Key, Level, Limit, Look, Mark, Panel, Series, XAxis};
+use super::figure::{
+    Area, Band, ESTIMATED, Figure, FigureLevel, Key, Limit, Look, Mark, Panel, Series, XAxis,
+};
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::robot::JointIndex;
 
@@ -69,7 +71,7 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         series,
         ..Panel::default()
     };
-    let baseline = vec![Limit { value: 1.0, level: Level::Usual }];
+    let baseline = vec![Limit { value: 1.0, level: FigureLevel::Usual }];
     let panels = vec![
         match indexed {
             true => panel("friction index", "friction index", baseline, false, areas, friction),
@@ -84,7 +86,7 @@ pub fn anomaly_figure(tests: &[EvidencePoint], seen: [f64; 2], title: String, su
         .collect();
     if joints.len() == 1 && indexed {
         legend.push(key("95 % interval".into(), Look::Area(ESTIMATED)));
-        legend.push(key("baseline".into(), Look::Limit(Level::Usual)));
+        legend.push(key("baseline".into(), Look::Limit(FigureLevel::Usual)));
     }
     legend.push(key("from onset to last seen".into(), Look::Band(SEEN)));
     Figure { title, subtitle, legend, panels, columns: 1 }

@@ -23,7 +23,7 @@ pub struct Panel {
     /// What it shows.
     pub title: String,
     /// Where its subject stands, beside the title.
-    pub standing: Option<Standing>,
+    pub standing: Option<StatusWord>,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
     /// What its values are.
@@ -87,12 +87,12 @@ pub struct Limit {
     /// The value.
     pub value: f64,
     /// What it means.
-    pub level: Level,
+    pub level: FigureLevel,
 }
 
 /// How things stand, or what a limit is a limit of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
+pub enum FigureLevel {
     /// Nothing to see; as a limit: what is usual.
     Usual,
     /// Plan a look.
@@ -103,7 +103,7 @@ pub enum Level {
     Unknown,
 }
 
-impl Level {
+impl FigureLevel {
     /// Class of its colours in a picture and on a page.
     pub(super) fn class(self) -> &'static str {
         match self {
@@ -117,11 +117,11 @@ impl Level {
 
 /// A word on how the subject of a panel stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Standing {
+pub struct StatusWord {
     /// The word.
     pub word: String,
     /// Its colour.
-    pub level: Level,
+    pub level: FigureLevel,
 }
 
 /// Something that happened at a value of the horizontal axis.
@@ -217,7 +217,7 @@ pub enum Look {
     /// As an area of this colour.
     Area(usize),
     /// As a limit of this level.
-    Limit(Level),
+    Limit(FigureLevel),
     /// As an event of this kind.
     Event(FigureEventKind),
 }

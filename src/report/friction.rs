@@ -44,7 +44,7 @@ pub fn friction_figure(
 
 /// Friction points of one cycle.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CycleFriction {
+pub struct CyclePoints {
     /// What the cycle is called, such as `cycle 3`.
     pub label: String,
     /// Its points.
@@ -54,7 +54,7 @@ pub struct CycleFriction {
 /// Draws the magnitude of friction over speed, mean of both directions, for some of the cycles: the first, the
 /// last and others evenly between them, as many as there are colours. The subtitle says which are left out.
 #[must_use]
-pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: String) -> Figure {
+pub fn friction_speed_figure(cycles: &[CyclePoints], title: String, subtitle: String) -> Figure {
     let shown = evenly(cycles, RAMP.len());
     let subtitle = subtitle + &left_out(cycles, &shown, |cycle| &cycle.label);
     let joints: BTreeSet<JointIndex> =
@@ -69,7 +69,7 @@ pub fn friction_speed_figure(cycles: &[CycleFriction], title: String, subtitle: 
             .collect(),
         ..Panel::default()
     };
-    let key = |(place, cycle): (usize, &&CycleFriction)| Key {
+    let key = |(place, cycle): (usize, &&CyclePoints)| Key {
         label: cycle.label.clone(),
         look: Look::Series(ramp(place, shown.len()), Mark::LineWithDots),
     };
@@ -157,7 +157,7 @@ fn left_out<'a, T>(all: &'a [T], shown: &[&T], label: impl Fn(&'a T) -> &'a str)
 const MAX_NAMED: usize = 8;
 
 /// Mean speed and mean magnitude of friction at each level of a joint.
-fn over_speed(cycle: &CycleFriction, joint: JointIndex, colour: usize) -> Series {
+fn over_speed(cycle: &CyclePoints, joint: JointIndex, colour: usize) -> Series {
     let of_joint: Vec<FrictionPoint> =
         cycle.points.iter().filter(|point| point.joint == joint).copied().collect();
     let mean = |level: f64| {
@@ -319,9 +319,9 @@ mod tests {
                 .flat_map(|level| [1, -1].map(|sign| point(0, 1.0, level, sign)))
                 .collect();
             points[0].torque = 12.2;
-            CycleFriction { label: format!("cycle {number}"), points }
+            CyclePoints { label: format!("cycle {number}"), points }
         };
-        let cycles: Vec<CycleFriction> = (1..=24).map(cycle).collect();
+        let cycles: Vec<CyclePoints> = (1..=24).map(cycle).collect();
         let figure = friction_speed_figure(&cycles, "R01".into(), String::new());
         let labels: Vec<&str> = figure.legend.iter().map(|key| key.label.as_str()).collect();
         assert_eq!((labels.len(), labels[0], labels[8]), (9, "cycle 1", "cycle 24"));

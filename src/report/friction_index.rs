@@ -2,8 +2,8 @@
 //! joint, all with the same scale.
 
 use super::figure::{
-    Area, Band, ESTIMATED, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, MEASURED, Mark,
-    Panel, Series, Standing, XAxis, extent,
+    Area, Band, ESTIMATED, Figure, FigureEvent, FigureEventKind, FigureLevel, Key, Limit, Look, MEASURED,
+    Mark, Panel, Series, StatusWord, XAxis, extent,
 };
 use super::rmsd::event_keys;
 
@@ -29,7 +29,7 @@ pub struct IndexPanel {
     /// Its name.
     pub title: String,
     /// Where it stands.
-    pub standing: Option<Standing>,
+    pub standing: Option<StatusWord>,
     /// Its runs, oldest first.
     pub runs: Vec<IndexPoint>,
     /// What happened to it.
@@ -67,9 +67,9 @@ pub fn index_figure(joints: &[IndexPanel], limits: IndexLimits, title: String, s
         legend.push(key("friction as measured".into(), Look::Series(MEASURED, Mark::Rings)));
     }
     legend.extend([
-        key("baseline".into(), Look::Limit(Level::Usual)),
-        key(percent("warning", "+", limits.warning), Look::Limit(Level::Warning)),
-        key(percent("critical", "\u{b1}", limits.critical), Look::Limit(Level::Critical)),
+        key("baseline".into(), Look::Limit(FigureLevel::Usual)),
+        key(percent("warning", "+", limits.warning), Look::Limit(FigureLevel::Warning)),
+        key(percent("critical", "\u{b1}", limits.critical), Look::Limit(FigureLevel::Critical)),
     ]);
     if joints.iter().any(|joint| !joint.alarms.is_empty()) {
         legend.push(key("an alarm was seen".into(), Look::Band(SEEN)));
@@ -99,10 +99,10 @@ fn panel(joint: &IndexPanel, limits: IndexLimits, y_range: Option<[f64; 2]>) -> 
         y_label: "friction index".into(),
         y_range,
         limits: vec![
-            limit(1.0, Level::Usual),
-            limit(1.0 + limits.warning, Level::Warning),
-            limit(1.0 + limits.critical, Level::Critical),
-            limit(1.0 - limits.critical, Level::Critical),
+            limit(1.0, FigureLevel::Usual),
+            limit(1.0 + limits.warning, FigureLevel::Warning),
+            limit(1.0 + limits.critical, FigureLevel::Critical),
+            limit(1.0 - limits.critical, FigureLevel::Critical),
         ],
         bands: joint.alarms.iter().map(|[from, to]| Band { from: *from, to: *to, tint: SEEN }).collect(),
         areas: vec![Area { colour: ESTIMATED, points: intervals.collect::<Vec<_>>().join(&[f64::NAN; 3]) }],
@@ -140,7 +140,7 @@ mod tests {
         };
         IndexPanel {
             title: title.into(),
-            standing: Some(Standing::new("critical", Level::Critical)),
+            standing: Some(StatusWord::new("critical", FigureLevel::Critical)),
             runs: runs.iter().map(run).collect(),
             events: Vec::new(),
             alarms: Vec::new(),

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::figure::{Figure, Level, Standing};
+use super::figure::{Figure, FigureLevel, StatusWord};
 use super::svg::{panel_svg, style, swatch};
 use crate::language::Language;
 use armwatch_model::text::xml;
@@ -15,23 +15,23 @@ pub struct Page {
     /// A line below the title.
     pub subtitle: String,
     /// Parts, in order; printed, the first has the first sheet for itself.
-    pub sections: Vec<Section>,
+    pub sections: Vec<PageSection>,
     /// Its language.
     pub language: Language,
 }
 
 /// A part of a page.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Section {
+pub struct PageSection {
     /// What it is about.
     pub heading: String,
     /// What stands in it.
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<PageBlock>,
 }
 
 /// Something that stands in a part of a page.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Block {
+pub enum PageBlock {
     /// A paragraph.
     Text(String),
     /// A remark in small letters.
@@ -39,7 +39,7 @@ pub enum Block {
     /// Facts, each with its name.
     Facts(Vec<(String, String)>),
     /// What one should see first, each with a colour.
-    Findings(Vec<Finding>),
+    Findings(Vec<PageFinding>),
     /// Rows of figures or words.
     Table(PageTable),
     /// A picture.
@@ -48,9 +48,9 @@ pub enum Block {
 
 /// Something that one should see first.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Finding {
+pub struct PageFinding {
     /// Where it stands.
-    pub standing: Standing,
+    pub standing: StatusWord,
     /// What it is about.
     pub title: String,
     /// What is said of it, a paragraph each.
@@ -65,18 +65,18 @@ pub struct PageTable {
     /// What its columns are, with units.
     pub header: Vec<String>,
     /// Rows, with a cell for each column.
-    pub rows: Vec<Vec<Cell>>,
+    pub rows: Vec<Vec<TableCell>>,
 }
 
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Cell {
+pub enum TableCell {
     /// Words, from the left.
     Words(String),
     /// A figure, from the right.
     Number(String),
     /// How something stands.
-    Standing(Standing),
+    Standing(StatusWord),
 }
 
 impl Page {
@@ -120,22 +120,22 @@ fn document(title: &str, language: Language, body: &str) -> String {
     )
 }
 
-fn write_block(body: &mut String, block: &Block) {
+fn write_block(body: &mut String, block: &PageBlock) {
     match block {
-        Block::Text(words) => {
+        PageBlock::Text(words) => {
             let _ = writeln!(body, "<p>{}</p>", xml(words));
         }
-        Block::Note(words) => {
+        PageBlock::Note(words) => {
             let _ = writeln!(body, "<p class=\"soft note\">{}</p>", xml(words));
         }
-        Block::Facts(facts) => {
+        PageBlock::Facts(facts) => {
             body.push_str("<dl>\n");
             for (name, words) in facts {
                 let _ = writeln!(body, "<div><dt>{}</dt><dd>{}</dd></div>", xml(name), xml(words));
             }
             body.push_str("</dl>\n");
         }
-        Block::Findings(findings) => {
+        PageBlock::Findings(findings) => {
             body.push_str("<ul class=\"findings\">\n");
             for finding in findings {
                 let class = finding.standing.level.class();
@@ -148,8 +148,8 @@ fn write_block(body: &mut String, block: &Block) {
             }
             body.push_str("</ul>\n");
         }
-        Block::Table(table) => write_table(body, table),
-        Block::Figure(figure) => write_figure(body, figure, &figure.subtitle),
+        PageBlock::Table(table) => write_table(body, table),
+        PageBlock::Figure(figure) => write_figure(body, figure, &figure.subtitle),
     }
 }
 
@@ -161,7 +161,7 @@ fn write_table(body: &mut String, table: &PageTable) {
          <thead>\n<tr>"
     );
     let is_number =
-        |column: usize| table.rows.iter().any(|row| matches!(row.get(column), Some(Cell::Number(_))));
+        |column: usize| table.rows.iter().any(|row| matches!(row.get(column), Some(TableCell::Number(_))));
     for (column, name) in table.header.iter().enumerate() {
         let class = if is_number(column) { " class=\"number\"" } else { "" };
         let _ = write!(body, "<th scope=\"col\"{class}>{}</th>", xml(name));
@@ -171,9 +171,9 @@ fn write_table(body: &mut String, table: &PageTable) {
         body.push_str("<tr>");
         for cell in row {
             let _ = match cell {
-                Cell::Words(words) => write!(body, "<td>{}</td>", xml(words)),
-                Cell::Number(figure) => write!(body, "<td class=\"number\">{}</td>", xml(figure)),
-                Cell::Standing(of) => {
+                TableCell::Words(words) => write!(body, "<td>{}</td>", xml(words)),
+                TableCell::Number(figure) => write!(body, "<td class=\"number\">{}</td>", xml(figure)),
+                TableCell::Standing(of) => {
                     write!(body, "<td><em class=\"{}\">{}</em></td>", of.level.class(), xml(&of.word))
                 }
             };
@@ -211,10 +211,10 @@ fn write_figure(body: &mut String, figure: &Figure, words: &str) {
     body.push_str("</div>\n</figure>\n");
 }
 
-impl Standing {
+impl StatusWord {
     /// A word with its colour.
     #[must_use]
-    pub fn new(word: impl Into<String>, level: Level) -> Self {
+    pub fn new(word: impl Into<String>, level: FigureLevel) -> Self {
         Self { word: word.into(), level }
     }
 }
@@ -300,33 +300,33 @@ mod tests {
     #[test]
     fn every_block_is_well_formed_and_its_words_are_no_markup() {
         let words = "<script>alert(1)</script> & \"more\"".to_string();
-        let standing = Standing::new(words.clone(), Level::Critical);
+        let standing = StatusWord::new(words.clone(), FigureLevel::Critical);
         let page = Page {
             title: words.clone(),
             subtitle: words.clone(),
             language: Language::German,
-            sections: vec![Section {
+            sections: vec![PageSection {
                 heading: words.clone(),
                 blocks: vec![
-                    Block::Text(words.clone()),
-                    Block::Note(words.clone()),
-                    Block::Facts(vec![(words.clone(), words.clone())]),
-                    Block::Findings(vec![Finding {
+                    PageBlock::Text(words.clone()),
+                    PageBlock::Note(words.clone()),
+                    PageBlock::Facts(vec![(words.clone(), words.clone())]),
+                    PageBlock::Findings(vec![PageFinding {
                         standing: standing.clone(),
                         title: words.clone(),
                         words: vec![words.clone()],
                     }]),
-                    Block::Table(PageTable {
+                    PageBlock::Table(PageTable {
                         caption: words.clone(),
                         header: vec![words.clone(); 3],
                         rows: vec![vec![
-                            Cell::Words(words.clone()),
-                            Cell::Number("1.5".into()),
-                            Cell::Standing(standing),
+                            TableCell::Words(words.clone()),
+                            TableCell::Number("1.5".into()),
+                            TableCell::Standing(standing),
                         ]],
                     }),
-                    Block::Figure(Box::new(figure(2))),
-                    Block::Figure(Box::new(figure(0))),
+                    PageBlock::Figure(Box::new(figure(2))),
+                    PageBlock::Figure(Box::new(figure(0))),
                 ],
             }],
         };

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::figure::{
-    ESTIMATED, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, Mark, Panel, Series, XAxis,
-    YAxis, extent,
+    ESTIMATED, Figure, FigureEvent, FigureEventKind, FigureLevel, Key, Limit, Look, Mark, Panel, Series,
+    XAxis, YAxis, extent,
 };
 use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
 use armwatch_model::robot::JointIndex;
@@ -73,14 +73,17 @@ fn limit_keys(limits: RmsdLimits) -> [Key; 2] {
         label: format!("{word} from {} %", 100.0 * value),
         look: Look::Limit(level),
     };
-    [key("warning", limits.warning, Level::Warning), key("critical", limits.critical, Level::Critical)]
+    [
+        key("warning", limits.warning, FigureLevel::Warning),
+        key("critical", limits.critical, FigureLevel::Critical),
+    ]
 }
 
 /// The limits as lines of a panel in per cent.
 fn limit_lines(limits: RmsdLimits) -> Vec<Limit> {
     vec![
-        Limit { value: 100.0 * limits.warning, level: Level::Warning },
-        Limit { value: 100.0 * limits.critical, level: Level::Critical },
+        Limit { value: 100.0 * limits.warning, level: FigureLevel::Warning },
+        Limit { value: 100.0 * limits.critical, level: FigureLevel::Critical },
     ]
 }
 

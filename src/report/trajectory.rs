@@ -1,6 +1,8 @@
 //! A test motion as parts of its limits, and how the search for it went.
 
-use super::figure::{ESTIMATED, Figure, Key, Level, Limit, Look, MEASURED, Mark, Panel, Series, XAxis, ramp};
+use super::figure::{
+    ESTIMATED, Figure, FigureLevel, Key, Limit, Look, MEASURED, Mark, Panel, Series, XAxis, ramp,
+};
 use armwatch_model::robot::{FourierExcitation, Robot};
 use armwatch_trajectory::limits::{MotionLimits, Shares};
 use armwatch_trajectory::series::state_at;
@@ -64,7 +66,7 @@ fn panels(robot: &Robot, times: &[f64], states: &[Vec<[f64; 3]>]) -> Vec<Panel> 
         x_label: "time, s".into(),
         y_label: y_label.into(),
         y_range: Some([-110.0, 110.0]),
-        limits: [-100.0, 100.0].map(|value| Limit { value, level: Level::Critical }).to_vec(),
+        limits: [-100.0, 100.0].map(|value| Limit { value, level: FigureLevel::Critical }).to_vec(),
         series: (0..n)
             .map(|j| Series {
                 name: format!("joint {}", j + 1),
@@ -85,7 +87,7 @@ fn panels(robot: &Robot, times: &[f64], states: &[Vec<[f64; 3]>]) -> Vec<Panel> 
 fn legend(n: usize) -> Vec<Key> {
     let of_joint =
         |j: usize| Key { label: format!("joint {}", j + 1), look: Look::Series(ramp(j, n), Mark::Line) };
-    let limit = Key { label: "limit".into(), look: Look::Limit(Level::Critical) };
+    let limit = Key { label: "limit".into(), look: Look::Limit(FigureLevel::Critical) };
     (0..n).map(of_joint).chain([limit]).collect()
 }
 

@@ -2,7 +2,7 @@
 //! sentences of detectors, stay as they are.
 
 use super::figure::{Figure, Panel};
-use super::page::{Block, Cell, Page};
+use super::page::{Page, PageBlock, TableCell};
 use crate::language::{Language, translated};
 
 impl Page {
@@ -36,32 +36,32 @@ fn in_words(language: Language, text: &str) -> String {
     parts("; ", "").or_else(|| parts(", ", "")).unwrap_or_else(|| text.to_owned())
 }
 
-fn translate_block(block: &mut Block, change: &dyn Fn(&mut String)) {
+fn translate_block(block: &mut PageBlock, change: &dyn Fn(&mut String)) {
     match block {
-        Block::Text(words) | Block::Note(words) => change(words),
-        Block::Facts(facts) => facts.iter_mut().for_each(|(name, words)| {
+        PageBlock::Text(words) | PageBlock::Note(words) => change(words),
+        PageBlock::Facts(facts) => facts.iter_mut().for_each(|(name, words)| {
             change(name);
             change(words);
         }),
-        Block::Findings(findings) => {
+        PageBlock::Findings(findings) => {
             for finding in findings {
                 change(&mut finding.title);
                 change(&mut finding.standing.word);
                 finding.words.iter_mut().for_each(change);
             }
         }
-        Block::Table(table) => {
+        PageBlock::Table(table) => {
             change(&mut table.caption);
             table.header.iter_mut().for_each(change);
             for cell in table.rows.iter_mut().flatten() {
                 match cell {
-                    Cell::Words(words) => change(words),
-                    Cell::Standing(of) => change(&mut of.word),
-                    Cell::Number(_) => {}
+                    TableCell::Words(words) => change(words),
+                    TableCell::Standing(of) => change(&mut of.word),
+                    TableCell::Number(_) => {}
                 }
             }
         }
-        Block::Figure(figure) => translate_figure(figure, change),
+        PageBlock::Figure(figure) => translate_figure(figure, change),
     }
 }
 

@@ -1,8 +1,8 @@
 //! The code of one arm: what it is made from, and its files.
 
 use super::language::{Language, SourceFile};
-use super::origin::Origin;
-use super::torque::{ModelParameter, TorquePrograms};
+use super::origin::CodeOrigin;
+use super::torque::{CodeParameter, TorquePrograms};
 use super::vectors::TestVectors;
 use super::{header, languages};
 use armwatch_model::robot::Robot;
@@ -22,7 +22,7 @@ impl TorqueCode {
     /// Code of `robot` with the given parameters. Parameters of the robot that are not among them are zero; none may be
     /// there twice. `name` is made an identifier.
     #[must_use]
-    pub fn new(robot: &Robot, parameters: &[ModelParameter], name: &str, origin: &Origin) -> Self {
+    pub fn new(robot: &Robot, parameters: &[CodeParameter], name: &str, origin: &CodeOrigin) -> Self {
         let programs = TorquePrograms::new(robot, parameters);
         let header = header::lines(robot, &programs, origin);
         let vectors = TestVectors::of(robot, parameters);

@@ -2,7 +2,7 @@
 
 use super::expression::{Function, Node};
 use super::listing::wrapped;
-use super::origin::{GENERATED_BY, Origin};
+use super::origin::{CodeOrigin, GENERATED_BY};
 use super::torque::TorquePrograms;
 use armwatch_model::robot::{JointIndex, JointKind, Robot, SpringForm, TorqueSensors};
 
@@ -36,7 +36,7 @@ pub(super) fn cost(programs: &TorquePrograms) -> Cost {
 }
 
 /// Lines of the comment at the head of a source; the first names the generator.
-pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &Origin) -> Vec<String> {
+pub(super) fn lines(robot: &Robot, programs: &TorquePrograms, origin: &CodeOrigin) -> Vec<String> {
     let mut lines = vec![
         format!("{GENERATED_BY} of {}; edits are lost when it is generated again.", origin.program),
         String::new(),

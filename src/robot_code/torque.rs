@@ -19,7 +19,7 @@ const GEOMETRY_ROUNDING: f64 = 1e-15;
 
 /// A parameter of the model.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ModelParameter {
+pub struct CodeParameter {
     /// Which one.
     pub id: ParameterId,
     /// Value in the unit of [`ParameterId::unit`].
@@ -43,7 +43,7 @@ pub(super) struct Constant {
 
 /// A stretch of nodes with a heading.
 #[derive(Debug)]
-pub(super) struct Section {
+pub(super) struct CodeSection {
     /// First node.
     pub(super) start: usize,
     /// Heading.
@@ -58,7 +58,7 @@ pub(super) struct Program {
     pub(super) graph: ExpressionGraph,
     /// One a joint, Nm (N).
     pub(super) outputs: Vec<Expression>,
-    pub(super) sections: Vec<Section>,
+    pub(super) sections: Vec<CodeSection>,
 }
 
 impl Program {
@@ -67,7 +67,7 @@ impl Program {
     }
 
     fn section(&mut self, title: String) {
-        self.sections.push(Section { start: self.graph.nodes().len(), title });
+        self.sections.push(CodeSection { start: self.graph.nodes().len(), title });
     }
 }
 
@@ -83,10 +83,10 @@ pub(super) struct TorquePrograms {
 
 impl TorquePrograms {
     /// Friction and torque of `robot` with the given parameters; those that are missing are zero.
-    pub(super) fn new(robot: &Robot, parameters: &[ModelParameter]) -> Self {
+    pub(super) fn new(robot: &Robot, parameters: &[CodeParameter]) -> Self {
         let model = DynamicModel::from_parameters(robot, parameters.iter().map(|of| (of.id, of.value)));
         let grouped_motor_inertia = model.grouped_motor_inertia;
-        let mut builder = Builder { robot, parameters, grouped_motor_inertia, constants: Vec::new() };
+        let mut builder = TorqueBuilder { robot, parameters, grouped_motor_inertia, constants: Vec::new() };
         let inertial: Vec<[Expression; 10]> = Vec::new();
         let mut torque = Program::new(robot.joint_count());
         let inertial = robot.joint_indices().fold(inertial, |mut all, joint| {
@@ -119,15 +119,15 @@ impl TorquePrograms {
     }
 }
 
-struct Builder<'a> {
+struct TorqueBuilder<'a> {
     robot: &'a Robot,
-    parameters: &'a [ModelParameter],
+    parameters: &'a [CodeParameter],
     /// As in [`DynamicModel::grouped_motor_inertia`].
     grouped_motor_inertia: Vec<f64>,
     constants: Vec<Constant>,
 }
 
-impl<'a> Builder<'a> {
+impl<'a> TorqueBuilder<'a> {
     /// A number of the geometry.
     fn length(
         &mut self,
@@ -186,7 +186,7 @@ impl<'a> Builder<'a> {
 
     /// Enters the inertias of all motors, so that they stand with the other parameters.
     fn motor_inertia(&mut self, graph: &mut ExpressionGraph) {
-        let of_kind = |kind| move |of: &&ModelParameter| of.id.kind == kind;
+        let of_kind = |kind| move |of: &&CodeParameter| of.id.kind == kind;
         for kind in [ParameterKind::MotorInertia, ParameterKind::Coupling(CouplingTerm::Inertia)] {
             for of in self.parameters.iter().filter(of_kind(kind)) {
                 self.parameter(graph, of.id);
@@ -221,7 +221,7 @@ impl<'a> Builder<'a> {
         for (i, (place, force, moment)) in links.iter().enumerate().rev() {
             let number = i + 1;
             let graph = &mut program.graph;
-            program.sections.push(Section {
+            program.sections.push(CodeSection {
                 start: graph.nodes().len(),
                 title: format!("joint {number}: what it carries"),
             });

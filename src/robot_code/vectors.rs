@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::torque::ModelParameter;
+use super::torque::CodeParameter;
 use armwatch_method::model::base_parameters::{JointState, probe_state};
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_method::model::regressor::{Regressor, joint_torque_regressor, write_load_columns};
@@ -34,7 +34,7 @@ impl TestVectors {
     /// is anywhere, one at rest, one slow in all joints, and in one a joint rests while the others move; of eight one has
     /// neither speed nor acceleration.
     #[must_use]
-    pub fn of(robot: &Robot, parameters: &[ModelParameter]) -> Self {
+    pub fn of(robot: &Robot, parameters: &[CodeParameter]) -> Self {
         let value = |id: &ParameterId| parameters.iter().find(|of| of.id == *id).map_or(0.0, |of| of.value);
         let phi: Vec<f64> = ParameterId::natural_order(robot).iter().map(value).collect();
         let states: Vec<JointState> = (0..VECTOR_STATES).map(|index| state(robot, index)).collect();

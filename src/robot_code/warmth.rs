@@ -1,6 +1,6 @@
 //! How warm the joints were when their friction was identified.
 
-use super::torque::ModelParameter;
+use super::torque::CodeParameter;
 use armwatch_method::analyse_run::warm_up_fits;
 use armwatch_method::friction::warm_up::warm_up_torque;
 use armwatch_model::analysis::{FrictionPoint, WarmUpFit};
@@ -8,12 +8,12 @@ use armwatch_model::robot::{JointIndex, ParameterKind, Robot};
 
 /// Warm-up curves of a recording, and the cycles of it that parameters come from.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Warmth {
+pub struct WarmUpCurves {
     fits: Vec<WarmUpFit>,
     minutes: Vec<f64>,
 }
 
-impl Warmth {
+impl WarmUpCurves {
     /// Of friction points of whole recordings, one recording after another, and the middles of the chosen cycles, min
     /// since the start of their recording.
     #[must_use]
@@ -55,7 +55,7 @@ impl Warmth {
 
 /// Multiplies the friction of each joint, and of the motor of it that turns with another joint, by its factor `[n]`. An
 /// offset of the torque signal is no friction and stays.
-pub fn scale_friction(robot: &Robot, parameters: &mut [ModelParameter], factors: &[f64]) {
+pub fn scale_friction(robot: &Robot, parameters: &mut [CodeParameter], factors: &[f64]) {
     use armwatch_model::robot::{CouplingTerm, FrictionTerm};
     let is_friction = |kind| match kind {
         ParameterKind::Friction(term) => term != FrictionTerm::Offset,
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn friction_at_a_minute_is_relative_to_that_of_the_cycles() {
         let joint = JointIndex::new(1);
-        let warmth = Warmth { fits: vec![fit(2.0, 1.0), fit(4.0, 2.0)], minutes: vec![0.0, 20.0] };
+        let warmth = WarmUpCurves { fits: vec![fit(2.0, 1.0), fit(4.0, 2.0)], minutes: vec![0.0, 20.0] };
         // both levels have the same shape: 1 + 0.5 exp(-t / 20)
         let shape = |minute: f64| 1.0 + 0.5 * (-minute / 20.0).exp();
         let expected = shape(60.0) / (0.5 * (shape(0.0) + shape(20.0)));
@@ -107,16 +107,16 @@ mod tests {
         assert!((found - expected).abs() < 1e-12, "{found} {expected}");
         assert_eq!(warmth.relative_friction(JointIndex::new(0), 60.0), None);
         assert_eq!((warmth.minutes(), warmth.last_minute()), (Some([0.0, 20.0]), Some(118.0)));
-        let backwards = Warmth { fits: vec![fit(2.0, -10.0)], minutes: vec![0.0] };
+        let backwards = WarmUpCurves { fits: vec![fit(2.0, -10.0)], minutes: vec![0.0] };
         assert_eq!(backwards.relative_friction(joint, 60.0), None);
     }
 
     #[test]
     fn friction_is_scaled_and_nothing_else() {
         let robot = er3a();
-        let mut parameters: Vec<ModelParameter> = ParameterId::natural_order(&robot)
+        let mut parameters: Vec<CodeParameter> = ParameterId::natural_order(&robot)
             .into_iter()
-            .map(|id| ModelParameter { id, value: 1.0, std_error: Some(0.1), stands_for: None })
+            .map(|id| CodeParameter { id, value: 1.0, std_error: Some(0.1), stands_for: None })
             .collect();
         scale_friction(&robot, &mut parameters, &[1.0, 1.2, 1.0, 1.0, 1.0, 1.0]);
         let scaled: Vec<String> = parameters

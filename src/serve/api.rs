@@ -42,5 +42,5 @@ pub(super) fn routes() -> OpenApiRouter<Arc<Shared>> {
         .routes(routes!(act::cancel_window))
         .routes(routes!(act::retry))
         .routes(routes!(act::dismiss))
-        .layer(Extension(Arc::<fleet::Kept>::default()))
+        .layer(Extension(Arc::<fleet::FleetCache>::default()))
 }

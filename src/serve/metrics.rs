@@ -23,7 +23,7 @@ use crate::metrics::{Disk, Metrics};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::text;
 use armwatch_store::{
-    BlockedFile, Counts, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError,
+    BlockedFile, DatabaseSize, FleetHealthRow, HealthStatus, RouteCounts, Store, StoreError, StoredCounts,
 };
 
 /// States of an anomaly that is not settled.
@@ -60,7 +60,7 @@ pub async fn metrics(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> R
 /// What the database says.
 #[derive(Debug)]
 struct StoredFigures {
-    counts: Counts,
+    counts: StoredCounts,
     health: Vec<FleetHealthRow>,
     to_conclude: usize,
     /// By severity and state.
@@ -134,7 +134,7 @@ impl Collector for MetricFigures {
 }
 
 fn of_database(to: &mut DescriptorEncoder<'_>, stored: &StoredFigures) -> fmt::Result {
-    let Counts { robots, streaming_runs, complete_runs, quarantined_runs, cycles, .. } = stored.counts;
+    let StoredCounts { robots, streaming_runs, complete_runs, quarantined_runs, cycles, .. } = stored.counts;
     let runs =
         [("complete", complete_runs), ("quarantined", quarantined_runs), ("streaming", streaming_runs)];
     let runs = runs.map(|(status, count)| ([("status", status)], count));
@@ -290,7 +290,7 @@ mod tests {
         let process = Metrics::counting();
         process.cycle_stored(None);
         let stored = StoredFigures {
-            counts: Counts { robots: 1, complete_runs: 2, ..Counts::default() },
+            counts: StoredCounts { robots: 1, complete_runs: 2, ..StoredCounts::default() },
             health: Vec::new(),
             to_conclude: 0,
             anomalies: BTreeMap::new(),

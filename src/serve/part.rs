@@ -8,7 +8,7 @@ use super::receive::too_large;
 
 /// Which bytes of an export a request holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Part {
+pub struct ByteRange {
     /// The first of them.
     pub first: u64,
     /// Bytes of the body, where the client says it.
@@ -17,7 +17,7 @@ pub struct Part {
     pub total: Option<u64>,
 }
 
-impl Part {
+impl ByteRange {
     /// Reads `Content-Range: bytes FIRST-LAST/TOTAL`, or `bytes */TOTAL` where all bytes are there and only
     /// the end is missing.
     ///
@@ -58,23 +58,23 @@ impl Part {
     }
 }
 
-fn parse_range(text: &str) -> Option<Part> {
+fn parse_range(text: &str) -> Option<ByteRange> {
     let (range, total) = text.trim().strip_prefix("bytes ")?.split_once('/')?;
     let total: u64 = total.parse().ok()?;
     if range == "*" {
-        return Some(Part { first: total, length: Some(0), total: Some(total) });
+        return Some(ByteRange { first: total, length: Some(0), total: Some(total) });
     }
     let (first, last) = range.split_once('-')?;
     let (first, last): (u64, u64) = (first.parse().ok()?, last.parse().ok()?);
     let length = last.checked_sub(first)?.checked_add(1)?;
-    (last < total).then_some(Part { first, length: Some(length), total: Some(total) })
+    (last < total).then_some(ByteRange { first, length: Some(length), total: Some(total) })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn part(range: Option<&str>, length: Option<u64>) -> Result<Part, StatusCode> {
+    fn part(range: Option<&str>, length: Option<u64>) -> Result<ByteRange, StatusCode> {
         let mut headers = HeaderMap::new();
         if let Some(range) = range {
             headers.insert(CONTENT_RANGE, range.parse().unwrap());
@@ -82,12 +82,12 @@ mod tests {
         if let Some(length) = length {
             headers.insert(CONTENT_LENGTH, length.into());
         }
-        Part::of(&headers, 1000).map_err(|refusal| refusal.status)
+        ByteRange::of(&headers, 1000).map_err(|refusal| refusal.status)
     }
 
     #[test]
     fn a_range_says_where_a_part_stands() {
-        let of = |first, length, total| Ok(Part { first, length, total });
+        let of = |first, length, total| Ok(ByteRange { first, length, total });
         assert_eq!(part(None, Some(7)), of(0, Some(7), None));
         assert_eq!(part(Some("bytes 5-9/10"), Some(5)), of(5, Some(5), Some(10)));
         assert_eq!(part(Some("bytes 0-9/10"), None), of(0, Some(10), Some(10)));

@@ -29,7 +29,7 @@ pub const SLOW_START: Duration = Duration::from_secs(60);
 
 /// Bounds of one body.
 #[derive(Debug, Clone, Copy)]
-pub struct Bounds {
+pub struct BodyBounds {
     /// Most bytes.
     pub bytes: u64,
     /// How long a client may send next to nothing.
@@ -50,7 +50,7 @@ pub async fn receive(
     claim: Claim,
     from_start: bool,
     body: Body,
-    bounds: Bounds,
+    bounds: BodyBounds,
     stop: &CancellationToken,
 ) -> Result<Claim, Refusal> {
     let (pieces, to_write) = mpsc::channel(PIECES_IN_FLIGHT);
@@ -113,7 +113,7 @@ fn write(mut file: PartialFile, mut pieces: mpsc::Receiver<Bytes>) -> io::Result
 async fn hand_on(
     mut body: Body,
     pieces: mpsc::Sender<Bytes>,
-    bounds: Bounds,
+    bounds: BodyBounds,
     stop: &CancellationToken,
 ) -> Result<(), Refusal> {
     let (mut received, mut lately) = (0_u64, 0_u64);
@@ -158,7 +158,7 @@ async fn hand_on(
     }
 }
 
-impl Bounds {
+impl BodyBounds {
     /// How long after its begin an upload of so many bytes must have gone on, or ended.
     fn time_for(&self, received: u64) -> Duration {
         self.slow_start.max(Duration::from_secs(received / LEAST_RATE)).min(self.total)
@@ -179,7 +179,7 @@ mod tests {
     use crate::serve::reserve::Reserve;
     use crate::serve::spool::Spool;
 
-    const BOUNDS: Bounds = Bounds {
+    const BOUNDS: BodyBounds = BodyBounds {
         bytes: 10,
         idle: Duration::from_secs(5),
         slow_start: SLOW_START,
@@ -241,7 +241,7 @@ mod tests {
         let (_folder, _spool, claim) = upload();
         let drips = Body::new(Drips(tokio::time::interval(Duration::from_millis(10))));
         let (short, long) = (Duration::from_millis(300), Duration::from_secs(600));
-        let bounds = Bounds { bytes: 1 << 30, idle: long, slow_start: short, total: long };
+        let bounds = BodyBounds { bytes: 1 << 30, idle: long, slow_start: short, total: long };
         let refusal = receive(claim, true, drips, bounds, &CancellationToken::new()).await.unwrap_err();
         assert_eq!(refusal.status, StatusCode::REQUEST_TIMEOUT);
         assert!(refusal.offset.is_some_and(|offset| offset > 0), "{:?}", refusal.offset);
@@ -252,7 +252,7 @@ mod tests {
         let (_folder, _spool, claim) = upload();
         let drips = Body::new(Drips(tokio::time::interval(Duration::from_millis(10))));
         let (short, long) = (Duration::from_millis(300), Duration::from_secs(600));
-        let bounds = Bounds { bytes: 1 << 30, idle: long, slow_start: long, total: short };
+        let bounds = BodyBounds { bytes: 1 << 30, idle: long, slow_start: long, total: short };
         let refusal = receive(claim, true, drips, bounds, &CancellationToken::new()).await.unwrap_err();
         assert_eq!(refusal.status, StatusCode::REQUEST_TIMEOUT);
         assert!(refusal.offset.is_some_and(|offset| offset > 0), "{:?}", refusal.offset);

@@ -19,8 +19,8 @@ use utoipa::ToSchema;
 use super::access::Scope;
 use super::answer::{Json, Problem, Refusal, Refused, UPLOAD_COMPLETE, UPLOAD_OFFSET};
 use super::network::Network;
-use super::part::Part;
-use super::receive::{Bounds, SLOW_START, no_uploads, of_disk, receive};
+use super::part::ByteRange;
+use super::receive::{BodyBounds, SLOW_START, no_uploads, of_disk, receive};
 use super::shared::{Shared, Uploads};
 use super::spool::{Busy, Claim};
 use super::status::content_hash;
@@ -138,7 +138,7 @@ pub async fn put(
     check_robot(uploads, &name)?;
     check_media(&headers)?;
     let content = declared_content(&headers)?;
-    let part = Part::of(&headers, uploads.settings.max_bytes)?;
+    let part = ByteRange::of(&headers, uploads.settings.max_bytes)?;
     if let Some(content) = &content
         && let Some(run) = stored(&shared.store, uploads, &name, content).await?
     {
@@ -152,7 +152,7 @@ pub async fn put(
     })?;
     let client = format!("{} {network}", shared.access.token_name(&headers));
     let claim = claimed(uploads, &name, content, client, part).await?;
-    let bounds = Bounds {
+    let bounds = BodyBounds {
         bytes: part.most(uploads.settings.max_bytes),
         idle: uploads.settings.idle_timeout,
         slow_start: SLOW_START,
@@ -298,7 +298,7 @@ async fn claimed(
     name: &str,
     content: Option<ContentHash>,
     client: String,
-    part: Part,
+    part: ByteRange,
 ) -> Result<Claim, Refusal> {
     let (spool, name) = (uploads.spool.clone(), name.to_owned());
     let idle = uploads.settings.idle_timeout.as_secs();
@@ -316,7 +316,7 @@ async fn claimed(
 }
 
 /// Checks that a part begins where the upload ends, and belongs to the same export.
-fn check_part(claim: &Claim, part: Part) -> Result<(), Refusal> {
+fn check_part(claim: &Claim, part: ByteRange) -> Result<(), Refusal> {
     if part.is_from_start() {
         return Ok(());
     }

@@ -7,8 +7,8 @@ use std::process::Command;
 use crate::support::{Workshop, reference, text};
 use armwatch::robot_code::code::TorqueCode;
 use armwatch::robot_code::language::Language;
-use armwatch::robot_code::origin::Origin;
-use armwatch::robot_code::torque::ModelParameter;
+use armwatch::robot_code::origin::CodeOrigin;
+use armwatch::robot_code::torque::CodeParameter;
 use armwatch_config::read_robot;
 use armwatch_model::robot::{ParameterId, Robot};
 
@@ -354,11 +354,11 @@ fn every_friction_law_and_coupled_motors_become_code() {
         let values = (1_u32..).map(|k| (f64::from(k) * 2_f64.sqrt()).fract() - 0.4);
         let parameter = |(id, value): (ParameterId, f64)| {
             let value = if value.abs() < 0.1 { 0.0 } else { value };
-            ModelParameter { id, value, std_error: None, stands_for: None }
+            CodeParameter { id, value, std_error: None, stands_for: None }
         };
-        let parameters: Vec<ModelParameter> =
+        let parameters: Vec<CodeParameter> =
             ParameterId::natural_order(&robot).into_iter().zip(values).map(parameter).collect();
-        let origin = Origin { program: "a test".into(), parameters: Vec::new(), friction: Vec::new() };
+        let origin = CodeOrigin { program: "a test".into(), parameters: Vec::new(), friction: Vec::new() };
         let code = TorqueCode::new(&robot, &parameters, name, &origin);
         let folder = workshop.path(name);
         fs::create_dir(&folder).expect("a folder");

@@ -13,7 +13,7 @@ use armwatch_model::analysis::{CycleAnalysis, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{MAX_JOINTS, Robot};
 use armwatch_model::run::{Cycle, Samples, Stage};
 use armwatch_simulate::files::export::ExportWriter;
-use armwatch_simulate::run::recording::Row;
+use armwatch_simulate::run::recording::RecordedRow;
 
 fn analysed(described: &Robot, samples: &Samples) -> CycleAnalysis {
     let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
@@ -164,7 +164,7 @@ fn export(path: &std::path::Path, samples: &Samples) {
             values.iter_mut().zip(channels).for_each(|(value, channel)| *value = channel[row]);
             values
         };
-        let row = Row {
+        let row = RecordedRow {
             time: samples.time[row],
             position: of(&samples.position),
             velocity: of(samples.velocity.as_deref().expect("velocities")),

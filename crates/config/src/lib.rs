@@ -24,7 +24,7 @@ pub use self::alerts::language::Language;
 pub use self::alerts::receivers;
 pub use self::alerts::settings::{AlertSettings, DEFAULT_ROUTE, QuietHours, Route, Site};
 pub use self::cluster::{ClusterSettings, host_name};
-pub use self::daemon::recognition::{RecogniseError, Recognised, UNKNOWN_ROBOT};
+pub use self::daemon::recognition::{RecogniseError, RecognisedName, UNKNOWN_ROBOT};
 pub use self::date_format::DateFormats;
 pub use self::layout::channels::{
     BLANKS, Channel, JointDelays, JointFactors, JointSigns, Layout, Misfit, MotorSide, RowRule, StartForm,

@@ -7,7 +7,7 @@ mod verdict;
 use std::borrow::Cow;
 
 use self::load_iteration::add_load_columns;
-use self::verdict::{Recorded, identify_excitation, identifying_factors, judge_channels, judge_model};
+use self::verdict::{CycleRecord, identify_excitation, identifying_factors, judge_channels, judge_model};
 
 use super::NumericsError;
 use super::buffers::Buffers;
@@ -159,7 +159,7 @@ fn analysed(
         samples,
     };
     let factored = rows.factored(spare);
-    let recorded = Recorded {
+    let recorded = CycleRecord {
         samples,
         filtered: &filtered,
         filtered_coulomb_columns: &filtered_coulomb_columns,
@@ -176,11 +176,11 @@ fn analysed(
 fn identify_and_verify(
     method: &Method,
     number: u32,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     channels: Vec<Finding>,
     (spare, analysis): (&SpareThreads, &mut CycleAnalysis),
 ) {
-    let Recorded { samples, filtered, factored, .. } = *recorded;
+    let CycleRecord { samples, filtered, factored, .. } = *recorded;
     let accept = method.settings.accept;
     let mut level = None;
     let channels = judge_channels(method, recorded, channels, &mut level);
@@ -241,10 +241,10 @@ struct Explained {
 fn explained(
     method: &Method,
     number: u32,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     found: Option<&Identification>,
 ) -> Explained {
-    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let CycleRecord { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
     let theta: Option<Vec<f64>> = found.map(|found| found.parameters.iter().map(|p| p.value).collect());
     let theta = theta.as_deref();
     let model = found.map(|found| {

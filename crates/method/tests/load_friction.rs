@@ -6,7 +6,7 @@ use armwatch_config::parse_robot;
 use armwatch_method::analyse::friction_choice::FrictionComparison;
 use armwatch_method::analyse::{Method, analyse_cycle};
 use armwatch_method::friction::index::baseline::fit_maps;
-use armwatch_method::friction::index::{Reference, run_indices};
+use armwatch_method::friction::index::{ReferenceMap, run_indices};
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_method::model::dynamics::DynamicModel;
 use armwatch_model::analysis::finding::FindingKind;
@@ -303,8 +303,8 @@ fn indices_with_tools(load: LoadFriction, gears: &SimulationSettings, masses: &[
     let learnt: Vec<usize> = (0..baseline).collect();
     let formed = fit_maps(&joints, &[], &runs[..baseline], &learnt, baseline);
     assert_eq!(formed.maps.len(), joints.len(), "{:?}", formed.remarks);
-    let references: Vec<Reference<'_>> =
-        formed.maps.iter().map(|held| Reference { held, in_baseline: false }).collect();
+    let references: Vec<ReferenceMap<'_>> =
+        formed.maps.iter().map(|held| ReferenceMap { held, in_baseline: false }).collect();
     (baseline..runs.len())
         .map(|run| run_indices(&references, &[], &runs[run]).iter().map(|of| of.index.value).collect())
         .collect()

@@ -31,7 +31,7 @@ use self::arm::unit::unit;
 use self::files::export::{ExportWriter, column_count};
 use self::plan::trajectory::{PlanSettings, plan_cycle};
 use self::run::record::record;
-use self::run::recording::{Heating, Recording, Row};
+use self::run::recording::{Heating, RecordedRow, Recording};
 use self::run::servo::Servo;
 use self::run::truth::{CycleTruth, FaultTruth, JointTruth, LoadTruth, RippleTruth, RunTruth, write_truth};
 
@@ -124,7 +124,7 @@ pub fn rows_of_run(
     robot: &Robot,
     settings: &SimulationSettings,
     run_index: u32,
-    mut sink: impl FnMut(&Row),
+    mut sink: impl FnMut(&RecordedRow),
 ) -> Result<(), SimulateError> {
     settings::check(robot, settings)?;
     let recording = recording_of_run(robot, settings, run_index)?;

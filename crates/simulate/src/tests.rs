@@ -292,7 +292,7 @@ fn noise_of_the_torque_has_the_correlation_and_standard_deviation_that_are_asked
 }
 
 /// Rows of one channel, with noise and steps of every sensor taken away.
-fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<Row> {
+fn silent(robot: &Robot, change: impl Fn(&mut SimulationSettings)) -> Vec<RecordedRow> {
     let mut robot = robot.clone();
     robot.joints.iter_mut().for_each(|joint| joint.nominal.as_mut().unwrap().torque_noise = 0.0);
     let sensors = SensorSettings {
@@ -344,7 +344,7 @@ fn a_controller_that_is_late_records_the_motion_it_makes() {
     assert!(settings::check(&robot, &settings(0.0)).is_err());
     assert!(settings::check(&robot, &settings(0.2)).is_ok());
     let behind = silent(&robot, |of| of.servo = ServoSettings { lag_s: 0.05, delay_s: 0.0 });
-    let furthest = |rows: &[Row]| {
+    let furthest = |rows: &[RecordedRow]| {
         rows.iter().zip(&plain).map(|(a, b)| (a.position[0] - b.position[0]).abs()).fold(0.0, f64::max)
     };
     let fastest = plain.iter().map(|row| row.velocity[0].abs()).fold(0.0, f64::max);

@@ -47,8 +47,8 @@ mod view_reader;
 
 pub use claim::{DaemonClaim, lock_file_of};
 pub use delivery::alarm::AlarmEvent;
-pub use delivery::queue::{Again, DueMessage, RouteState, Sending};
-pub use delivery::routes::{Fate, Held, RouteEntry};
+pub use delivery::queue::{Again, DueMessage, RouteState, SendDecision};
+pub use delivery::routes::{EventFate, Held, RouteEntry};
 pub use error::StoreError;
 pub use finish::{FinishTransaction, Replaced};
 pub use handle::Store;
@@ -61,18 +61,18 @@ pub use kept::parameter_sets::{ParameterSet, SourceCycle};
 pub use kept::reestimates::{
     CycleView, KeptEstimate, KeptKind, Reestimate, ReestimatedCycle, ReestimatedStatistics,
 };
-pub use ledger::attempts::{Attempt, AttemptOn, QUIET_START, Work, wait_for_quiet};
-pub use ledger::blocked::{Block, BlockedFile};
+pub use ledger::attempts::{Attempt, AttemptKind, AttemptOn, QUIET_START, wait_for_quiet};
+pub use ledger::blocked::{BlockReason, BlockedFile};
 pub use ledger::quarantine::{Dismissal, ExportFault, FaultState, QuarantineRow};
 pub use ledger::resume::{ReadSoFar, StoredPoint};
 pub use ledger::run_progress::RunTotals;
-pub use ledger::runs::{Begun, Identity, KnownRun, Owner, RunStart};
-pub use ledger::sources::{EarlierRun, Recording, RunSource, SourceState, UnfinishedSource};
+pub use ledger::runs::{BegunRun, Identity, KnownRun, Owner, RunStart};
+pub use ledger::sources::{EarlierRun, RecordingName, RunSource, SourceState, UnfinishedSource};
 pub use lists::ListFilter;
 pub use models::{ModelParameter, StoredModel, description_hash};
 pub use monitoring::{AnomalyCount, DatabaseSize, RouteCounts};
 pub use public_sql::{SqlAnswer, SqlError, SqlLimits};
-pub use question::{Answer, Question, QuestionError};
+pub use question::{QuestionAnswer, QuestionError, SqlQuestion};
 pub use results::factors::{FactorsWanted, StoredCycle};
 pub use results::joined_factors::{JoinedFactors, WindowsToJoin};
 pub use results::production::{ProductionWindow, ReferenceTest};
@@ -86,11 +86,11 @@ pub use robot::alarms::health::{OverdueRobot, RunResult};
 pub use robot::conclude::{ConclusionTransaction, StaleRobot};
 pub use robot::conclusion_faults::ConclusionFault;
 pub use robot::dates::{DatedRun, DecidedRun, NotDecided, RunDecision};
-pub use robot::figures::friction_series::{FrictionHistory, TestPoints};
+pub use robot::figures::friction_series::{FrictionSeries, TestPoints};
 pub use robot::indices::baseline_plan::known::{KnownMap, KnownPlan};
 pub use robot::indices::baseline_plan::{FrictionPlan, PlannedMap, PlannedTest, plan};
 pub use robot::indices::baselines::{
-    BaselineChange, BaselineRow, Basis, FrictionConclusion, FrictionTest, FrictionTests, NewBaseline,
+    BaselineChange, BaselineRow, FrictionConclusion, FrictionTest, FrictionTests, IndexBasis, NewBaseline,
     NewIndices, ReplacedBaseline, StoredBaseline,
 };
 pub use robot::indices::friction::{CycleSpeedFits, IndexRow, ThermalSourceRow};
@@ -99,9 +99,9 @@ pub use robot::open_test::OpenTest;
 pub use robot::summaries::TestWindow;
 pub use robot::windows::NewWindow;
 pub use synthetic::{SYNTHETIC_FILE_BYTES, SyntheticSize};
-pub use table::{AskError, Table, ViewRows};
+pub use table::{AskError, ResultTable, ViewRows};
 pub use values::time_in_views;
 pub use verified_copy::Backup;
 pub use view_columns::{PublicView, ViewColumn, public_views};
 pub use view_reader::{RowFilter, ViewReader};
-pub use views::{AnomalyRow, Counts, FleetHealthRow, HealthStatus, RunRow};
+pub use views::{AnomalyRow, FleetHealthRow, HealthStatus, RunRow, StoredCounts};

@@ -1,7 +1,7 @@
 //! Lists that people ask for by name: robots, runs, cycles.
 
 use super::handle::Store;
-use super::table::{AskError, Table};
+use super::table::{AskError, ResultTable};
 use super::views::HealthStatus;
 
 /// Which runs, or cycles of them, are listed.
@@ -29,7 +29,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError`] of the database.
-    pub async fn robot_list(&self) -> Result<Table, AskError> {
+    pub async fn robot_list(&self) -> Result<ResultTable, AskError> {
         let place =
             |(place, status): (usize, &HealthStatus)| format!(" WHEN '{}' THEN {place}", status.name());
         let name =
@@ -72,7 +72,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError`] of the database.
-    pub async fn unsettled_anomalies(&self, most: u32) -> Result<Table, AskError> {
+    pub async fn unsettled_anomalies(&self, most: u32) -> Result<ResultTable, AskError> {
         self.answer(UNSETTLED, |query| query.bind(most)).await
     }
 
@@ -80,7 +80,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError`] of the database.
-    pub async fn recent_indices(&self, most: u32) -> Result<Table, AskError> {
+    pub async fn recent_indices(&self, most: u32) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT robot, joint, friction_index
              FROM (SELECT robot, joint, friction_index, started_at, run_id,
@@ -97,7 +97,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError`] of the database.
-    pub async fn run_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
+    pub async fn run_list(&self, wanted: &ListFilter<'_>) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT run_id, robot, started_at, kind, status, cycles, rows, source_name, reason
              FROM runs
@@ -121,7 +121,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError`] of the database.
-    pub async fn cycle_list(&self, wanted: &ListFilter<'_>) -> Result<Table, AskError> {
+    pub async fn cycle_list(&self, wanted: &ListFilter<'_>) -> Result<ResultTable, AskError> {
         self.answer(
             "SELECT run_id, robot, cycle, started_at, duration_s, rows, status, condition_number, residual_std_nm, reason
              FROM cycles

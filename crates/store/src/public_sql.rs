@@ -22,7 +22,7 @@ use self::names::Names;
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
-use super::table::{Table, hexadecimal};
+use super::table::{ResultTable, hexadecimal};
 
 /// Longest statement, bytes.
 const LONGEST_STATEMENT: usize = 16 << 10;
@@ -67,7 +67,7 @@ pub struct SqlLimits {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SqlAnswer {
     /// Columns and rows.
-    pub table: Table,
+    pub table: ResultTable,
     /// Whether there are more rows than the limit.
     pub truncated: bool,
 }
@@ -214,7 +214,7 @@ impl Asking<'_> {
         }
         let columns = prepared.column_names().into_iter().map(str::to_owned).collect();
         let mut rows = prepared.query(params_from_iter(parameters.iter().map(Parameter)))?;
-        let mut answer = SqlAnswer { table: Table { columns, rows: Vec::new() }, truncated: false };
+        let mut answer = SqlAnswer { table: ResultTable { columns, rows: Vec::new() }, truncated: false };
         let mut bytes = 0;
         while let Some(row) = rows.next()? {
             if answer.table.rows.len() == self.limits.rows {

@@ -14,12 +14,12 @@ use std::time::Duration;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Statement};
 
-pub use self::asked::{Answer, Question, QuestionError};
+pub use self::asked::{QuestionAnswer, QuestionError, SqlQuestion};
 use super::engine::Dialect;
 use super::error::StoreError;
 use super::handle::Store;
 use super::public_sql::{Parameter, cell, place};
-use super::table::Table;
+use super::table::ResultTable;
 use super::write_ahead_log;
 
 /// How long a statement waits where the database is locked, as other readers do.
@@ -30,7 +30,7 @@ impl Store {
     ///
     /// # Errors
     /// [`QuestionError`].
-    pub async fn ask_one(&self, question: &Question) -> Result<Answer, QuestionError> {
+    pub async fn ask_one(&self, question: &SqlQuestion) -> Result<QuestionAnswer, QuestionError> {
         match self.dialect() {
             Dialect::Sqlite => {
                 let (path, question) = (self.path.clone(), question.clone());
@@ -45,7 +45,7 @@ impl Store {
     }
 }
 
-fn answer_of_file(path: &Path, question: &Question) -> Result<Answer, QuestionError> {
+fn answer_of_file(path: &Path, question: &SqlQuestion) -> Result<QuestionAnswer, QuestionError> {
     let connection = connect(path).map_err(|error| StoreError::from_rusqlite(path, &error))?;
     let failed = |error: rusqlite::Error| of_statement(path, &question.statement, &error);
     let mut statement = connection.prepare(&question.statement).map_err(failed)?;
@@ -57,12 +57,12 @@ fn answer_of_file(path: &Path, question: &Question) -> Result<Answer, QuestionEr
     }
     let columns: Vec<String> = statement.column_names().into_iter().map(str::to_owned).collect();
     let mut rows = statement.raw_query();
-    let mut table = Table { columns, rows: Vec::new() };
+    let mut table = ResultTable { columns, rows: Vec::new() };
     while let Some(row) = rows.next().map_err(failed)? {
         let cells = (0..table.columns.len()).map(|column| row.get_ref(column).map(cell));
         table.rows.push(cells.collect::<Result<_, _>>().map_err(failed)?);
     }
-    Ok(Answer { table, null_parameters })
+    Ok(QuestionAnswer { table, null_parameters })
 }
 
 /// A connection that reads a database in a file and changes nothing.
@@ -165,9 +165,9 @@ mod tests {
         (folder, path)
     }
 
-    fn ask(path: &Path, statement: &str, values: &[(&str, Value)]) -> Result<Table, QuestionError> {
+    fn ask(path: &Path, statement: &str, values: &[(&str, Value)]) -> Result<ResultTable, QuestionError> {
         let values = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-        answer_of_file(path, &Question { statement: statement.into(), values }).map(|answer| answer.table)
+        answer_of_file(path, &SqlQuestion { statement: statement.into(), values }).map(|answer| answer.table)
     }
 
     #[test]
@@ -241,7 +241,7 @@ mod tests {
 
         let statement =
             "SELECT count(*) FROM test WHERE robot = coalesce(:robot, robot) AND level > :level".into();
-        let question = Question { statement, values: vec![("level".into(), Value::from(0))] };
+        let question = SqlQuestion { statement, values: vec![("level".into(), Value::from(0))] };
         let answer = answer_of_file(&path, &question).unwrap();
         assert_eq!(
             (answer.table.rows, answer.null_parameters),

@@ -13,14 +13,14 @@ use crate::engine::{Dialect, Engine, EngineArguments, EngineRow, catalog, dialec
 
 /// What a statement gave.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Table {
+pub struct ResultTable {
     /// Names of the columns.
     pub columns: Vec<String>,
     /// Rows, each with a value a column: null, a number or a text. Bytes are text of hexadecimal digits.
     pub rows: Vec<Vec<Value>>,
 }
 
-impl Table {
+impl ResultTable {
     /// The rows as JSON objects. A further column of a name is called `name_2`, `name_3` and so on: an object has each name
     /// once.
     pub fn objects(&self) -> impl Iterator<Item = Value> {
@@ -61,7 +61,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError::Statement`] with the words of the engine.
-    pub async fn ask(&self, statement: &str) -> Result<Table, AskError> {
+    pub async fn ask(&self, statement: &str) -> Result<ResultTable, AskError> {
         self.answer(statement, |query| query).await
     }
 
@@ -84,7 +84,7 @@ impl Store {
     ///
     /// # Errors
     /// [`AskError::NoView`], and [`AskError::Statement`] for a column that is not there.
-    pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<Table, AskError> {
+    pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<ResultTable, AskError> {
         let columns = self.checked(catalog::columns_of_view(&self.readers, view).await)?;
         if columns.is_empty() {
             let views = self.views().await?;
@@ -114,7 +114,7 @@ impl Store {
         &self,
         statement: &str,
         bound: impl FnOnce(Query<'q, Engine, EngineArguments>) -> Query<'q, Engine, EngineArguments>,
-    ) -> Result<Table, AskError> {
+    ) -> Result<ResultTable, AskError> {
         let failed = |error: sqlx::Error| self.ask_error(&error);
         let mut connection = self.readers.acquire().await.map_err(failed)?;
         let text = || AssertSqlSafe(statement.to_owned()).into_sql_str();
@@ -124,7 +124,7 @@ impl Store {
             None => names(connection.prepare(text()).await.map_err(failed)?.columns()),
         };
         let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(failed)?;
-        Ok(Table { columns, rows })
+        Ok(ResultTable { columns, rows })
     }
 
     pub(crate) fn ask_error(&self, error: &sqlx::Error) -> AskError {
@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn columns_of_one_name_are_all_in_the_object() {
         let columns = ["x", "x", "x_2", "y", "x"].map(str::to_owned).to_vec();
-        let table = Table { columns, rows: vec![(1..=5).map(Value::from).collect()] };
+        let table = ResultTable { columns, rows: vec![(1..=5).map(Value::from).collect()] };
         let object = table.objects().next().expect("a row");
         assert_eq!(object, serde_json::json!({"x": 1, "x_3": 2, "x_2": 3, "y": 4, "x_4": 5}));
     }

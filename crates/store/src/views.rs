@@ -205,7 +205,7 @@ impl AnomalyRow {
 
 /// How much is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct StoredCounts {
     /// Robots with a run of any status.
     pub robots: u64,
     /// Runs of which cycles are being stored.
@@ -249,7 +249,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn counts(&self) -> Result<Counts, StoreError> {
+    pub async fn counts(&self) -> Result<StoredCounts, StoreError> {
         self.checked(counts(&self.readers).await)
     }
 }
@@ -382,7 +382,7 @@ fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
 }
 
 /// How much is stored.
-pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<Counts, sqlx::Error> {
+pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<StoredCounts, sqlx::Error> {
     sqlx::query(
         "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,
                 (SELECT count(*) FROM run WHERE status = 'streaming') AS streaming_runs,
@@ -394,7 +394,7 @@ pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<Counts, 
                 (SELECT count(*) FROM anomaly WHERE state = 'open' AND NOT withdrawn) AS open_anomalies",
     )
     .try_map(|row: EngineRow| {
-        Ok(Counts {
+        Ok(StoredCounts {
             robots: size(&row, "robots")?,
             streaming_runs: size(&row, "streaming_runs")?,
             complete_runs: size(&row, "complete_runs")?,

@@ -3,7 +3,7 @@
 
 use faer::{Mat, Scale, Side};
 
-use super::recorded_rows::{Recording, recorded_factors};
+use super::recorded_rows::{RecordingPlan, recorded_factors};
 use armwatch_method::NumericsError;
 use armwatch_method::identify::joint_factors::{FactorColumns, JointFactor};
 use armwatch_method::model::base_parameters::BaseParameters;
@@ -34,7 +34,7 @@ impl Information {
         robot: &Robot,
         base: &BaseParameters,
         series: &FourierExcitation,
-        recording: &Recording,
+        recording: &RecordingPlan,
     ) -> Result<Self, NumericsError> {
         let b = base.kept.len();
         let mut information = Self::none(b);
@@ -157,8 +157,12 @@ mod tests {
         let robot = er3a();
         let base = base_parameters(&robot).expect("base parameters");
         let series = robot.excitation.clone().expect("Table 4.1");
-        let recording =
-            |periods: u32| Recording { sample_rate_hz: 50.0, periods, cutoff_hz: 12.0, noise: vec![0.3; 6] };
+        let recording = |periods: u32| RecordingPlan {
+            sample_rate_hz: 50.0,
+            periods,
+            cutoff_hz: 12.0,
+            noise: vec![0.3; 6],
+        };
         let one = Information::of_series(&robot, &base, &series, &recording(1)).expect("rows");
         let sizes = vec![1e3; base.kept.len()];
         let by_hand = one.with(&one.times(2.0)).standard_deviations(&sizes).expect("deviations");
@@ -192,7 +196,8 @@ mod tests {
         let mut series = robot.excitation.clone().expect("Table 4.1");
         // the first joint stands still
         series.a[0].iter_mut().chain(&mut series.b[0]).for_each(|of| *of = 0.0);
-        let recording = Recording { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![0.3; 6] };
+        let recording =
+            RecordingPlan { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![0.3; 6] };
         let found = Information::of_series(&robot, &base, &series, &recording).expect("rows");
         let deviations = found.standard_deviations(&vec![1.0; base.kept.len()]).expect("deviations");
         let seen = |name: &str| {

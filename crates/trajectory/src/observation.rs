@@ -17,7 +17,7 @@ const ACCELERATION_STEP: f64 = 1.0;
 
 /// Which columns of the regressor make up the observation matrix, and where a joint's row can hold something.
 #[derive(Debug, Clone)]
-pub struct Observation<'a> {
+pub struct ObservationColumns<'a> {
     robot: &'a Robot,
     /// Columns of the observation matrix `[b]`, as columns of the regressor.
     columns: Vec<usize>,
@@ -45,7 +45,7 @@ impl MotionSlope {
         Self { q: [Lanes::ZERO; MAX_JOINTS], qd: [Lanes::ZERO; MAX_JOINTS], qdd: [Lanes::ZERO; MAX_JOINTS] };
 }
 
-impl<'a> Observation<'a> {
+impl<'a> ObservationColumns<'a> {
     /// The columns `chosen` of the base parameters, by their places in [`BaseParameters::kept`].
     ///
     /// # Panics
@@ -164,7 +164,7 @@ impl<'a> Observation<'a> {
         sum
     }
 
-    /// How `tr(S G)` of the product `G` of [`Observation::product`] changes with each entry of a group's rows:
+    /// How `tr(S G)` of the product `G` of [`ObservationColumns::product`] changes with each entry of a group's rows:
     /// `2 W w S`.
     #[must_use]
     pub fn product_slope(&self, rows: &JointRows, slope: MatRef<'_, f64>, weights: &[f64]) -> JointRows {

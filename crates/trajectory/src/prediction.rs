@@ -6,8 +6,8 @@
 //! change it. The rows are those that the analysis makes ([`recorded_rows`](super::recorded_rows)). Noise of positions and
 //! velocities is not in it, nor is what is no noise, such as friction that changes while the arm warms up.
 
-use super::observation::Observation;
-use super::recorded_rows::{Recording, recorded_factors};
+use super::observation::ObservationColumns;
+use super::recorded_rows::{RecordingPlan, recorded_factors};
 use super::series::Basis;
 use armwatch_method::NumericsError;
 use armwatch_method::least_squares::conditioning::identifiability;
@@ -49,7 +49,7 @@ pub fn conditioning(
     series: &FourierExcitation,
     sample_rate_hz: f64,
 ) -> Result<Conditioning, NumericsError> {
-    let observation = Observation::new(robot, base, chosen);
+    let observation = ObservationColumns::new(robot, base, chosen);
     let factors = observation.joint_factors(series, &basis_of(series, sample_rate_hz));
     let found = identifiability(&stacked(chosen.len(), &factors))?;
     Ok(Conditioning {
@@ -66,7 +66,7 @@ pub fn predict(
     robot: &Robot,
     base: &BaseParameters,
     series: &FourierExcitation,
-    recording: &Recording,
+    recording: &RecordingPlan,
 ) -> Result<Prediction, NumericsError> {
     let b = base.kept.len();
     let factors = recorded_factors(robot, base, series, recording)?;
@@ -211,7 +211,7 @@ mod tests {
         robot: &Robot,
         base: &BaseParameters,
         series: &FourierExcitation,
-        recording: &Recording,
+        recording: &RecordingPlan,
     ) -> Vec<f64> {
         let (n, rate) = (robot.joint_count(), recording.sample_rate_hz);
         let mut w = dense(robot, &base.kept_columns, series, rate);
@@ -253,7 +253,7 @@ mod tests {
         series.centre.truncate(3);
         // every second row is observed
         let (rate, noise) = (160.0, vec![0.45, 0.5, 0.28]);
-        let recording = Recording { sample_rate_hz: rate, periods: 1, cutoff_hz: 12.0, noise };
+        let recording = RecordingPlan { sample_rate_hz: rate, periods: 1, cutoff_hz: 12.0, noise };
         let found = predict(&robot, &base, &series, &recording).expect("a prediction");
         let scatter = scatter_of_tests(&robot, &base, &series, &recording);
         let mut ratios: Vec<f64> = found
@@ -268,7 +268,7 @@ mod tests {
         assert!(ratios.iter().all(|ratio| (0.9..=1.1).contains(ratio)), "{ratios:?}");
 
         // four periods halve them; one direction alone is never less certain than within all
-        let four = Recording { periods: 4, ..recording.clone() };
+        let four = RecordingPlan { periods: 4, ..recording.clone() };
         let longer = predict(&robot, &base, &series, &four).expect("a prediction");
         let halves = longer.standard_deviations.iter().zip(&found.standard_deviations);
         assert!(halves.into_iter().all(|(four, one)| (2.0 * four / one - 1.0).abs() < 1e-9));
@@ -292,7 +292,8 @@ mod tests {
             b: vec![vec![0.2, -0.1], vec![0.0, 0.0]],
             centre: vec![0.0, 0.1],
         };
-        let recording = Recording { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![1.0; 2] };
+        let recording =
+            RecordingPlan { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![1.0; 2] };
         assert!(predict(&robot, &base, &series, &recording).is_err());
     }
 }

@@ -14,7 +14,7 @@ use super::clearance::ClearanceLimit;
 use super::information::Information;
 use super::limits::{MotionLimits, TorqueLimits, extremes};
 use super::objective::{Objective, Valued};
-use super::observation::{JointRows, MotionSlope, Observation};
+use super::observation::{JointRows, MotionSlope, ObservationColumns};
 use super::series::{Basis, between_instants};
 use armwatch_method::NumericsError;
 use armwatch_method::lanes::Lanes;
@@ -101,9 +101,9 @@ pub struct SearchProblem<'a> {
     robot: &'a Robot,
     settings: SearchSettings,
     basis: Basis,
-    objective: Observation<'a>,
+    objective: ObservationColumns<'a>,
     /// All base parameters, where torques are limited.
-    torque: Option<Observation<'a>>,
+    torque: Option<ObservationColumns<'a>>,
     weights: Vec<f64>,
 }
 
@@ -134,8 +134,8 @@ impl<'a> SearchProblem<'a> {
                 settings.harmonics,
                 INSTANTS_PER_HARMONIC * settings.harmonics,
             ),
-            objective: Observation::new(robot, base, &settings.parameters),
-            torque: settings.torque.as_ref().map(|_| Observation::new(robot, base, &all)),
+            objective: ObservationColumns::new(robot, base, &settings.parameters),
+            torque: settings.torque.as_ref().map(|_| ObservationColumns::new(robot, base, &all)),
             weights: settings.row_scales.iter().map(|scale| scale * scale).collect(),
             settings,
         })
@@ -275,7 +275,7 @@ impl<'a> SearchProblem<'a> {
     /// Rows of all groups; those beyond the last instant are zero.
     fn present_rows(
         &self,
-        observation: &Observation<'_>,
+        observation: &ObservationColumns<'_>,
         states: &[LaneStates],
         regressors: &mut RegressorLanes,
     ) -> Vec<JointRows> {

@@ -21,7 +21,7 @@ const LEAD_PERIODS: f64 = 6.0;
 
 /// How a test is recorded.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recording {
+pub struct RecordingPlan {
     /// Rows a second, Hz.
     pub sample_rate_hz: f64,
     /// Periods of the series.
@@ -41,7 +41,7 @@ pub fn recorded_factors(
     robot: &Robot,
     base: &BaseParameters,
     series: &FourierExcitation,
-    recording: &Recording,
+    recording: &RecordingPlan,
 ) -> Result<Vec<TriangularFactor>, NumericsError> {
     let rate = recording.sample_rate_hz;
     let cutoff = carried_cutoff(recording.cutoff_hz, rate);

@@ -10,7 +10,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::processor_time::process_cpu_s;
 use super::throughput::memory_mb;
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::CliError;
 
 /// How long a daemon may take to end when it is asked to.
@@ -43,12 +43,12 @@ pub(super) struct ChildDaemon {
 
 impl ChildDaemon {
     /// Starts `armwatch run` in `folder` on the shipped configuration.
-    pub(super) fn start(global: &Global, folder: &Path) -> Result<Self, CliError> {
+    pub(super) fn start(global: &LabOptions, folder: &Path) -> Result<Self, CliError> {
         Self::launch(global, folder, &Launch { name: "notify", config: None, processor: None })
     }
 
     /// Starts `armwatch run` in `folder`.
-    pub(super) fn launch(global: &Global, folder: &Path, launch: &Launch<'_>) -> Result<Self, CliError> {
+    pub(super) fn launch(global: &LabOptions, folder: &Path, launch: &Launch<'_>) -> Result<Self, CliError> {
         let io = |error: std::io::Error| CliError::Io(format!("{}: {error}", folder.display()));
         let socket = folder.join(launch.name);
         let said = UnixDatagram::bind(&socket).map_err(io)?;

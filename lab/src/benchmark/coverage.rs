@@ -8,7 +8,7 @@ use clap::Args;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::{CliError, EXIT_DONE, EXIT_FOUND};
 use armwatch::cli::shared::output;
 use armwatch::cli::shared::programme::programme;
@@ -29,7 +29,7 @@ use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
 use armwatch_simulate::run::recording::SensorSettings;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 use armwatch_trajectory::prediction::predict;
-use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::recorded_rows::RecordingPlan;
 
 /// Coverage that counts as honest for nominal 95 %.
 const HONEST: [f64; 2] = [0.93, 0.97];
@@ -96,7 +96,7 @@ pub(crate) struct CoverageArgs {
     trajectory: Option<PathBuf>,
 }
 
-pub(crate) fn coverage(global: &Global, args: &CoverageArgs) -> Result<u8, CliError> {
+pub(crate) fn coverage(global: &LabOptions, args: &CoverageArgs) -> Result<u8, CliError> {
     let described = read_robot(&args.file)?;
     if !(0.0..1.0).contains(&args.correlation) {
         return Err(CliError::Usage("--correlation takes 0 to below 1".into()));
@@ -180,7 +180,7 @@ fn predicted_over_scatter(
         method.robot.joints.iter().map(|joint| Some(args.noise * joint.nominal?.torque_noise)).collect();
     let Some((series, noise)) = series.zip(noise) else { return Ok(None) };
     let cutoff_hz = AnalysisSettings::default().cutoff;
-    let recording = Recording { sample_rate_hz: args.rate_hz, periods: 1, cutoff_hz, noise };
+    let recording = RecordingPlan { sample_rate_hz: args.rate_hz, periods: 1, cutoff_hz, noise };
     let prediction = predict(&method.robot, &method.base, series, &recording)?;
     let pairs = prediction.standard_deviations.iter().zip(&found.scatter);
     Ok(Some(pairs.map(|(predicted, scatter)| predicted / scatter).collect()))
@@ -235,7 +235,7 @@ fn estimator(name: &str) -> Result<Estimator, String> {
 }
 
 /// Which parameters a line of the table is about.
-type Class = fn(ParameterKind) -> bool;
+type ParameterClass = fn(ParameterKind) -> bool;
 
 /// How often intervals held the truth.
 #[derive(Debug)]
@@ -276,7 +276,7 @@ impl Coverage {
     }
 
     fn table(&self) -> String {
-        let classes: [(&str, Class); 6] = [
+        let classes: [(&str, ParameterClass); 6] = [
             ("first moments", |kind| matches!(kind, ParameterKind::Inertial(0..=3))),
             ("inertias", |kind| matches!(kind, ParameterKind::Inertial(4..))),
             ("motor inertias", |kind| matches!(kind, ParameterKind::MotorInertia)),

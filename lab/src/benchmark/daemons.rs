@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::child_daemon::{ChildDaemon, Launch};
 use super::processor_time::machine_cpu_s;
 use super::throughput::{shift_time, simulated};
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::{CliError, EXIT_DONE, runtime};
 use armwatch::cli::shared::output;
 use armwatch_config::{is_on_server, shipped_files};
@@ -99,7 +99,7 @@ struct RoundTimes {
     others_cpu_s: Option<f64>,
 }
 
-pub(crate) fn daemons(global: &Global, args: &DaemonsArgs) -> Result<u8, CliError> {
+pub(crate) fn daemons(global: &LabOptions, args: &DaemonsArgs) -> Result<u8, CliError> {
     let address = global.db.clone().filter(|address| is_on_server(address)).ok_or_else(|| {
         CliError::Usage(
             "name an empty database of a PostgreSQL server, such as --db postgres:///trial (`createdb trial`)"
@@ -187,7 +187,7 @@ impl Exports {
 
 /// Starts the daemons of a turn, shows them the exports, and waits until all are stored and concluded.
 async fn take(
-    global: &Global,
+    global: &LabOptions,
     folder: &Path,
     setup: Setup,
     address: &Path,
@@ -239,7 +239,7 @@ async fn take(
 }
 
 fn start(
-    global: &Global,
+    global: &LabOptions,
     folder: &Path,
     setup: Setup,
     database: &Path,
@@ -318,7 +318,7 @@ impl TurnMedians {
 }
 
 fn report(
-    global: &Global,
+    global: &LabOptions,
     args: &DaemonsArgs,
     turns: &[(Setup, Vec<RoundTimes>)],
     [claim_ms, release_ms]: [f64; 2],

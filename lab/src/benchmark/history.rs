@@ -8,7 +8,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::shipped_queries::shipped_queries;
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::{CliError, EXIT_DONE, runtime};
 use armwatch::cli::shared::output;
 use armwatch::pipeline::conclude::method::{INDEX_METHOD, METHOD};
@@ -74,7 +74,7 @@ struct TimedQuestion {
     then: Duration,
 }
 
-pub(crate) fn history(global: &Global, args: &HistoryArgs) -> Result<u8, CliError> {
+pub(crate) fn history(global: &LabOptions, args: &HistoryArgs) -> Result<u8, CliError> {
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let path = args.keep.clone().unwrap_or_else(|| folder.path().join("history.db"));
@@ -230,7 +230,7 @@ impl TimedConclusion {
 }
 
 fn report(
-    global: &Global,
+    global: &LabOptions,
     size: SyntheticSize,
     made: Duration,
     bytes: u64,

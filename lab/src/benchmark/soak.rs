@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::child_daemon::ChildDaemon;
 use super::soak_writers::{Pace, Writers, WrittenTest};
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, runtime};
 use armwatch::cli::shared::output;
 use armwatch_method::statistics::descriptive::median;
@@ -94,7 +94,7 @@ struct SoakObservations {
     concluded_s: SoakSeries,
 }
 
-pub(crate) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliError> {
+pub(crate) fn soak(global: &LabOptions, args: &SoakArgs) -> Result<u8, CliError> {
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let pace = Pace { robots: args.robots, cycles: args.cycles, rate_hz: args.rate_hz, speed: args.speed };
@@ -114,7 +114,7 @@ pub(crate) fn soak(global: &Global, args: &SoakArgs) -> Result<u8, CliError> {
 
 /// Lets robots write before a daemon, and looks at it.
 async fn watched(
-    global: &Global,
+    global: &LabOptions,
     folder: &Path,
     writers: &mut Writers,
     minutes: f64,
@@ -277,7 +277,7 @@ fn parts(series: &SoakSeries, from: f64, to: f64) -> SoakSeries {
     (0..PARTS).filter_map(part).collect()
 }
 
-fn report(global: &Global, args: &SoakArgs, writers: &Writers, figures: &[SoakFigure]) {
+fn report(global: &LabOptions, args: &SoakArgs, writers: &Writers, figures: &[SoakFigure]) {
     let speed = writers.recorded_s / (60.0 * args.minutes) / f64::from(args.robots);
     let tests = writers.tests();
     if global.json {

@@ -9,7 +9,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::throughput::simulated;
-use crate::context::Global;
+use crate::context::LabOptions;
 use crate::plain_read::read_with_polars;
 use armwatch::cli::context::{CliError, EXIT_DONE};
 use armwatch::cli::shared::output;
@@ -80,7 +80,7 @@ struct StageTiming {
     flops: Option<f64>,
 }
 
-pub(crate) fn stages(global: &Global, args: &StagesArgs) -> Result<u8, CliError> {
+pub(crate) fn stages(global: &LabOptions, args: &StagesArgs) -> Result<u8, CliError> {
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let export = simulated(folder.path(), 1, args.rate_hz)?;
@@ -102,7 +102,7 @@ pub(crate) fn stages(global: &Global, args: &StagesArgs) -> Result<u8, CliError>
     Ok(EXIT_DONE)
 }
 
-fn report(global: &Global, rows: usize, stages: &[StageTiming]) {
+fn report(global: &LabOptions, rows: usize, stages: &[StageTiming]) {
     let rate = |stage: &StageTiming| stage.flops.map(|flops| flops / stage.cpu_s / 1e9);
     if global.json {
         let stages: Vec<_> = stages

@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use serde_json::json;
 
 use super::child_daemon::ChildDaemon;
-use crate::context::Global;
+use crate::context::LabOptions;
 use armwatch::cli::context::{CliError, EXIT_DONE, runtime};
 use armwatch::cli::shared::output;
 use armwatch_ingest::bytes::fingerprint::changed_at;
@@ -41,7 +41,7 @@ pub(crate) struct StartArgs {
     rounds: u32,
 }
 
-pub(crate) fn start(global: &Global, args: &StartArgs) -> Result<u8, CliError> {
+pub(crate) fn start(global: &LabOptions, args: &StartArgs) -> Result<u8, CliError> {
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     let folder = folder.path().canonicalize().map_err(|error| CliError::Io(error.to_string()))?;
@@ -91,7 +91,7 @@ fn make_files(inbox: &Path, size: SyntheticSize) -> std::io::Result<Vec<(String,
 }
 
 /// Times from the start of a daemon until it watches, and until all files are known to it.
-fn one_start(global: &Global, folder: &Path) -> Result<(Duration, Duration), CliError> {
+fn one_start(global: &LabOptions, folder: &Path) -> Result<(Duration, Duration), CliError> {
     let began = Instant::now();
     let mut daemon = ChildDaemon::start(global, folder)?;
     let mut ready = None;

@@ -11,7 +11,7 @@ use jiff::{SignedDuration, Timestamp};
 use serde_json::json;
 
 use super::processor_time::children_cpu_s;
-use crate::context::{Global, own_program};
+use crate::context::{LabOptions, own_program};
 use crate::plain_read::read_with_polars;
 use armwatch::cli::context::{ANY_PROCESSOR, CliError, EXIT_DONE};
 use armwatch::cli::shared::output;
@@ -85,7 +85,7 @@ pub(crate) fn plain_read(args: &PlainReadArgs) -> Result<u8, CliError> {
     Ok(EXIT_DONE)
 }
 
-pub(crate) fn throughput(global: &Global, args: &IngestBenchmarkArgs) -> Result<u8, CliError> {
+pub(crate) fn throughput(global: &LabOptions, args: &IngestBenchmarkArgs) -> Result<u8, CliError> {
     let folder =
         tempfile::tempdir().map_err(|error| CliError::Io(format!("no temporary folder: {error}")))?;
     match args.small_files {
@@ -94,7 +94,7 @@ pub(crate) fn throughput(global: &Global, args: &IngestBenchmarkArgs) -> Result<
     }
 }
 
-fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Result<u8, CliError> {
+fn one_export(global: &LabOptions, args: &IngestBenchmarkArgs, folder: &Path) -> Result<u8, CliError> {
     let (export, setting) = match &args.file {
         Some(file) => (file.clone(), Setting::Given(global)),
         None => (simulated(folder, args.cycles, args.rate_hz)?, Setting::Shipped(folder)),
@@ -142,7 +142,7 @@ fn one_export(global: &Global, args: &IngestBenchmarkArgs, folder: &Path) -> Res
     Ok(EXIT_DONE)
 }
 
-fn small_files(global: &Global, files: u32, any_processor: bool, folder: &Path) -> Result<u8, CliError> {
+fn small_files(global: &LabOptions, files: u32, any_processor: bool, folder: &Path) -> Result<u8, CliError> {
     let program = global.program()?;
     let child = Child { program: &program, setting: Setting::Shipped(folder), any_processor };
     let mut costs = Vec::new();
@@ -188,7 +188,7 @@ fn small_files(global: &Global, files: u32, any_processor: bool, folder: &Path) 
 /// Configuration of a child: the caller's, or the shipped one in a folder without any.
 #[derive(Clone, Copy)]
 enum Setting<'a> {
-    Given(&'a Global),
+    Given(&'a LabOptions),
     Shipped(&'a Path),
 }
 

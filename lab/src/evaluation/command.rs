@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::exports::{ExportSettings, evaluate_exports};
 use super::rates::print_rates;
 use super::tables::{as_json, as_text, figure};
-use crate::context::Global;
+use crate::context::LabOptions;
 use crate::evaluate::fleet::{DetectorScore, FleetSettings, evaluate as judge};
 use crate::evaluate::rates::{RateSettings, delays, level_delays, rate_pieces, realised_rates};
 use crate::evaluate::scenario::Scenario;
@@ -107,7 +107,7 @@ fn size(text: &str) -> Result<(Scenario, f64), String> {
 const ROBOTS: u32 = 20;
 const ROBOTS_WITH_EXPORTS: u32 = 2;
 
-pub(crate) fn evaluate(global: &Global, args: &EvaluateArgs) -> Result<u8, CliError> {
+pub(crate) fn evaluate(global: &LabOptions, args: &EvaluateArgs) -> Result<u8, CliError> {
     let usual = if args.through_exports { ROBOTS_WITH_EXPORTS } else { ROBOTS };
     let robots = args.robots.unwrap_or(usual) as usize;
     let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);

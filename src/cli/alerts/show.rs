@@ -40,8 +40,9 @@ pub(super) async fn show(
         file.write(&picture(&row, &tests))?;
     }
     if global.json {
-        let tests = tests.iter().map(|test| Evidence { test, shows_it: is_within(&row, test.started_at) });
-        output::json(&Shown { row: &row, tests: tests.collect(), history: &history, forecast });
+        let tests =
+            tests.iter().map(|test| EvidenceJson { test, shows_it: is_within(&row, test.started_at) });
+        output::json(&AnomalyJson { row: &row, tests: tests.collect(), history: &history, forecast });
         return Ok(EXIT_DONE);
     }
     facts(&row).iter().for_each(|fact| output::line(fact));
@@ -53,16 +54,16 @@ pub(super) async fn show(
 
 /// An anomaly with its evidence, as JSON.
 #[derive(Serialize)]
-struct Shown<'a> {
+struct AnomalyJson<'a> {
     #[serde(flatten)]
     row: &'a AnomalyRow,
-    tests: Vec<Evidence<'a>>,
+    tests: Vec<EvidenceJson<'a>>,
     history: &'a [AnomalyHistoryRow],
     forecast: Option<Forecast>,
 }
 
 #[derive(Serialize)]
-struct Evidence<'a> {
+struct EvidenceJson<'a> {
     #[serde(flatten)]
     test: &'a SeriesRun,
     /// True if the anomaly was seen in this test.

@@ -26,7 +26,7 @@ use crate::cli::context::{
     CliError, EXIT_DONE, EXIT_FOUND, EXIT_STOPPED, Global, open_store, runtime, shared,
 };
 use crate::cli::shared::output;
-use crate::daemon::{self, Event};
+use crate::daemon::{self, DaemonEvent};
 use crate::metrics::Metrics;
 use crate::pipeline::conclude::history::Concluded;
 use crate::pipeline::context::{Outcome, Pipeline};
@@ -319,7 +319,7 @@ impl Demo {
         let control = daemon::Control { claim, stop: done.clone(), reload, reread: Arc::new(|| None) };
         let mut seen = HashSet::new();
         daemon::watch(pipeline, control, |event| match event {
-            Event::Export(path, outcome) => {
+            DaemonEvent::Export(path, outcome) => {
                 self.show_outcome(path, outcome);
                 let is_last_word =
                     !matches!(outcome, Outcome::Interrupted | Outcome::Changed | Outcome::InWork { .. });
@@ -328,7 +328,7 @@ impl Demo {
                     room.add_permits(1);
                 }
             }
-            Event::Concluded(concluded) => self.show_conclusions(concluded),
+            DaemonEvent::Concluded(concluded) => self.show_conclusions(concluded),
         })
         .await?;
         Ok(())

@@ -16,7 +16,7 @@ use crate::cli::shared::result_file::{result_file, write_lines};
 use crate::cli::shared::selection::{named_runs, runs_of};
 use crate::report::figure::Figure;
 use crate::report::friction::{
-    CycleFriction, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,
+    CyclePoints, RunCurves, friction_figure, friction_speed_figure, run_comparison_figure,
 };
 use armwatch_method::analyse_run::warm_up_fits;
 use armwatch_method::friction::warm_up::warm_up_torque;
@@ -330,8 +330,8 @@ fn figure(
         }
         OverArg::Speed => {
             let cycles = points.chunk_by(|a, b| (a.run_id, a.cycle) == (b.run_id, b.cycle));
-            let cycles: Vec<CycleFriction> = cycles
-                .map(|of| CycleFriction {
+            let cycles: Vec<CyclePoints> = cycles
+                .map(|of| CyclePoints {
                     label: match runs {
                         1 => format!("cycle {}", of[0].cycle),
                         _ => format!("run {}, cycle {}", of[0].run_id, of[0].cycle),

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::output;
-use crate::report::figure::{Figure, FigureEvent, Standing};
+use crate::report::figure::{Figure, FigureEvent, StatusWord};
 use crate::report::friction_index::{IndexLimits, IndexPanel, index_figure};
 use armwatch_method::statistics::descriptive::standard_deviation;
 use armwatch_method::statistics::distributions::normal_quantile;
@@ -17,7 +17,7 @@ pub(in crate::cli) struct JointIndexSeries {
     robot: String,
     rows: Vec<IndexRow>,
     /// Where the joint stands.
-    standing: Option<Standing>,
+    standing: Option<StatusWord>,
     /// What happened to it.
     events: Vec<FigureEvent>,
     /// Days between which an alarm on its friction was seen.

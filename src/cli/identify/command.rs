@@ -9,9 +9,9 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global, open_to_chang
 use crate::cli::shared::output;
 use crate::cli::shared::selection::{cycle_numbers, note_cycles, runs_of};
 use crate::pipeline::stored::chosen_cycles::{
-    Candidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,
+    ParameterCandidate, PooledCycles, RunCycles, rmsd_of_views, rmsd_on, take,
 };
-use crate::pipeline::stored::reestimate::{Choice, PooledOutcome, PooledResult, estimate_together};
+use crate::pipeline::stored::reestimate::{EstimatorChoice, PooledOutcome, PooledResult, estimate_together};
 use armwatch_config::Config;
 use armwatch_method::least_squares::essential::EssentialSettings;
 use armwatch_method::pooled::estimate::{PooledEstimate, StackedEstimator};
@@ -97,10 +97,10 @@ async fn identify_stored(
     let is_chosen = |run_id: i64| chosen.iter().any(|of| of.run_id == run_id);
     let robot = known.iter().find(|run| is_chosen(run.run_id)).map(|run| run.robot.clone());
     let (choice, prior_sources) = match estimator {
-        EstimatorKind::Ordinary => (Choice::Stacked(StackedEstimator::Ordinary), Vec::new()),
-        EstimatorKind::Weighted => (Choice::Stacked(StackedEstimator::Weighted), Vec::new()),
-        EstimatorKind::PerJoint => (Choice::PerJoint, Vec::new()),
-        EstimatorKind::Huber => (Choice::Stacked(StackedEstimator::Huber), Vec::new()),
+        EstimatorKind::Ordinary => (EstimatorChoice::Stacked(StackedEstimator::Ordinary), Vec::new()),
+        EstimatorKind::Weighted => (EstimatorChoice::Stacked(StackedEstimator::Weighted), Vec::new()),
+        EstimatorKind::PerJoint => (EstimatorChoice::PerJoint, Vec::new()),
+        EstimatorKind::Huber => (EstimatorChoice::Stacked(StackedEstimator::Huber), Vec::new()),
         EstimatorKind::Prior => prior_choice(args, &chosen, robot.as_deref(), config, store).await?,
     };
     if args.choose_friction {
@@ -180,7 +180,7 @@ async fn rmsd_of_set(
     chosen: &[RunCycles],
 ) -> Result<RmsdBeforeAndAfter, CliError> {
     let candidate =
-        |parameters: &[_]| Candidate { model: taken.model.clone(), parameters: parameters.to_vec() };
+        |parameters: &[_]| ParameterCandidate { model: taken.model.clone(), parameters: parameters.to_vec() };
     let rmsd = rmsd_on(store, &candidate(&found.identification.parameters), chosen).await?;
     let full = match &found.essential {
         Some(report) => Some(rmsd_on(store, &candidate(&report.full), chosen).await?),

@@ -12,7 +12,7 @@ use crate::cli::context::{CliError, EXIT_DONE, EXIT_FOUND, Global};
 use crate::cli::shared::output;
 use crate::cli::shared::selection::note_cycles;
 use crate::pipeline::stored::chosen_cycles::RunCycles;
-use crate::pipeline::stored::reestimate::{Choice, reestimate};
+use crate::pipeline::stored::reestimate::{EstimatorChoice, reestimate};
 use armwatch_model::robot::ParameterId;
 use armwatch_model::text;
 use armwatch_store::{
@@ -23,7 +23,7 @@ pub(in crate::cli) async fn each_cycle(
     global: &Global,
     args: &IdentifyArgs,
     chosen: &[RunCycles],
-    choice: &Choice,
+    choice: &EstimatorChoice,
     expected: u64,
     store: &Store,
 ) -> Result<u8, CliError> {

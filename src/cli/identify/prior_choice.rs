@@ -4,9 +4,9 @@ use super::args::IdentifyArgs;
 use crate::cli::context::CliError;
 use crate::cli::shared::selection::find_set;
 use crate::pipeline::stored::chosen_cycles::RunCycles;
-use crate::pipeline::stored::reestimate::Choice;
+use crate::pipeline::stored::reestimate::EstimatorChoice;
 use armwatch_config::Config;
-use armwatch_method::least_squares::prior::{Prior, PriorStrength};
+use armwatch_method::least_squares::prior::{ParameterPrior, PriorStrength};
 use armwatch_method::model::base_parameters::base_parameters;
 use armwatch_method::pooled::estimate::StackedEstimator;
 use armwatch_method::pooled::nominal_prior::{PRIOR_STD_FRACTION, nominal_base, with_fraction};
@@ -20,7 +20,7 @@ pub(in crate::cli) async fn prior_choice(
     robot: Option<&str>,
     config: &Config,
     store: &Store,
-) -> Result<(Choice, Vec<SourceCycle>), CliError> {
+) -> Result<(EstimatorChoice, Vec<SourceCycle>), CliError> {
     let Some(word) = args.prior.as_deref() else {
         return Err(CliError::Usage("--estimator prior needs --prior".into()));
     };
@@ -47,7 +47,7 @@ pub(in crate::cli) async fn prior_choice(
             "the prior {word} says nothing: the description has no nominal parameters; name a run or a saved set"
         )));
     }
-    Ok((Choice::Stacked(StackedEstimator::Prior { priors, strength }), sources))
+    Ok((EstimatorChoice::Stacked(StackedEstimator::Prior { priors, strength }), sources))
 }
 
 /// The first cycle that is behind both.
@@ -70,7 +70,7 @@ fn of_description(
     robot: Option<&str>,
     model: Option<&StoredModel>,
     config: &Config,
-) -> Result<Vec<(ParameterId, Prior)>, CliError> {
+) -> Result<Vec<(ParameterId, ParameterPrior)>, CliError> {
     let name = robot.unwrap_or("of the chosen runs");
     let entry = robot.and_then(|robot| config.robot_entry(robot));
     let described =
@@ -88,11 +88,11 @@ fn of_description(
 }
 
 /// Values of a set; without a fraction their own standard errors say which are known better.
-fn of_set(args: &IdentifyArgs, set: &ParameterSet) -> Vec<(ParameterId, Prior)> {
+fn of_set(args: &IdentifyArgs, set: &ParameterSet) -> Vec<(ParameterId, ParameterPrior)> {
     let parameters = &set.identification.parameters;
     let own = |p: &armwatch_model::analysis::IdentifiedParameter| {
         (p.std_error > 0.0 && p.std_error.is_finite())
-            .then_some((p.id, Prior { value: p.value, std: p.std_error }))
+            .then_some((p.id, ParameterPrior { value: p.value, std: p.std_error }))
     };
     match args.prior_std_fraction {
         Some(fraction) => {
@@ -103,7 +103,7 @@ fn of_set(args: &IdentifyArgs, set: &ParameterSet) -> Vec<(ParameterId, Prior)> 
     }
 }
 
-fn known(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<(ParameterId, Prior)> {
+fn known(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<(ParameterId, ParameterPrior)> {
     let priors = with_fraction(values, fraction);
     values.iter().zip(priors).filter_map(|((id, _), prior)| Some((*id, prior?))).collect()
 }

@@ -158,7 +158,7 @@ async fn take(
     as_json: bool,
 ) -> Result<u8, CliError> {
     let is_ready = reweight::reweight(pipeline, stop).await?;
-    let mut turn = Turn {
+    let mut turn = IngestBatch {
         pipeline,
         retry,
         stop,
@@ -198,7 +198,7 @@ fn end_early(tally: &Tally, took: Duration, exports: usize, as_json: bool) -> u8
 }
 
 /// Exports in work: what all of them share, and what has become of them so far.
-struct Turn<'a> {
+struct IngestBatch<'a> {
     pipeline: &'a Pipeline,
     retry: Retry,
     stop: &'a CancellationToken,
@@ -209,7 +209,7 @@ struct Turn<'a> {
     ended: HashMap<String, usize>,
 }
 
-impl Turn<'_> {
+impl IngestBatch<'_> {
     /// Takes one export after the other and, at the end, looks again at those that another program was taking at the same
     /// time. `false` where a stop was asked for.
     async fn take_each(&mut self, exports: &[PathBuf]) -> Result<bool, CliError> {

@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::cli::context::CliError;
 use crate::cli::shared::rows::as_cli_error;
-use crate::report::page::{Block, Cell, PageTable};
+use crate::report::page::{PageBlock, PageTable, TableCell};
 use armwatch_store::{Store, ViewRows};
 
 /// Most rows of a view that are asked for; a run of a day has fewer.
@@ -70,18 +70,18 @@ pub(super) fn change(fraction: Option<f64>) -> String {
 }
 
 /// The cell of a figure.
-pub(super) fn number(value: Option<f64>) -> Cell {
-    Cell::Number(figure(value))
+pub(super) fn number(value: Option<f64>) -> TableCell {
+    TableCell::Number(figure(value))
 }
 
 /// The cell of words.
-pub(super) fn words(text: impl Into<String>) -> Cell {
-    Cell::Words(text.into())
+pub(super) fn words(text: impl Into<String>) -> TableCell {
+    TableCell::Words(text.into())
 }
 
 /// The cell of a whole number.
-pub(super) fn whole(value: impl std::fmt::Display) -> Cell {
-    Cell::Number(value.to_string())
+pub(super) fn whole(value: impl std::fmt::Display) -> TableCell {
+    TableCell::Number(value.to_string())
 }
 
 /// A stored time to the minute.
@@ -93,12 +93,12 @@ pub(super) fn minute(stored: &str) -> String {
 }
 
 /// A table, or a sentence where it would have no rows.
-pub(super) fn table(caption: &str, header: &[&str], rows: Vec<Vec<Cell>>, nothing: &str) -> Block {
+pub(super) fn table(caption: &str, header: &[&str], rows: Vec<Vec<TableCell>>, nothing: &str) -> PageBlock {
     if rows.is_empty() {
-        return Block::Note(nothing.to_owned());
+        return PageBlock::Note(nothing.to_owned());
     }
     let header = header.iter().map(|name| (*name).to_owned()).collect();
-    Block::Table(PageTable { caption: caption.to_owned(), header, rows })
+    PageBlock::Table(PageTable { caption: caption.to_owned(), header, rows })
 }
 
 #[cfg(test)]
@@ -118,6 +118,6 @@ mod tests {
 
     #[test]
     fn a_table_without_rows_is_a_sentence() {
-        assert_eq!(table("t", &["a"], Vec::new(), "none yet"), Block::Note("none yet".into()));
+        assert_eq!(table("t", &["a"], Vec::new(), "none yet"), PageBlock::Note("none yet".into()));
     }
 }

@@ -8,8 +8,8 @@ use super::cells::{change, figure, percent};
 use crate::cli::alerts::words;
 use crate::cli::shared::joints::{apart, named, reasons};
 use crate::cli::shared::life::standing;
-use crate::report::figure::{Level, Standing};
-use crate::report::page::{Block, Finding};
+use crate::report::figure::{FigureLevel, StatusWord};
+use crate::report::page::{PageBlock, PageFinding};
 use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::forecast::{Crossing, Forecast, Trend};
 use armwatch_model::anomaly::quantity::Quantity;
@@ -22,14 +22,14 @@ pub(super) fn is_unsettled(row: &AnomalyRow) -> bool {
 }
 
 /// The joints of a robot as the fleet's health has them; a reason that several of them have stands before them, once.
-pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<Finding> {
+pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<PageFinding> {
     let mut findings = Vec::new();
     let mut told: BTreeSet<JointIndex> = BTreeSet::new();
     for status in HealthStatus::WORST_FIRST {
         let of_status = rows.iter().filter(|row| row.status == status);
         let said = reasons(of_status.filter_map(|row| Some((row.joint, row.reason.as_deref()?))));
         for shared in said.into_iter().filter(|of| of.joints.len() > 1) {
-            findings.push(Finding {
+            findings.push(PageFinding {
                 standing: standing(status),
                 title: capital(&named(&shared.joints, rows.len())),
                 words: vec![sentence(apart(shared.why).0)],
@@ -42,7 +42,7 @@ pub(super) fn of_joints(rows: &[FleetHealthRow]) -> Vec<Finding> {
 }
 
 /// A joint as the fleet's health has it; where its reason is told already, only what was known of it before.
-fn of_health(row: &FleetHealthRow, is_told: bool) -> Finding {
+fn of_health(row: &FleetHealthRow, is_told: bool) -> PageFinding {
     let mut words = Vec::new();
     if let Some(index) = row.friction_index {
         let quantity = match row.friction_quantity {
@@ -65,22 +65,22 @@ fn of_health(row: &FleetHealthRow, is_told: bool) -> Finding {
     let reason = if is_told { reason.and_then(|reason| apart(reason).1) } else { reason };
     words.extend(reason.map(sentence));
     words.extend(row.forecast.as_ref().and_then(forecast));
-    Finding { standing: standing(row.status), title: format!("Joint {}", row.joint), words }
+    PageFinding { standing: standing(row.status), title: format!("Joint {}", row.joint), words }
 }
 
 /// Findings in the order in which one should look at them; those alike stay as they are.
-pub(super) fn worst_first(mut findings: Vec<Finding>) -> Vec<Finding> {
+pub(super) fn worst_first(mut findings: Vec<PageFinding>) -> Vec<PageFinding> {
     findings.sort_by_key(|of| match of.standing.level {
-        Level::Critical => 0,
-        Level::Warning => 1,
-        Level::Unknown => 2,
-        Level::Usual => 3,
+        FigureLevel::Critical => 0,
+        FigureLevel::Warning => 1,
+        FigureLevel::Unknown => 2,
+        FigureLevel::Usual => 3,
     });
     findings
 }
 
 /// A joint as one run shows it, without a conclusion of the present.
-pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> Finding {
+pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> PageFinding {
     let of_joint: Vec<&&AnomalyRow> = alarms.iter().filter(|row| row.joint == Some(run.joint)).collect();
     let mut words = Vec::new();
     match (run.friction_index, run.friction_index_std_error) {
@@ -106,15 +106,15 @@ pub(super) fn of_run(run: &SeriesRun, alarms: &[&AnomalyRow]) -> Finding {
     let standing = match worst {
         Some(severity) => of_severity(severity),
         None if run.friction_index.is_none() && run.moving_relative_rmsd.is_none() => {
-            Standing::new("not known", Level::Unknown)
+            StatusWord::new("not known", FigureLevel::Unknown)
         }
-        None => Standing::new("no alarm", Level::Usual),
+        None => StatusWord::new("no alarm", FigureLevel::Usual),
     };
-    Finding { standing, title: format!("Joint {}", run.joint), words }
+    PageFinding { standing, title: format!("Joint {}", run.joint), words }
 }
 
 /// An anomaly with its figures.
-pub(super) fn of_anomaly(row: &AnomalyRow) -> Finding {
+pub(super) fn of_anomaly(row: &AnomalyRow) -> PageFinding {
     let mut words = vec![sentence(&row.message)];
     let figures = figures(row).map(|figures| format!(" {figures}.")).unwrap_or_default();
     words.push(format!(
@@ -129,7 +129,7 @@ pub(super) fn of_anomaly(row: &AnomalyRow) -> Finding {
         words.push(format!("Less likely causes that were compared: {}.", causes.join(", ")));
     }
     let title = format!("{}, {}", capital(row.kind.name()), words::place(row));
-    Finding { standing: of_severity(row.severity), title, words }
+    PageFinding { standing: of_severity(row.severity), title, words }
 }
 
 /// The figures of an anomaly that has a value; one of a channel or a whole recording has none.
@@ -148,22 +148,22 @@ fn figures(row: &AnomalyRow) -> Option<String> {
 }
 
 /// Alarms that somebody has to look at, the worst first, or a sentence that there are none.
-pub(super) fn open_alarms(rows: &[&AnomalyRow], nothing: &str) -> Block {
+pub(super) fn open_alarms(rows: &[&AnomalyRow], nothing: &str) -> PageBlock {
     let mut rows = rows.to_vec();
     rows.sort_by_key(|row| (std::cmp::Reverse(row.severity), row.anomaly_id));
     match rows.is_empty() {
-        true => Block::Text(nothing.to_owned()),
-        false => Block::Findings(rows.into_iter().map(of_anomaly).collect()),
+        true => PageBlock::Text(nothing.to_owned()),
+        false => PageBlock::Findings(rows.into_iter().map(of_anomaly).collect()),
     }
 }
 
-fn of_severity(severity: Severity) -> Standing {
+fn of_severity(severity: Severity) -> StatusWord {
     let level = match severity {
-        Severity::Info => Level::Unknown,
-        Severity::Warning => Level::Warning,
-        Severity::Critical => Level::Critical,
+        Severity::Info => FigureLevel::Unknown,
+        Severity::Warning => FigureLevel::Warning,
+        Severity::Critical => FigureLevel::Critical,
     };
-    Standing::new(severity.name(), level)
+    StatusWord::new(severity.name(), level)
 }
 
 /// When friction reaches its limits, where a trend can be told.
@@ -224,13 +224,13 @@ mod tests {
     #[test]
     fn a_run_without_figures_is_not_called_sound() {
         let known = of_run(&run(Some(1.021), Some(0.04)), &[]);
-        assert_eq!((known.title.as_str(), known.standing.level), ("Joint 3", Level::Usual));
+        assert_eq!((known.title.as_str(), known.standing.level), ("Joint 3", FigureLevel::Usual));
         assert!(known.words[0].contains("+2.1 % against the baseline"), "{:?}", known.words);
         let unknown = of_run(&run(None, None), &[]);
-        assert_eq!(unknown.standing, Standing::new("not known", Level::Unknown));
-        let levels: Vec<Level> =
+        assert_eq!(unknown.standing, StatusWord::new("not known", FigureLevel::Unknown));
+        let levels: Vec<FigureLevel> =
             worst_first(vec![known, unknown]).into_iter().map(|of| of.standing.level).collect();
-        assert_eq!(levels, [Level::Unknown, Level::Usual]);
+        assert_eq!(levels, [FigureLevel::Unknown, FigureLevel::Usual]);
     }
 
     fn health(number: usize, status: HealthStatus, reason: &str) -> FleetHealthRow {

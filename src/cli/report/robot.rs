@@ -14,7 +14,7 @@ use crate::cli::shared::life::{RobotLife, index_points};
 use crate::cli::shared::plot::{index_limits, rmsd_limits};
 use crate::report::figure::day;
 use crate::report::friction_index::{IndexPanel, index_figure};
-use crate::report::page::{Block, Cell, Page, Section};
+use crate::report::page::{Page, PageBlock, PageSection, TableCell};
 use crate::report::rmsd::{RunRmsd, run_rmsd_figure};
 use armwatch_config::Config;
 use armwatch_method::statistics::descriptive::{mean, median, standard_deviation};
@@ -32,7 +32,7 @@ const TESTS_LISTED: usize = 20;
 const MARKED_SPREADS: f64 = 4.0;
 
 /// What is stored of a robot.
-struct Stored<'a> {
+struct RobotData<'a> {
     robot: &'a str,
     runs: Vec<&'a RunRow>,
     life: RobotLife,
@@ -56,7 +56,7 @@ struct Twin {
     joints: BTreeMap<JointIndex, SeriesRun>,
 }
 
-impl<'a> Stored<'a> {
+impl<'a> RobotData<'a> {
     async fn read(
         store: &Store,
         robot: &'a str,
@@ -169,7 +169,7 @@ pub(super) async fn page(
     runs: &[RunRow],
     now: Timestamp,
 ) -> Result<Page, CliError> {
-    let stored = Stored::read(store, robot, runs, now).await?;
+    let stored = RobotData::read(store, robot, runs, now).await?;
     let sections = vec![
         conclusions(&stored),
         history(&stored, config),
@@ -182,7 +182,7 @@ pub(super) async fn page(
     Ok(Page { title: robot.to_owned(), subtitle: made(now), sections, ..Page::default() })
 }
 
-fn conclusions(of: &Stored<'_>) -> Section {
+fn conclusions(of: &RobotData<'_>) -> PageSection {
     let tests = of.tests();
     let fact = |name: &str, words: String| (name.to_owned(), words);
     let date = |run: Option<&&RunRow>| {
@@ -190,7 +190,7 @@ fn conclusions(of: &Stored<'_>) -> Section {
     };
     let result = of.life.health.iter().filter_map(|row| row.last_result_at).max();
     let cycles: u32 = tests.iter().map(|run| run.cycles).sum();
-    let mut blocks = vec![Block::Facts(vec![
+    let mut blocks = vec![PageBlock::Facts(vec![
         fact("model", if of.model.is_empty() { "not recognised".into() } else { of.model.clone() }),
         fact("complete tests", format!("{}, {cycles} cycles", tests.len())),
         fact("first test", date(tests.first())),
@@ -198,27 +198,27 @@ fn conclusions(of: &Stored<'_>) -> Section {
         fact("latest result", result.map_or_else(|| "none".into(), alerts::words::minute)),
         fact("work entered", of.life.work.len().to_string()),
     ])];
-    blocks.push(Block::Text(in_words(of)));
+    blocks.push(PageBlock::Text(in_words(of)));
     if !of.life.health.is_empty() {
-        blocks.push(Block::Findings(worst_first(of_joints(&of.life.health))));
+        blocks.push(PageBlock::Findings(worst_first(of_joints(&of.life.health))));
     }
     let open: Vec<&AnomalyRow> = of.anomalies.iter().filter(|row| is_unsettled(row)).collect();
     if !open.is_empty() {
-        blocks.push(Block::Text("What is open, and what to check:".into()));
+        blocks.push(PageBlock::Text("What is open, and what to check:".into()));
     }
     blocks.push(open_alarms(&open, "No alarm is open."));
     if let Some(fault) = &of.fault {
         let tries = fault.tries;
-        blocks.push(Block::Text(format!(
+        blocks.push(PageBlock::Text(format!(
             "Nothing new can be concluded of this robot ({tries} attempts failed): {}",
             sentence(&fault.reason)
         )));
     }
-    Section { heading: "Conclusions".into(), blocks }
+    PageSection { heading: "Conclusions".into(), blocks }
 }
 
 /// The robot in a sentence.
-fn in_words(of: &Stored<'_>) -> String {
+fn in_words(of: &RobotData<'_>) -> String {
     if of.life.health.is_empty() {
         return "No complete test of this robot is stored, so nothing is known of its joints; the last part of this page \
                 says what there is instead."
@@ -246,7 +246,7 @@ fn in_words(of: &Stored<'_>) -> String {
     sentence(&parts.join("; "))
 }
 
-fn history(of: &Stored<'_>, config: &Config) -> Section {
+fn history(of: &RobotData<'_>, config: &Config) -> PageSection {
     let joints: BTreeSet<JointIndex> = of.indices.iter().map(|row| row.joint).collect();
     let panel = |joint: JointIndex| {
         let rows: Vec<IndexRow> = of.indices.iter().filter(|row| row.joint == joint).cloned().collect();
@@ -260,14 +260,14 @@ fn history(of: &Stored<'_>, config: &Config) -> Section {
     };
     let mut blocks = Vec::new();
     if joints.is_empty() {
-        blocks.push(Block::Text(
+        blocks.push(PageBlock::Text(
             "No joint has a friction index: that takes as many tests as the baseline, of six cycles or more with friction \
              stages, in which friction falls while the joint warms. Warm friction as measured stands in the table."
                 .into(),
         ));
     } else {
         let panels: Vec<IndexPanel> = joints.into_iter().map(panel).collect();
-        blocks.push(Block::Figure(Box::new(index_figure(
+        blocks.push(PageBlock::Figure(Box::new(index_figure(
             &panels,
             index_limits(config),
             format!("{}: friction index by run", of.robot),
@@ -282,7 +282,7 @@ fn history(of: &Stored<'_>, config: &Config) -> Section {
     };
     let rmsd: Vec<RunRmsd> = of.evidence.iter().map(point).collect();
     if rmsd.iter().any(|run| run.relative.is_finite()) {
-        blocks.push(Block::Figure(Box::new(run_rmsd_figure(
+        blocks.push(PageBlock::Figure(Box::new(run_rmsd_figure(
             &rmsd,
             rmsd_limits(config),
             &of.life.events(),
@@ -293,11 +293,11 @@ fn history(of: &Stored<'_>, config: &Config) -> Section {
         ))));
     }
     blocks.push(tests_table(of));
-    Section { heading: "History".into(), blocks }
+    PageSection { heading: "History".into(), blocks }
 }
 
 /// The latest tests, the newest first.
-fn tests_table(of: &Stored<'_>) -> Block {
+fn tests_table(of: &RobotData<'_>) -> PageBlock {
     let joints: BTreeSet<JointIndex> = of.evidence.iter().map(|run| run.joint).collect();
     let tests = of.tests();
     let row = |run: &&RunRow| {
@@ -307,7 +307,7 @@ fn tests_table(of: &Stored<'_>) -> Block {
             vec![whole(run.run_id), words(alerts::words::minute(run.started_at)), whole(run.cycles)];
         cells.extend(joints.iter().map(|joint| {
             let found = ours(*joint);
-            Cell::Number(match found.and_then(|of| of.friction_index) {
+            TableCell::Number(match found.and_then(|of| of.friction_index) {
                 Some(index) => change(Some(index - 1.0)),
                 None => found
                     .and_then(|of| of.warm_friction_nm)
@@ -316,7 +316,7 @@ fn tests_table(of: &Stored<'_>) -> Block {
         }));
         let relative: Vec<f64> =
             joints.iter().filter_map(|joint| ours(*joint).and_then(|of| of.moving_relative_rmsd)).collect();
-        cells.push(Cell::Number(percent(relative.into_iter().reduce(f64::max))));
+        cells.push(TableCell::Number(percent(relative.into_iter().reduce(f64::max))));
         cells
     };
     let mut header = vec!["run".to_string(), "start".into(), "cycles".into()];
@@ -351,11 +351,11 @@ fn statistic<'s>(statistics: &'s [Value], joint: i64, parameter: &str) -> Option
     of_window("after_5").or_else(|| of_window("all"))
 }
 
-fn parameters(of: &Stored<'_>) -> Section {
+fn parameters(of: &RobotData<'_>) -> PageSection {
     let heading = "Parameters against the baseline".to_owned();
     let Some(latest) = of.tests().last().map(|run| run.run_id) else {
         let nothing = "No complete test of this robot is stored, so it has no parameters.";
-        return Section { heading, blocks: vec![Block::Text(nothing.into())] };
+        return PageSection { heading, blocks: vec![PageBlock::Text(nothing.into())] };
     };
     let in_force = of.in_force();
     let mut seen = BTreeSet::new();
@@ -391,7 +391,7 @@ fn parameters(of: &Stored<'_>) -> Section {
             number(now),
             number(difference),
             number(spread),
-            Cell::Number(
+            TableCell::Number(
                 spreads.map_or_else(
                     || "-".into(),
                     |of| format!("{of:+.1}{}", if is_marked { " *" } else { "" }),
@@ -404,7 +404,7 @@ fn parameters(of: &Stored<'_>) -> Section {
             "Run {latest}, the latest test, has no parameters, since no cycle of it gave any: there is nothing to compare \
              with the baseline. The page of an earlier run, `armwatch report RUN`, has those of that run."
         );
-        return Section { heading, blocks: vec![Block::Text(nothing)] };
+        return PageSection { heading, blocks: vec![PageBlock::Text(nothing)] };
     }
     let compared = format!("{changed} of {} parameters", cells.len());
     let header =
@@ -413,22 +413,22 @@ fn parameters(of: &Stored<'_>) -> Section {
         format!("Means over the cycles of run {latest} against those of the runs of each joint's baseline");
     let mut blocks = Vec::new();
     if cells.iter().any(|row| row[3] != number(None)) {
-        blocks.push(Block::Text(format!(
+        blocks.push(PageBlock::Text(format!(
             "{compared} of run {latest} differ from their baseline by more than {MARKED_SPREADS} times the spread between \
              the baseline's own tests (marked *). That spread comes from few tests, so a mark is a place to look at and \
              no alarm; friction coefficients also change with the warmth of the arm."
         )));
     } else {
-        blocks.push(Block::Text(
+        blocks.push(PageBlock::Text(
             "There is no baseline of earlier tests to compare with yet: the table has the latest test alone."
                 .into(),
         ));
     }
     blocks.push(table(&caption, &header, cells, "The latest test has no parameters."));
-    Section { heading, blocks }
+    PageSection { heading, blocks }
 }
 
-fn twins(of: &Stored<'_>) -> Section {
+fn twins(of: &RobotData<'_>) -> PageSection {
     let heading = "Comparison with other arms of this model".to_owned();
     let twins: Vec<&Twin> = of.twins.iter().filter(|twin| !twin.joints.is_empty()).collect();
     if twins.is_empty() {
@@ -436,7 +436,7 @@ fn twins(of: &Stored<'_>) -> Section {
             true => "The model of this robot was not recognised, so it is compared with no other.".to_owned(),
             false => format!("No other robot of the model {} has a complete test.", of.model),
         };
-        return Section { heading, blocks: vec![Block::Text(nothing)] };
+        return PageSection { heading, blocks: vec![PageBlock::Text(nothing)] };
     }
     let names: Vec<&str> = twins.iter().map(|twin| twin.robot.as_str()).collect();
     let compared = |joint: JointIndex, own: Option<f64>, figure_of: fn(&SeriesRun) -> Option<f64>| {
@@ -459,10 +459,10 @@ fn twins(of: &Stored<'_>) -> Section {
             whole(joint),
             number(own.warm_friction_nm),
             number(warm),
-            Cell::Number(range),
-            Cell::Number(warm_change),
-            Cell::Number(percent(own.moving_relative_rmsd)),
-            Cell::Number(percent(rmsd)),
+            TableCell::Number(range),
+            TableCell::Number(warm_change),
+            TableCell::Number(percent(own.moving_relative_rmsd)),
+            TableCell::Number(percent(rmsd)),
         ]
     };
     let own = latest(&of.evidence);
@@ -486,10 +486,10 @@ fn twins(of: &Stored<'_>) -> Section {
     let rows = own.iter().map(row).collect();
     let table =
         table("Latest test beside those of the others", &header, rows, "No test of this robot has figures.");
-    Section { heading, blocks: vec![Block::Text(text), table] }
+    PageSection { heading, blocks: vec![PageBlock::Text(text), table] }
 }
 
-fn alarms(of: &Stored<'_>) -> Section {
+fn alarms(of: &RobotData<'_>) -> PageSection {
     let row = |row: &AnomalyRow| {
         vec![
             whole(row.anomaly_id),
@@ -504,7 +504,7 @@ fn alarms(of: &Stored<'_>) -> Section {
     };
     let header = ["number", "place", "kind", "severity", "state", "since", "seen last", "what"];
     let rows = of.anomalies.iter().rev().map(row).collect();
-    Section {
+    PageSection {
         heading: "Alarms".into(),
         blocks: vec![table(
             "Every alarm of this robot, the newest first",
@@ -515,7 +515,7 @@ fn alarms(of: &Stored<'_>) -> Section {
     }
 }
 
-fn maintenance(of: &Stored<'_>) -> Section {
+fn maintenance(of: &RobotData<'_>) -> PageSection {
     let row = |row: &armwatch_store::MaintenanceRow| {
         vec![
             words(alerts::words::minute(row.work.at)),
@@ -526,7 +526,7 @@ fn maintenance(of: &Stored<'_>) -> Section {
     };
     let rows = of.life.work.iter().rev().map(row).collect();
     let nothing = "No work was entered; `armwatch maintenance` enters it, and begins a new baseline.";
-    Section {
+    PageSection {
         heading: "Maintenance".into(),
         blocks: vec![table(
             "Work on this robot, the newest first",
@@ -537,8 +537,8 @@ fn maintenance(of: &Stored<'_>) -> Section {
     }
 }
 
-fn unknowns(of: &Stored<'_>) -> Section {
-    let mut unknown: Vec<Vec<Cell>> = Vec::new();
+fn unknowns(of: &RobotData<'_>) -> PageSection {
+    let mut unknown: Vec<Vec<TableCell>> = Vec::new();
     let mut say = |what: String, why: String| unknown.push(vec![words(what), words(sentence(&why))]);
     let joints = of.life.health.len();
     for status in HealthStatus::WORST_FIRST {
@@ -583,7 +583,7 @@ fn unknowns(of: &Stored<'_>) -> Section {
         say("conclusions".into(), fault.reason.clone());
     }
     let nothing = "Nothing: every joint has a result of the latest test, and no export of this robot waits in quarantine.";
-    Section {
+    PageSection {
         heading: "Missing results and remarks".into(),
         blocks: vec![table("Gaps and remarks", &["what", "why"], unknown, nothing)],
     }

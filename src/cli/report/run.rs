@@ -12,8 +12,8 @@ use crate::cli::context::CliError;
 use crate::cli::shared::life::RobotLife;
 use crate::cli::shared::plot::rmsd_limits;
 use crate::cli::shared::verification::verified_cycles;
-use crate::report::friction::{CycleFriction, friction_figure, friction_speed_figure};
-use crate::report::page::{Block, Cell, Finding, Page, Section};
+use crate::report::friction::{CyclePoints, friction_figure, friction_speed_figure};
+use crate::report::page::{Page, PageBlock, PageFinding, PageSection, TableCell};
 use crate::report::residuals::{CycleResidual, residual_figure};
 use crate::report::rmsd::{CycleVerification, rmsd_figure};
 use armwatch_config::Config;
@@ -25,7 +25,7 @@ use armwatch_model::run::{RunKind, RunStatus, Stage};
 use armwatch_store::{AlarmState, AnomalyRow, RunRow, Store};
 
 /// What is stored of a run.
-struct Stored {
+struct RunData {
     run: Value,
     cycles: Vec<Value>,
     verified: Vec<CycleVerification>,
@@ -36,7 +36,7 @@ struct Stored {
     speed_fits: Vec<Value>,
 }
 
-impl Stored {
+impl RunData {
     async fn read(store: &Store, run: &RunRow) -> Result<Self, CliError> {
         let run_id = run.run_id.to_string();
         let of_run = [("run_id", run_id.as_str())];
@@ -69,12 +69,12 @@ pub(super) async fn page(
     runs: &[RunRow],
     now: Timestamp,
 ) -> Result<Page, CliError> {
-    let stored = Stored::read(store, run).await?;
+    let stored = RunData::read(store, run).await?;
     let life = RobotLife::read(store, &run.robot).await?;
     let anomalies = alerts::words::all(store, now).await?;
     let seen: Vec<&AnomalyRow> = anomalies.iter().filter(|row| is_seen_in(row, run)).collect();
     let evidence = store.evidence(&run.robot).await?;
-    let findings: Vec<Finding> = if is_latest(run, runs) {
+    let findings: Vec<PageFinding> = if is_latest(run, runs) {
         of_joints(&life.health)
     } else {
         evidence.iter().filter(|of| of.run_id == run.run_id).map(|of| of_run(of, &seen)).collect()
@@ -117,14 +117,14 @@ fn is_seen_in(row: &AnomalyRow, run: &RunRow) -> bool {
 fn conclusions(
     run: &RunRow,
     runs: &[RunRow],
-    stored: &Stored,
-    findings: Vec<Finding>,
+    stored: &RunData,
+    findings: Vec<PageFinding>,
     seen: &[&AnomalyRow],
-) -> Section {
+) -> PageSection {
     let mut blocks = vec![facts(run, stored)];
     match run.status {
         RunStatus::Complete => {}
-        RunStatus::Streaming => blocks.push(Block::Text(
+        RunStatus::Streaming => blocks.push(PageBlock::Text(
             "The run is still being read: what follows is of the cycles that are stored so far, and nothing is \
              concluded from it yet."
                 .into(),
@@ -132,39 +132,39 @@ fn conclusions(
         RunStatus::Quarantined | RunStatus::Superseded | RunStatus::SetAside => {
             let reason = run.reason.as_deref().unwrap_or("no reason is stored");
             let status = run.status.name().replace('_', " ");
-            blocks.push(Block::Text(format!("The run is {status}: nothing is concluded from it. {}", sentence(reason))));
+            blocks.push(PageBlock::Text(format!("The run is {status}: nothing is concluded from it. {}", sentence(reason))));
         }
     }
     if run.kind == RunKind::Production {
-        blocks.push(Block::Text(
+        blocks.push(PageBlock::Text(
             "The run is a log of ordinary work: it has no parameters of its own. The views production_checks and \
              production_trend compare it with tests."
                 .into(),
         ));
     } else if findings.is_empty() {
-        blocks.push(Block::Text(
+        blocks.push(PageBlock::Text(
             "Nothing is known of any joint from this run: no cycle gave a result, or nothing has been concluded yet. \
              The last part of this page says why."
                 .into(),
         ));
     } else {
         let latest = is_latest(run, runs);
-        blocks.push(Block::Text(match latest {
+        blocks.push(PageBlock::Text(match latest {
             true => "The robot's latest test: where its joints stand now.".to_owned(),
             false => "An earlier test: what it shows of each joint, and the alarms that were seen in it. The report of \
                       the robot says where its joints stand now."
                 .to_owned(),
         }));
-        blocks.push(Block::Findings(worst_first(findings)));
+        blocks.push(PageBlock::Findings(worst_first(findings)));
     }
     let open: Vec<&AnomalyRow> = seen.iter().copied().filter(|row| is_unsettled(row)).collect();
     if run.status == RunStatus::Complete {
         blocks.push(open_alarms(&open, "No alarm that was seen in this run is still open."));
     }
-    Section { heading: "Conclusions".into(), blocks }
+    PageSection { heading: "Conclusions".into(), blocks }
 }
 
-fn facts(run: &RunRow, stored: &Stored) -> Block {
+fn facts(run: &RunRow, stored: &RunData) -> PageBlock {
     let usable = stored.cycles.iter().filter(|row| text(row, "status") == "complete").count();
     let seconds: f64 = stored.cycles.iter().filter_map(|row| row["duration_s"].as_f64()).sum();
     let fact = |name: &str, words: String| (name.to_owned(), words);
@@ -173,7 +173,7 @@ fn facts(run: &RunRow, stored: &Stored) -> Block {
     let rate = stored.run["sample_rate_hz"]
         .as_f64()
         .map_or_else(unknown, |rate| format!("{} Hz", figure(Some(rate))));
-    Block::Facts(vec![
+    PageBlock::Facts(vec![
         fact("robot", run.robot.clone()),
         fact("model", if model.is_empty() { "not recognised".into() } else { model.to_owned() }),
         fact("recorded", alerts::words::minute(run.started_at)),
@@ -186,12 +186,12 @@ fn facts(run: &RunRow, stored: &Stored) -> Block {
     ])
 }
 
-fn recorded(stored: &Stored) -> Section {
+fn recorded(stored: &RunData) -> PageSection {
     let row = |of: &Value| {
         vec![
             whole(count(of, "cycle")),
             words(minute(text(of, "started_at"))),
-            Cell::Number(format!("{:.0}", of["duration_s"].as_f64().unwrap_or_default())),
+            TableCell::Number(format!("{:.0}", of["duration_s"].as_f64().unwrap_or_default())),
             whole(count(of, "rows")),
             words(text(of, "status")),
             number(of["condition_number"].as_f64()),
@@ -210,13 +210,13 @@ fn recorded(stored: &Stored) -> Section {
         "why it has no parameters",
     ];
     let rows = stored.cycles.iter().map(row).collect();
-    Section {
+    PageSection {
         heading: "Recorded cycles".into(),
         blocks: vec![table("Cycles", &header, rows, "No cycle of the run is stored.")],
     }
 }
 
-fn parameters(stored: &Stored) -> Section {
+fn parameters(stored: &RunData) -> PageSection {
     // after warm-up where there are cycles enough
     let window =
         if stored.statistics.iter().any(|row| text(row, "window") == "after_5") { "after_5" } else { "all" };
@@ -238,12 +238,12 @@ fn parameters(stored: &Stored) -> Section {
             words(text(of, "unit")),
             number(of["value"].as_f64()),
             number(of["std_error"].as_f64()),
-            Cell::Number(format!(
+            TableCell::Number(format!(
                 "{} to {}",
                 figure(of["interval_low"].as_f64()),
                 figure(of["interval_high"].as_f64())
             )),
-            Cell::Number(percent(of["relative_std_error"].as_f64())),
+            TableCell::Number(percent(of["relative_std_error"].as_f64())),
             number(statistics.and_then(|row| row["mean"].as_f64())),
             number(statistics.and_then(|row| row["sdv"].as_f64())),
         ]
@@ -261,13 +261,13 @@ fn parameters(stored: &Stored) -> Section {
         over,
         "spread",
     ];
-    let rows: Vec<Vec<Cell>> = stored.parameters.iter().map(row).collect();
+    let rows: Vec<Vec<TableCell>> = stored.parameters.iter().map(row).collect();
     let caption =
         format!("Base parameters of cycle {}, the last with parameters", last_cycle(&stored.cycles));
-    Section {
+    PageSection {
         heading: "Base parameters".into(),
         blocks: vec![
-            Block::Note(
+            PageBlock::Note(
                 "Standard errors come from the scatter of blocks of rows. A relative error above 50 % says that this \
                  motion does not show the parameter. Spread is the standard deviation between cycles."
                     .into(),
@@ -285,7 +285,7 @@ const SCOPES: [(&str, RmsdScope); 4] = [
     ("whole cycle", RmsdScope::WholeCycle),
 ];
 
-fn fit(stored: &Stored, config: &Config, name: &str) -> Section {
+fn fit(stored: &RunData, config: &Config, name: &str) -> PageSection {
     let residual = |row: &Value| {
         Some(CycleResidual {
             cycle: u32::try_from(count(row, "cycle")).ok()?,
@@ -311,20 +311,20 @@ fn fit(stored: &Stored, config: &Config, name: &str) -> Section {
     );
     let mut blocks = Vec::new();
     if rmsd.panels.is_empty() {
-        blocks.push(Block::Text(
+        blocks.push(PageBlock::Text(
             "No cycle of the run has parameters that could be compared with its torques.".into(),
         ));
     } else {
-        blocks.push(Block::Figure(Box::new(rmsd)));
+        blocks.push(PageBlock::Figure(Box::new(rmsd)));
         blocks.push(rmsd_table(&stored.verified));
     }
     if !left.panels.is_empty() {
-        blocks.push(Block::Figure(Box::new(left)));
+        blocks.push(PageBlock::Figure(Box::new(left)));
     }
-    Section { heading: "Model fit".into(), blocks }
+    PageSection { heading: "Model fit".into(), blocks }
 }
 
-fn rmsd_table(cycles: &[CycleVerification]) -> Block {
+fn rmsd_table(cycles: &[CycleVerification]) -> PageBlock {
     let joints: BTreeSet<JointIndex> = cycles.iter().flat_map(|of| &of.rmsd).map(|of| of.joint).collect();
     let mean = |joint: JointIndex, of: &dyn Fn(&CycleVerification, JointIndex) -> Option<Rmsd>| {
         let known: Vec<f64> = cycles
@@ -333,7 +333,9 @@ fn rmsd_table(cycles: &[CycleVerification]) -> Block {
             .filter(|rmsd| rmsd.samples > 0 && rmsd.relative.is_finite())
             .map(|rmsd| rmsd.relative)
             .collect();
-        Cell::Number(percent((!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)))
+        TableCell::Number(percent(
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64),
+        ))
     };
     let row = |joint: JointIndex| {
         let mut cells = vec![whole(joint)];
@@ -357,12 +359,12 @@ fn rmsd_table(cycles: &[CycleVerification]) -> Block {
     table(caption, &header, joints.into_iter().map(row).collect(), "No cycle has an RMSD.")
 }
 
-fn friction(stored: &Stored, name: &str) -> Section {
+fn friction(stored: &RunData, name: &str) -> PageSection {
     let heading = "Friction".to_owned();
     if stored.points.is_empty() {
         let words = "No cycle of the run has a friction stage with plateaus of constant speed, so there are no friction \
                      points, no warm-up curves and no friction over speed.";
-        return Section { heading, blocks: vec![Block::Text(words.into())] };
+        return PageSection { heading, blocks: vec![PageBlock::Text(words.into())] };
     }
     let bare: Vec<FrictionPoint> = stored.points.iter().map(|of| of.point).collect();
     let fits = warm_up_fits(&bare);
@@ -370,9 +372,9 @@ fn friction(stored: &Stored, name: &str) -> Section {
     for of in &stored.points {
         by_cycle.entry(of.cycle).or_default().push(of.point);
     }
-    let cycles: Vec<CycleFriction> = by_cycle
+    let cycles: Vec<CyclePoints> = by_cycle
         .iter()
-        .map(|(cycle, points)| CycleFriction { label: format!("cycle {cycle}"), points: points.clone() })
+        .map(|(cycle, points)| CyclePoints { label: format!("cycle {cycle}"), points: points.clone() })
         .collect();
     let plateaus = "mean friction on constant-speed plateaus, gravity removed";
     let over_time = friction_figure(
@@ -389,24 +391,26 @@ fn friction(stored: &Stored, name: &str) -> Section {
         format!("{plateaus}, both directions together"),
     );
     let blocks = vec![
-        Block::Figure(Box::new(over_time)),
+        PageBlock::Figure(Box::new(over_time)),
         warm_up_table(&fits),
-        Block::Figure(Box::new(over_speed)),
+        PageBlock::Figure(Box::new(over_speed)),
         speed_table(&by_cycle),
         speed_fit_table(&stored.speed_fits, last_cycle(&stored.cycles)),
     ];
-    Section { heading, blocks }
+    PageSection { heading, blocks }
 }
 
-fn warm_up_table(fits: &[WarmUpFit]) -> Block {
-    let estimate =
-        |of: Estimate| Cell::Number(format!("{} ({})", figure(Some(of.value)), figure(Some(of.std_error))));
+fn warm_up_table(fits: &[WarmUpFit]) -> PageBlock {
+    let estimate = |of: Estimate| {
+        TableCell::Number(format!("{} ({})", figure(Some(of.value)), figure(Some(of.std_error))))
+    };
     let decay = |of: &Option<Decay>| match of {
         Some(of) => [estimate(of.amplitude), estimate(of.time_constant)],
-        None => [Cell::Number("-".into()), Cell::Number("-".into())],
+        None => [TableCell::Number("-".into()), TableCell::Number("-".into())],
     };
     let row = |fit: &WarmUpFit| {
-        let mut cells = vec![whole(fit.joint), Cell::Number(format!("{:.0} %", 100.0 * fit.speed_fraction))];
+        let mut cells =
+            vec![whole(fit.joint), TableCell::Number(format!("{:.0} %", 100.0 * fit.speed_fraction))];
         cells.extend([words(fit.model.name()), estimate(fit.a)]);
         cells.extend(decay(&fit.slow).into_iter().chain(decay(&fit.fast)));
         cells.extend([number(Some(fit.rmsd)), whole(fit.samples)]);
@@ -419,10 +423,10 @@ fn warm_up_table(fits: &[WarmUpFit]) -> Block {
 }
 
 /// Friction of the first and the last cycle by speed.
-fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> Block {
+fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> PageBlock {
     let (Some((first, cold)), Some((last, warm))) = (by_cycle.first_key_value(), by_cycle.last_key_value())
     else {
-        return Block::Note("No friction points.".into());
+        return PageBlock::Note("No friction points.".into());
     };
     let levels: BTreeSet<(usize, u64)> = by_cycle
         .values()
@@ -443,7 +447,7 @@ fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> Block {
     let row = |level: (usize, u64)| {
         vec![
             whole(level.0),
-            Cell::Number(format!("{:.0} %", 100.0 * f64::from_bits(level.1))),
+            TableCell::Number(format!("{:.0} %", 100.0 * f64::from_bits(level.1))),
             number(mean(warm, level, None, |point| point.speed)),
             number(mean(cold, level, None, torque)),
             number(mean(warm, level, None, torque)),
@@ -458,7 +462,7 @@ fn speed_table(by_cycle: &BTreeMap<u32, Vec<FrictionPoint>>) -> Block {
     table(caption, &header, levels.into_iter().map(row).collect(), "No friction points.")
 }
 
-fn speed_fit_table(fits: &[Value], cycle: i64) -> Block {
+fn speed_fit_table(fits: &[Value], cycle: i64) -> PageBlock {
     let mut by_fit: BTreeMap<(i64, i64), Vec<&Value>> = BTreeMap::new();
     for row in fits {
         by_fit.entry((count(row, "joint"), -count(row, "direction"))).or_default().push(row);
@@ -475,7 +479,7 @@ fn speed_fit_table(fits: &[Value], cycle: i64) -> Block {
             words(if direction < 0 { "forwards" } else { "backwards" }),
             words(text(first, "model").replace('_', " ")),
             words(rows.iter().map(coefficient).collect::<Vec<_>>().join(", ")),
-            Cell::Number(format!(
+            TableCell::Number(format!(
                 "{} to {}",
                 figure(first["slowest_rad_s"].as_f64()),
                 figure(first["fastest_rad_s"].as_f64())
@@ -496,8 +500,8 @@ fn speed_fit_table(fits: &[Value], cycle: i64) -> Block {
     table(&caption, &header, by_fit.into_iter().map(row).collect(), nothing)
 }
 
-fn unknowns(run: &RunRow, stored: &Stored, has_index: bool) -> Section {
-    let mut unknown: Vec<Vec<Cell>> = Vec::new();
+fn unknowns(run: &RunRow, stored: &RunData, has_index: bool) -> PageSection {
+    let mut unknown: Vec<Vec<TableCell>> = Vec::new();
     let mut say = |what: String, why: &str| unknown.push(vec![words(what), words(sentence(why))]);
     let cycles = |numbers: &[i64]| match numbers {
         [one] => format!("cycle {one}"),
@@ -530,7 +534,7 @@ fn unknowns(run: &RunRow, stored: &Stored, has_index: bool) -> Section {
         say("the run".into(), reason);
     }
     let nothing = "Nothing: every cycle gave parameters, and there is no remark on any.";
-    Section {
+    PageSection {
         heading: "Missing results and remarks".into(),
         blocks: vec![table("Gaps and remarks", &["what", "why"], unknown, nothing)],
     }

@@ -15,10 +15,10 @@ use crate::cli::shared::selection::{cycle_numbers, note_cycles};
 use crate::pipeline::stored::chosen_cycles::{RunCycles, StoredError, identify_taken, take};
 use crate::robot_code::code::TorqueCode;
 use crate::robot_code::language::{Language, SourceFile};
-use crate::robot_code::origin::{GENERATED_BY, Origin};
-use crate::robot_code::torque::ModelParameter;
+use crate::robot_code::origin::{CodeOrigin, GENERATED_BY};
+use crate::robot_code::torque::CodeParameter;
 use crate::robot_code::vectors::{ROUNDING, VECTOR_STATES};
-use crate::robot_code::warmth::{Warmth, scale_friction};
+use crate::robot_code::warmth::{WarmUpCurves, scale_friction};
 use armwatch_config::{Config, read_robot};
 use armwatch_method::model::base_parameters::base_parameters;
 use armwatch_method::pooled::nominal_prior::nominal_value;
@@ -100,10 +100,10 @@ impl ValueEnum for LanguageArg {
 }
 
 /// Parameters of an arm with where they come from.
-struct Model {
+struct CodeModel {
     robot: Arc<Robot>,
-    parameters: Vec<ModelParameter>,
-    origin: Origin,
+    parameters: Vec<CodeParameter>,
+    origin: CodeOrigin,
     sources: Vec<SourceCycle>,
     /// Factor of each joint's friction, where it was scaled.
     friction_factors: Option<Vec<f64>>,
@@ -160,7 +160,7 @@ async fn identified(
     args: &RobotCodeArgs,
     cycles: Option<Vec<u32>>,
     store: &Store,
-) -> Result<Model, CliError> {
+) -> Result<CodeModel, CliError> {
     let set = match &args.parameters {
         Some(name) => store.parameter_set(name).await?.ok_or_else(|| {
             CliError::Usage(format!(
@@ -206,8 +206,8 @@ async fn identified(
             .to_owned(),
     );
     let friction = warmth_lines(&robot, &warmth, args.friction_minute, friction_factors.as_deref());
-    let origin = Origin { program: program(), parameters: lines, friction };
-    Ok(Model { robot, parameters, origin, sources: set.sources, friction_factors })
+    let origin = CodeOrigin { program: program(), parameters: lines, friction };
+    Ok(CodeModel { robot, parameters, origin, sources: set.sources, friction_factors })
 }
 
 fn program() -> String {
@@ -215,7 +215,7 @@ fn program() -> String {
 }
 
 /// The values of a set with their errors and what they stand for.
-fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<ModelParameter>, CliError> {
+fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<CodeParameter>, CliError> {
     let base = base_parameters(robot).map_err(|error| CliError::from(StoredError::Numerics(error)))?;
     let stands_for = |id: ParameterId| {
         let at = base.kept.iter().position(|kept| *kept == id)?;
@@ -223,7 +223,7 @@ fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<ModelParamete
     };
     let of = set.identification.parameters.iter();
     Ok(of
-        .map(|of| ModelParameter {
+        .map(|of| CodeParameter {
             id: of.id,
             value: of.value,
             std_error: Some(of.std_error),
@@ -233,7 +233,7 @@ fn with_groupings(robot: &Robot, set: &ParameterSet) -> Result<Vec<ModelParamete
 }
 
 /// Warm-up curves of the runs, and the middles of the chosen cycles.
-pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<Warmth, CliError> {
+pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<WarmUpCurves, CliError> {
     let mut runs: Vec<i64> = sources.iter().map(|source| source.run_id).collect();
     runs.sort_unstable();
     runs.dedup();
@@ -244,11 +244,11 @@ pub(super) async fn warmth(store: &Store, sources: &[SourceCycle]) -> Result<War
         points.extend(measured.friction_points.iter().map(|of| of.point));
         minutes.extend(measured.parameters.iter().filter(|of| is_chosen(of.cycle)).map(|of| of.minute));
     }
-    Ok(Warmth::new(&points, minutes))
+    Ok(WarmUpCurves::new(&points, minutes))
 }
 
 /// Factors of each joint's friction at a minute of the recording.
-pub(super) fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<Vec<f64>, CliError> {
+pub(super) fn factors_at(robot: &Robot, warmth: &WarmUpCurves, minute: f64) -> Result<Vec<f64>, CliError> {
     let last = warmth.last_minute().unwrap_or(0.0);
     if last > 0.0 && !(0.0..=last).contains(&minute) {
         return Err(CliError::Usage(format!(
@@ -269,7 +269,7 @@ pub(super) fn factors_at(robot: &Robot, warmth: &Warmth, minute: f64) -> Result<
 /// What warmth the friction stands for.
 pub(super) fn warmth_lines(
     robot: &Robot,
-    warmth: &Warmth,
+    warmth: &WarmUpCurves,
     minute: Option<f64>,
     factors: Option<&[f64]>,
 ) -> Vec<String> {
@@ -312,7 +312,7 @@ pub(super) fn warmth_lines(
 
 /// The model of a description's nominal parameters. Its friction is the polynomial that they are given as, whichever
 /// columns the arm is identified with; a joint without friction in the measured torque has none.
-fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
+fn nominal(robot: Arc<Robot>) -> Result<CodeModel, CliError> {
     let mut robot = Robot::clone(&robot);
     let missing: Vec<String> = robot
         .joint_indices()
@@ -335,7 +335,7 @@ fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
     let parameters = ParameterId::natural_order(&robot)
         .iter()
         .filter_map(|id| {
-            Some(ModelParameter {
+            Some(CodeParameter {
                 id: *id,
                 value: nominal_value(&robot, *id)?,
                 std_error: None,
@@ -352,13 +352,13 @@ fn nominal(robot: Arc<Robot>) -> Result<Model, CliError> {
     {
         lines.push("Springs and cranks without nominal parameters are left out.".to_owned());
     }
-    let origin = Origin {
+    let origin = CodeOrigin {
         program: program(),
         parameters: lines,
         friction: vec!["warm, as the description has it".to_owned()],
     };
     let robot = Arc::new(robot);
-    Ok(Model { robot, parameters, origin, sources: Vec::new(), friction_factors: None })
+    Ok(CodeModel { robot, parameters, origin, sources: Vec::new(), friction_factors: None })
 }
 
 /// Writes all files, or none if one of them would replace a file that is not of this command.
@@ -399,7 +399,7 @@ fn is_generated(known: &[u8], file: &SourceFile) -> bool {
     }
 }
 
-fn as_text(model: &Model, code: &TorqueCode, difference: f64) -> String {
+fn as_text(model: &CodeModel, code: &TorqueCode, difference: f64) -> String {
     format!(
         "{}: {} joints, {} parameters, {} sums and products a call\n\
          {VECTOR_STATES} test vectors; the formulas differ from the regressor by at most {difference:.1e} of a joint's \
@@ -412,7 +412,7 @@ fn as_text(model: &Model, code: &TorqueCode, difference: f64) -> String {
 }
 
 fn as_value(
-    model: &Model,
+    model: &CodeModel,
     code: &TorqueCode,
     difference: f64,
     args: &RobotCodeArgs,

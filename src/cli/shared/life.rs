@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use crate::cli::context::CliError;
-use crate::report::figure::{FigureEvent, FigureEventKind, Level, Standing, day};
+use crate::report::figure::{FigureEvent, FigureEventKind, FigureLevel, StatusWord, day};
 use crate::report::friction_index::IndexPoint;
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::anomaly::Severity;
@@ -37,7 +37,7 @@ impl RobotLife {
     }
 
     /// Where a joint stands.
-    pub(in crate::cli) fn standing(&self, joint: JointIndex) -> Option<Standing> {
+    pub(in crate::cli) fn standing(&self, joint: JointIndex) -> Option<StatusWord> {
         self.health.iter().find(|row| row.joint == joint).map(|row| standing(row.status))
     }
 
@@ -87,14 +87,14 @@ fn is_alarm(row: &AnomalyRow) -> bool {
 }
 
 /// The status of a joint as a word with its colour.
-pub(in crate::cli) fn standing(status: HealthStatus) -> Standing {
+pub(in crate::cli) fn standing(status: HealthStatus) -> StatusWord {
     let level = match status {
-        HealthStatus::Ok => Level::Usual,
-        HealthStatus::Warning | HealthStatus::Overdue => Level::Warning,
-        HealthStatus::Critical => Level::Critical,
-        HealthStatus::Learning | HealthStatus::Unknown => Level::Unknown,
+        HealthStatus::Ok => FigureLevel::Usual,
+        HealthStatus::Warning | HealthStatus::Overdue => FigureLevel::Warning,
+        HealthStatus::Critical => FigureLevel::Critical,
+        HealthStatus::Learning | HealthStatus::Unknown => FigureLevel::Unknown,
     };
-    Standing::new(status.name(), level)
+    StatusWord::new(status.name(), level)
 }
 
 /// Indices of a joint with their 95 % intervals as a picture has them.

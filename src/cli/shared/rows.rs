@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::output;
 use crate::cli::context::CliError;
-use armwatch_store::{AskError, Table};
+use armwatch_store::{AskError, ResultTable};
 
 /// Significant digits of numbers in a table; CSV and JSON have all.
 const DIGITS: usize = 6;
@@ -29,7 +29,7 @@ impl RowArgs {
 ///
 /// # Errors
 /// [`CliError::Internal`] where rows cannot be written as CSV.
-pub fn print(table: &Table, args: RowArgs, json: bool, nothing: &str) -> Result<(), CliError> {
+pub fn print(table: &ResultTable, args: RowArgs, json: bool, nothing: &str) -> Result<(), CliError> {
     if json {
         output::json_lines(table.objects().map(|object| object.to_string()));
     } else if args.csv {
@@ -53,7 +53,7 @@ pub fn as_cli_error(error: AskError) -> CliError {
     }
 }
 
-fn csv(table: &Table) -> Result<String, Box<dyn std::error::Error>> {
+fn csv(table: &ResultTable) -> Result<String, Box<dyn std::error::Error>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(&table.columns)?;
     for row in &table.rows {
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn csv_quotes_what_it_must_and_leaves_null_empty() {
-        let table = Table {
+        let table = ResultTable {
             columns: vec!["robot".into(), "reason".into(), "value".into()],
             rows: vec![
                 vec!["R01".into(), "a, \"b\"".into(), Value::Null],

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::output;
 use crate::cli::context::CliError;
 use crate::pipeline::stored::chosen_cycles::{
-    Candidate, NotedCycle, RunCycles, StoredError, identify_taken, in_ranges, take, told,
+    NotedCycle, ParameterCandidate, RunCycles, StoredError, identify_taken, in_ranges, take, told,
 };
 use armwatch_model::analysis::Estimator;
 use armwatch_model::run::{RunKind, RunStatus};
@@ -88,7 +88,7 @@ pub(in crate::cli) fn no_run(runs: &[RunRow], run_id: i64) -> CliError {
 pub(in crate::cli) struct NamedCandidate {
     pub(in crate::cli) name: String,
     pub(in crate::cli) run_id: Option<i64>,
-    pub(in crate::cli) candidate: Candidate,
+    pub(in crate::cli) candidate: ParameterCandidate,
 }
 
 impl NamedCandidate {
@@ -154,8 +154,8 @@ async fn identified(
     Ok(set)
 }
 
-fn as_candidate(set: ParameterSet) -> Candidate {
-    Candidate { model: set.model, parameters: set.identification.parameters }
+fn as_candidate(set: ParameterSet) -> ParameterCandidate {
+    ParameterCandidate { model: set.model, parameters: set.identification.parameters }
 }
 
 #[cfg(test)]

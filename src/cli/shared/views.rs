@@ -4,7 +4,7 @@ use clap::builder::PossibleValuesParser;
 use serde_json::Value;
 
 use super::output;
-use armwatch_store::{PublicView, Table, ViewColumn, public_views};
+use armwatch_store::{PublicView, ResultTable, ViewColumn, public_views};
 
 /// Characters of a line of words.
 const LINE: usize = 100;
@@ -20,16 +20,16 @@ pub(in crate::cli) fn view(name: &str) -> Option<&'static PublicView> {
 }
 
 /// All views, each with what a row of it is.
-pub(in crate::cli) fn list() -> Table {
+pub(in crate::cli) fn list() -> ResultTable {
     let row = |view: &PublicView| [&view.name, &view.row_is].map(|text| Value::from(text.as_str())).into();
-    Table {
+    ResultTable {
         columns: ["view_name", "row_is"].map(str::to_owned).into(),
         rows: public_views().iter().map(row).collect(),
     }
 }
 
 /// The columns of a view, as the view `view_columns` has them.
-pub(in crate::cli) fn columns(view: &PublicView) -> Table {
+pub(in crate::cli) fn columns(view: &PublicView) -> ResultTable {
     let names = ["view_name", "column_name", "position", "type", "unit", "nullable", "null_when", "meaning"];
     let row = |(place, column): (usize, &ViewColumn)| {
         vec![
@@ -43,7 +43,10 @@ pub(in crate::cli) fn columns(view: &PublicView) -> Table {
             column.meaning.as_str().into(),
         ]
     };
-    Table { columns: names.map(str::to_owned).into(), rows: (1..).zip(&view.columns).map(row).collect() }
+    ResultTable {
+        columns: names.map(str::to_owned).into(),
+        rows: (1..).zip(&view.columns).map(row).collect(),
+    }
 }
 
 /// All views for people.

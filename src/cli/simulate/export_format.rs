@@ -7,7 +7,9 @@ use armwatch_config::{
     Channel, Column, DecimalMark, Layout, StageCells, TemperatureUnit, TextEncoding, TimeSource,
 };
 use armwatch_model::robot::Robot;
-use armwatch_simulate::files::format::{Cell, ExportColumn, ExportFormat, TemperatureScale, Weighted};
+use armwatch_simulate::files::format::{
+    ColumnContent, ExportColumn, ExportFormat, TemperatureScale, Weighted,
+};
 use armwatch_simulate::run::temperatures::TemperatureColumns;
 
 /// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others
@@ -27,14 +29,14 @@ pub(in crate::cli) fn export_format(
         Column::Name(_) => None,
     };
     let width = cells.iter().filter_map(|(column, _)| place(column)).max().unwrap_or(0).max(cells.len());
-    let unused = |at: usize| ExportColumn { name: format!("unused_{}", at + 1), cell: Cell::Unused };
+    let unused = |at: usize| ExportColumn { name: format!("unused_{}", at + 1), cell: ColumnContent::Unused };
     let mut columns: Vec<ExportColumn> = (0..width).map(unused).collect();
     let (numbered, named): (Vec<_>, Vec<_>) =
         cells.into_iter().partition(|(column, _)| place(column).is_some());
     for (column, cell) in numbered {
         let free = place(&column).and_then(|number| columns.get_mut(number.checked_sub(1)?));
         match free {
-            Some(slot) if slot.cell == Cell::Unused => {
+            Some(slot) if slot.cell == ColumnContent::Unused => {
                 *slot = ExportColumn { name: format!("column_{column}"), cell };
             }
             _ => {
@@ -46,7 +48,7 @@ pub(in crate::cli) fn export_format(
         }
     }
     let mut named = named.into_iter();
-    for slot in columns.iter_mut().filter(|slot| slot.cell == Cell::Unused) {
+    for slot in columns.iter_mut().filter(|slot| slot.cell == ColumnContent::Unused) {
         let Some((column, cell)) = named.next() else { break };
         *slot = ExportColumn { name: column.to_string(), cell };
     }
@@ -69,7 +71,7 @@ fn refuse_text(layout: &Layout) -> Result<(), CliError> {
     )))
 }
 
-fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError> {
+fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, ColumnContent)>, CliError> {
     let n = robot.joint_count();
     let factors = layout
         .factors(robot)
@@ -89,7 +91,7 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
         TimeSource::Column(time)
         | TimeSource::Restarting(time)
         | TimeSource::Counter { column: time, .. } => {
-            cells.push((time.column.clone(), Cell::Time(time.to_si.recip())));
+            cells.push((time.column.clone(), ColumnContent::Time(time.to_si.recip())));
         }
         TimeSource::Text { .. } => {
             return Err(CliError::Usage(format!(
@@ -104,7 +106,7 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
                        side: &Option<DMatrix<f64>>,
                        added: &[f64],
                        factors: &[f64],
-                       cell: fn(Weighted) -> Cell| {
+                       cell: fn(Weighted) -> ColumnContent| {
         for (j, factor) in factors.iter().enumerate() {
             let weights: Vec<f64> = (0..n)
                 .map(|k| match side {
@@ -118,46 +120,50 @@ fn cells(layout: &Layout, robot: &Robot) -> Result<Vec<(Column, Cell)>, CliError
             }
         }
     };
-    channel(&layout.position, &positions, &offsets, &factors.position, Cell::Position);
+    channel(&layout.position, &positions, &offsets, &factors.position, ColumnContent::Position);
     if let Some(velocity) = &layout.velocity {
-        channel(velocity, &positions, &still, &factors.velocity, Cell::Velocity);
+        channel(velocity, &positions, &still, &factors.velocity, ColumnContent::Velocity);
     }
-    channel(&layout.torque, &torques, &still, &factors.torque, Cell::Torque);
+    channel(&layout.torque, &torques, &still, &factors.torque, ColumnContent::Torque);
     cells.extend(signals(layout)?);
     Ok(cells)
 }
 
-fn temperature_cells(layout: &Layout, robot: &Robot, recorded: TemperatureColumns) -> Vec<(Column, Cell)> {
+fn temperature_cells(
+    layout: &Layout,
+    robot: &Robot,
+    recorded: TemperatureColumns,
+) -> Vec<(Column, ColumnContent)> {
     let scale = |unit: TemperatureUnit| {
         let at_zero = unit.of_kelvin(0.0);
         TemperatureScale { at_zero, per_kelvin: unit.of_kelvin(1.0) - at_zero }
     };
     let motor = layout.motor_temperature.as_ref().filter(|_| recorded.motor);
     let motors = motor.into_iter().flat_map(|motor| {
-        let cell = move |joint| Cell::MotorTemperature { joint, scale: scale(motor.unit) };
+        let cell = move |joint| ColumnContent::MotorTemperature { joint, scale: scale(motor.unit) };
         (0..robot.joint_count())
             .filter_map(move |joint| Some((motor.columns.of_joint(joint + 1)?, cell(joint))))
     });
     let ambient = layout.ambient_temperature.as_ref().filter(|_| recorded.ambient);
-    let ambient =
-        ambient.map(|ambient| (ambient.column.clone(), Cell::AmbientTemperature(scale(ambient.unit))));
+    let ambient = ambient
+        .map(|ambient| (ambient.column.clone(), ColumnContent::AmbientTemperature(scale(ambient.unit))));
     motors.chain(ambient).collect()
 }
 
-fn signals(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
+fn signals(layout: &Layout) -> Result<Vec<(Column, ColumnContent)>, CliError> {
     let mut cells = Vec::new();
     cells.extend(stage_cells(layout)?);
     let optional = [
-        (&layout.cycle, Cell::Cycle),
-        (&layout.friction_joint, Cell::FrictionJoint),
-        (&layout.friction_level, Cell::FrictionLevel),
+        (&layout.cycle, ColumnContent::Cycle),
+        (&layout.friction_joint, ColumnContent::FrictionJoint),
+        (&layout.friction_level, ColumnContent::FrictionLevel),
     ];
     cells.extend(optional.into_iter().filter_map(|(column, cell)| Some((column.clone()?, cell))));
     Ok(cells)
 }
 
 /// The columns of the stage signal, none where the layout has none.
-fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
+fn stage_cells(layout: &Layout) -> Result<Vec<(Column, ColumnContent)>, CliError> {
     let lacking = || {
         CliError::Usage(format!(
             "layout \"{}\" has no value for some stage, and a simulated run has all of them",
@@ -166,9 +172,9 @@ fn stage_cells(layout: &Layout) -> Result<Vec<(Column, Cell)>, CliError> {
     };
     let columns = layout.stage.kind().cells().ok_or_else(lacking)?;
     let cell = |cells| match cells {
-        StageCells::Texts(texts) => Cell::StageWord(texts),
+        StageCells::Texts(texts) => ColumnContent::StageWord(texts),
         StageCells::Levels { levels, narrowest } => {
-            Cell::StageLevel { levels, noise: NOISE_OF_RANGE * narrowest }
+            ColumnContent::StageLevel { levels, noise: NOISE_OF_RANGE * narrowest }
         }
     };
     Ok(columns.into_iter().map(|(column, cells)| (column.clone(), cell(cells))).collect())
@@ -186,7 +192,7 @@ mod tests {
     use armwatch_config::{JointColumns, read_layout, read_robot};
     use armwatch_model::run::{Samples, Stage};
     use armwatch_simulate::plan::trajectory::ExcitationParts;
-    use armwatch_simulate::run::recording::Row;
+    use armwatch_simulate::run::recording::RecordedRow;
     use armwatch_simulate::{SimulationSettings, rows_of_run, simulate_run};
 
     /// Numbers are written with every digit; motor sides and units cost some multiplications, and motor angles of a
@@ -198,7 +204,7 @@ mod tests {
     }
 
     /// The largest difference of a channel, relative to its largest number.
-    fn difference(found: &[Vec<f64>], rows: &[Row], of: impl Fn(&Row, usize) -> f64) -> f64 {
+    fn difference(found: &[Vec<f64>], rows: &[RecordedRow], of: impl Fn(&RecordedRow, usize) -> f64) -> f64 {
         let joint = |(j, found): (usize, &Vec<f64>)| {
             let largest = rows.iter().map(|row| of(row, j).abs()).fold(f64::MIN_POSITIVE, f64::max);
             let each = found.iter().zip(rows).map(|(found, row)| (found - of(row, j)).abs() / largest);
@@ -207,7 +213,7 @@ mod tests {
         found.iter().enumerate().map(joint).fold(0.0, f64::max)
     }
 
-    fn assert_same(name: &str, samples: &Samples, rows: &[Row], layout: &Layout) {
+    fn assert_same(name: &str, samples: &Samples, rows: &[RecordedRow], layout: &Layout) {
         assert!(samples.time.len() > 100 && samples.time.len() <= rows.len(), "{name}");
         let whole = samples.time.len() == rows.len();
         assert!(
@@ -215,7 +221,7 @@ mod tests {
             "{name}"
         );
         let rows = &rows[..samples.time.len()];
-        let late = |row: &Row| row.time - rows[0].time;
+        let late = |row: &RecordedRow| row.time - rows[0].time;
         let off = samples.time.iter().zip(rows).map(|(time, row)| (time - samples.time[0] - late(row)).abs());
         assert!(off.fold(0.0, f64::max) < 1e-9, "{name}");
         let position = difference(&samples.position, rows, |row, j| row.position[j]);

@@ -11,7 +11,7 @@ use armwatch_method::NumericsError;
 use armwatch_method::model::base_parameters::BaseParameters;
 use armwatch_model::robot::{FourierExcitation, Robot};
 use armwatch_trajectory::information::Information;
-use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::recorded_rows::RecordingPlan;
 
 /// Durations that are tried, s, up to that of the motion that is asked for.
 const DURATIONS_S: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0];
@@ -70,7 +70,7 @@ impl BesideArgs {
         global: &Global,
         robot: &Robot,
         base: &BaseParameters,
-        recording: Option<&Recording>,
+        recording: Option<&RecordingPlan>,
         sizes: Vec<f64>,
     ) -> Result<Option<ProductionPrecision>, CliError> {
         let Some(run) = self.beside_run else { return Ok(None) };
@@ -120,7 +120,7 @@ impl ProductionPrecision {
     }
 
     /// What is known, in the measure of a search with so many instants in `duration`, s.
-    pub fn known(&self, recording: &Recording, duration: f64, instants: usize) -> Information {
+    pub fn known(&self, recording: &RecordingPlan, duration: f64, instants: usize) -> Information {
         self.information.times(instants as f64 / (recording.sample_rate_hz * duration))
     }
 
@@ -130,7 +130,7 @@ impl ProductionPrecision {
         robot: &Robot,
         base: &BaseParameters,
         series: &FourierExcitation,
-        recording: &Recording,
+        recording: &RecordingPlan,
     ) -> Result<Precision, CliError> {
         let fault = |error: NumericsError| without_numbers(&robot.model, series, &error);
         let addition = Information::of_series(robot, base, series, recording).map_err(fault)?;

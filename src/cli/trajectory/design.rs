@@ -28,7 +28,7 @@ use armwatch_trajectory::limits::MotionLimits;
 use armwatch_trajectory::prediction::{Conditioning, conditioning};
 use armwatch_trajectory::problem::{INSTANTS_PER_HARMONIC, SearchProblem, SearchSettings};
 use armwatch_trajectory::programme::{BesideRecord, Programme, SearchRecord};
-use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::recorded_rows::RecordingPlan;
 use armwatch_trajectory::search::{Earlier, SearchBudget, SearchResult, search};
 
 /// Starts of a search where nothing else is asked for.
@@ -188,7 +188,7 @@ impl DesignArgs {
         base: &BaseParameters,
         settings: SearchSettings,
         beside: &ProductionPrecision,
-        recording: &Recording,
+        recording: &RecordingPlan,
     ) -> Result<(SearchResult, Precision), CliError> {
         let refused =
             |error: armwatch_method::NumericsError| CliError::Usage(format!("{}: {error}", self.robot));

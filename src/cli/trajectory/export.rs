@@ -32,7 +32,7 @@ written. Waypoints leave out accelerations: position, velocity and time (PVT) fo
 cubic polynomials; how far these are from the motion is said.
 
 Exit status 1, and nothing is written, if the motion breaks a limit of the arm.")]
-pub(in crate::cli) struct ExportArgs {
+pub(in crate::cli) struct TrajectoryExportArgs {
     /// Programme of `armwatch trajectory design`
     #[arg(value_name = "PROGRAMME")]
     file: PathBuf,
@@ -58,7 +58,7 @@ pub(in crate::cli) struct ExportArgs {
     surroundings: SurroundingsArgs,
 }
 
-pub(in crate::cli) fn export(global: &Global, args: &ExportArgs) -> Result<u8, CliError> {
+pub(in crate::cli) fn export(global: &Global, args: &TrajectoryExportArgs) -> Result<u8, CliError> {
     refuse_source(Some(&args.output), &args.file, "the programme itself")?;
     let robot = arm(global, &args.robot)?;
     let series = programme(&args.file, &robot)?.series;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::{Begun, Closing, FileSchedule, NextAttempt, Seen};
+use super::{Closing, FileSchedule, KnownFile, LookKind, NextAttempt};
 use crate::daemon::suspects::Suspects;
 use armwatch_ingest::find::watch::FoundFile;
 use armwatch_model::run::FileId;
@@ -40,17 +40,17 @@ impl WatchedFolder {
     }
 
     fn look(&mut self, at_s: u64) {
-        self.look_as(at_s, Seen::Now);
+        self.look_as(at_s, LookKind::Now);
     }
 
-    fn look_as(&mut self, at_s: u64, seen: Seen) {
+    fn look_as(&mut self, at_s: u64, seen: LookKind) {
         let now = self.start + Duration::from_secs(at_s);
         let files: Vec<_> = self.files.iter().map(|file| (file, seen)).collect();
         self.schedule.note(&files, now, lane);
     }
 
     fn unseen(&self) -> Vec<&FoundFile> {
-        let files: Vec<_> = self.files.iter().map(|file| (file, Seen::Now)).collect();
+        let files: Vec<_> = self.files.iter().map(|file| (file, LookKind::Now)).collect();
         self.schedule.unseen(&files)
     }
 
@@ -101,8 +101,8 @@ fn a_mark_ends_the_wait() {
 #[test]
 fn what_was_begun_before_is_taken_at_once_if_it_is_as_it_was() {
     let mut folder = WatchedFolder::new();
-    let settled = |size| Begun::Settled(size, 0);
-    let begun = [("a1", Begun::Growing), ("b2", settled(10)), ("c3", settled(9))];
+    let settled = |size| KnownFile::Settled(size, 0);
+    let begun = [("a1", KnownFile::Growing), ("b2", settled(10)), ("c3", settled(9))];
     folder.schedule = FileSchedule::new(SETTLE, begun.map(|(name, begun)| (name.into(), begun)).into());
     ["a1", "b2", "c3"].into_iter().for_each(|name| folder.write(name, 10));
     folder.look(0);
@@ -360,12 +360,12 @@ fn a_file_does_not_settle_by_a_look_that_is_told_again() {
     let mut folder = WatchedFolder::new();
     folder.write("a1", 10);
     folder.look(0);
-    folder.look_as(60, Seen::Before);
+    folder.look_as(60, LookKind::Before);
     assert!(folder.settled(&[]).is_none(), "nobody has looked since");
     folder.look(61);
-    folder.look_as(62, Seen::Unanswered);
+    folder.look_as(62, LookKind::Unanswered);
     assert!(folder.settled(&[]).is_none(), "it would not be read either");
-    folder.look_as(63, Seen::Before);
+    folder.look_as(63, LookKind::Before);
     assert_eq!(name(folder.settled(&[]).as_ref()), Some("a1"));
 }
 

@@ -76,13 +76,13 @@ impl Pipeline {
         let mut history = robot.history;
         for _ in 1..MOST_READINGS {
             match self.conclude_from(robot, history, false).await? {
-                Reading::Done(concluded) => return Ok(concluded),
-                Reading::Overtaken(now) => history = now,
+                HistoryOutcome::Done(concluded) => return Ok(concluded),
+                HistoryOutcome::Overtaken(now) => history = now,
             }
         }
         match self.conclude_from(robot, history, true).await? {
-            Reading::Done(concluded) => Ok(concluded),
-            Reading::Overtaken(_) => Ok(None),
+            HistoryOutcome::Done(concluded) => Ok(concluded),
+            HistoryOutcome::Overtaken(_) => Ok(None),
         }
     }
 
@@ -93,11 +93,11 @@ impl Pipeline {
         robot: &StaleRobot,
         history: i64,
         in_any_case: bool,
-    ) -> Result<Reading, PipelineError> {
+    ) -> Result<HistoryOutcome, PipelineError> {
         let dates = self.judge_dates(robot).await?;
         if dates.changes_history && !in_any_case {
             let now = self.store.conclude(robot.robot_id).await?.history().await?;
-            return Ok(Reading::Overtaken(now));
+            return Ok(HistoryOutcome::Overtaken(now));
         }
         // no conclusion compares figures of two estimators
         let history = match self.reweight_robot(robot.robot_id).await? {
@@ -123,10 +123,10 @@ impl Pipeline {
         let mut figures = self.store.conclude(robot.robot_id).await?;
         let now = figures.history().await?;
         if now == history && figures.is_concluded().await? {
-            return Ok(Reading::Done(None));
+            return Ok(HistoryOutcome::Done(None));
         }
         if now != history && !in_any_case {
-            return Ok(Reading::Overtaken(now));
+            return Ok(HistoryOutcome::Overtaken(now));
         }
         // a test that has changed meanwhile gave parameters that nobody stores any more
         if now == history {
@@ -180,17 +180,17 @@ impl Pipeline {
         let mut conclusion = self.store.conclude(robot.robot_id).await?;
         let now = conclusion.history().await?;
         if now == history && conclusion.is_concluded().await? {
-            return Ok(Reading::Done(None));
+            return Ok(HistoryOutcome::Done(None));
         }
         if now != history && !in_any_case {
-            return Ok(Reading::Overtaken(now));
+            return Ok(HistoryOutcome::Overtaken(now));
         }
         let reconciled = conclusion.reconcile(&findings, &[tests.settled, logs.settled].concat()).await?;
         conclusion.compared_with(peers.len(), baseline_runs).await?;
         conclusion.commit(history).await?;
         let events = self.store.anomaly_events(&reconciled.events).await?;
         let new_anomalies = self.opened(&reconciled.opened()).await?;
-        Ok(Reading::Done(Some(Concluded { robot: robot.name.clone(), new_anomalies, events })))
+        Ok(HistoryOutcome::Done(Some(Concluded { robot: robot.name.clone(), new_anomalies, events })))
     }
 
     pub(super) async fn opened(&self, ids: &[i64]) -> Result<Vec<AnomalyRow>, PipelineError> {
@@ -201,7 +201,7 @@ impl Pipeline {
 }
 
 /// What came of reading a history and concluding from it.
-enum Reading {
+enum HistoryOutcome {
     /// Conclusions are stored, by this program or another one, for which there is nothing to tell.
     Done(Option<Concluded>),
     /// The history has changed meanwhile, so many times in all.

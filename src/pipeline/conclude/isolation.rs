@@ -5,7 +5,7 @@ use tokio::task::JoinError;
 
 use super::history::Concluded;
 use crate::pipeline::context::{Pipeline, PipelineError};
-use armwatch_store::{Attempt, AttemptOn, ClaimKind, StoreError, Work, wait_for_quiet};
+use armwatch_store::{Attempt, AttemptKind, AttemptOn, ClaimKind, StoreError, wait_for_quiet};
 
 /// What came of drawing conclusions.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +41,7 @@ impl Pipeline {
         } else {
             let (pipeline, name) = (self.clone(), robot.to_owned());
             let drawn = isolated(async move { pipeline.conclude_named(&name).await }).await?;
-            self.store.end_attempt(Work::Conclusion, robot).await?;
+            self.store.end_attempt(AttemptKind::Conclusion, robot).await?;
             match drawn {
                 Ok(Some(concluded)) => return Ok(Conclusion::Drawn(concluded)),
                 Ok(None) => return Ok(Conclusion::UpToDate),
@@ -71,11 +71,12 @@ const SPENT: &str = concat!(
 impl Pipeline {
     /// Counts an attempt at conclusions before they are drawn. `subject` is the robot, or the test that is being written.
     pub(super) async fn begin_conclusion(&self, subject: &str) -> Result<Attempt, PipelineError> {
-        let next = Attempt { number: self.store.failed_attempts(Work::Conclusion, subject).await? + 1 };
+        let next =
+            Attempt { number: self.store.failed_attempts(AttemptKind::Conclusion, subject).await? + 1 };
         if let Some(rest) = wait_for_quiet().filter(|_| next.is_last()) {
             tokio::time::sleep(rest).await;
         }
-        Ok(self.store.begin_attempt_at(Work::Conclusion, subject, AttemptOn::default()).await?)
+        Ok(self.store.begin_attempt_at(AttemptKind::Conclusion, subject, AttemptOn::default()).await?)
     }
 }
 

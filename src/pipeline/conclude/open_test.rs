@@ -19,7 +19,7 @@ use armwatch_method::partial_run::first_cycles;
 use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{Anomaly, RunSummary};
-use armwatch_store::{OpenTest, Work};
+use armwatch_store::{AttemptKind, OpenTest};
 
 /// Robots whose complete tests are kept for a test that is being written, a megabyte each at most.
 const MOST_KEPT: usize = 16;
@@ -57,7 +57,7 @@ impl Pipeline {
             return Ok(OpenConclusion::Quiet);
         }
         let judged = self.judge_open(test, begun).await;
-        self.store.end_attempt(Work::Conclusion, &subject).await?;
+        self.store.end_attempt(AttemptKind::Conclusion, &subject).await?;
         judged
     }
 

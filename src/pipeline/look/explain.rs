@@ -50,7 +50,7 @@ pub struct Explanation {
     /// What the database has of its content.
     pub ledger: Ledger,
     /// What would be done with it.
-    pub next: Next,
+    pub next: NextAction,
 }
 
 /// Whose an export is, and why.
@@ -137,7 +137,7 @@ pub enum Ledger {
 
 /// What the daemon would do with an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Next {
+pub enum NextAction {
     /// Store it as a run.
     Store {
         /// It goes on with this unfinished, shorter or corrected run.
@@ -246,9 +246,9 @@ impl Explainer {
     }
 
     /// What the database says of the content, and what follows.
-    async fn ledger(&self, path: &Path, rejected: bool) -> Result<(Ledger, Next), PipelineError> {
-        let new = Next::Store { continues: None, replaces: None };
-        let unless_rejected = |next: Next| if rejected { Next::Quarantine } else { next };
+    async fn ledger(&self, path: &Path, rejected: bool) -> Result<(Ledger, NextAction), PipelineError> {
+        let new = NextAction::Store { continues: None, replaces: None };
+        let unless_rejected = |next: NextAction| if rejected { NextAction::Quarantine } else { next };
         let pipeline = match &self.pipeline {
             Ok(pipeline) => pipeline,
             Err(ledger) => return Ok((ledger.clone(), unless_rejected(new))),
@@ -264,13 +264,13 @@ impl Explainer {
         let recognised = intake::recognise(&self.config, path, intake::file_time(path)).ok();
         let facts =
             intake::facts(pipeline, path, content, state, recognised.as_ref(), Retry::Quarantined).await?;
-        let Ok(facts) = facts else { return Ok((Ledger::Unknown, Next::Quarantine)) };
+        let Ok(facts) = facts else { return Ok((Ledger::Unknown, NextAction::Quarantine)) };
         let next = match decide::decide(&facts) {
             Decision::Known { run: KnownRun { run_id, .. }, .. } | Decision::InWork { run_id } => {
-                Next::Nothing { run_id }
+                NextAction::Nothing { run_id }
             }
             Decision::Read(Start { continues, replaces, .. }) => {
-                unless_rejected(Next::Store { continues, replaces })
+                unless_rejected(NextAction::Store { continues, replaces })
             }
         };
         Ok((facts.known.map_or(Ledger::Unknown, Ledger::Known), next))

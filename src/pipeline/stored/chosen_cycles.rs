@@ -41,7 +41,7 @@ impl RunCycles {
 
 /// Parameters that are applied to recordings.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Candidate {
+pub struct ParameterCandidate {
     /// Description that they belong to.
     pub model: StoredModel,
     /// The parameters.
@@ -213,7 +213,7 @@ pub async fn identify_taken(
 /// As [`take`].
 pub async fn rmsd_on(
     store: &Store,
-    candidate: &Candidate,
+    candidate: &ParameterCandidate,
     chosen: &[RunCycles],
 ) -> Result<Vec<TorqueRmsd>, StoredError> {
     let mut sums = StageSums::default();
@@ -261,7 +261,7 @@ pub async fn rmsd_of_views(
 /// As [`take`].
 pub async fn cross_verification(
     store: &Store,
-    candidates: Vec<Candidate>,
+    candidates: Vec<ParameterCandidate>,
     runs: &[RunCycles],
 ) -> Result<Vec<CrossVerification>, StoredError> {
     let candidates = Arc::new(candidates);
@@ -277,7 +277,7 @@ pub async fn cross_verification(
 }
 
 fn verify_run(
-    candidates: &[Candidate],
+    candidates: &[ParameterCandidate],
     run_id: i64,
     ChosenCycles { cycles, joined, joined_windows, passed_over, in_spite }: ChosenCycles,
 ) -> Result<Vec<CrossVerification>, StoredError> {
@@ -521,7 +521,7 @@ fn same_model_of_run(
     )))
 }
 
-fn theta(columns: &FactorColumns, candidate: &Candidate) -> Result<Vec<f64>, NumericsError> {
+fn theta(columns: &FactorColumns, candidate: &ParameterCandidate) -> Result<Vec<f64>, NumericsError> {
     columns.theta(candidate.parameters.iter().map(|parameter| (parameter.id, parameter.value)))
 }
 

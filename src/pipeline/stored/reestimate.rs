@@ -21,14 +21,14 @@ use armwatch_store::{
 
 /// An estimator and what it needs.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Choice {
+pub enum EstimatorChoice {
     /// One set of parameters from all joints, stacked.
     Stacked(StackedEstimator),
     /// Each joint alone ([`per_joint_estimates`]).
     PerJoint,
 }
 
-impl Choice {
+impl EstimatorChoice {
     /// Which one it is.
     #[must_use]
     pub fn kind(&self) -> EstimatorKind {
@@ -66,7 +66,7 @@ pub enum PooledOutcome {
 /// [`StoredError::Numerics`] for too few rows or cycles, and for numbers that are not finite.
 pub async fn estimate_together(
     taken: &PooledCycles,
-    choice: &Choice,
+    choice: &EstimatorChoice,
     fewest: Option<EssentialSettings>,
 ) -> Result<PooledResult, StoredError> {
     let (union, choice) = (taken.union.clone(), choice.clone());
@@ -75,12 +75,12 @@ pub async fn estimate_together(
 
 fn together(
     union: &PooledFactors,
-    choice: &Choice,
+    choice: &EstimatorChoice,
     fewest: Option<&EssentialSettings>,
 ) -> Result<PooledResult, NumericsError> {
     let equal = RowWeights::equal(union.columns().joint_count());
     let shown = identifiability(&union.stacked(&equal))?;
-    let Choice::Stacked(estimator) = choice else {
+    let EstimatorChoice::Stacked(estimator) = choice else {
         return Ok(PooledResult { shown, outcome: PooledOutcome::Views(per_joint_estimates(union)) });
     };
     let found = match fewest {
@@ -114,10 +114,10 @@ pub struct ChosenNotes {
 pub async fn reestimate(
     store: &Store,
     chosen: &[RunCycles],
-    choice: &Choice,
+    choice: &EstimatorChoice,
     progress: &mut dyn FnMut(usize),
 ) -> Result<(Reestimate, ChosenNotes), StoredError> {
-    if *choice == Choice::Stacked(StackedEstimator::Huber) {
+    if *choice == EstimatorChoice::Stacked(StackedEstimator::Huber) {
         return Err(StoredError::Refused(
             "huber weighs cycles against each other and has nothing to weigh in one; take another estimator"
                 .into(),
@@ -148,14 +148,14 @@ pub async fn reestimate(
     Ok((Reestimate { model, estimator: choice.kind(), cycles, statistics }, notes))
 }
 
-fn one_cycle(cycle: StoredCycle, choice: &Choice) -> ReestimatedCycle {
+fn one_cycle(cycle: StoredCycle, choice: &EstimatorChoice) -> ReestimatedCycle {
     let columns = FactorColumns::of_stored(&cycle.factors.columns);
     let mut union = PooledFactors::new(columns.clone());
     let found = add(&mut union, &columns, &cycle).and_then(|()| match choice {
-        Choice::Stacked(estimator) => {
+        EstimatorChoice::Stacked(estimator) => {
             estimate(&union, estimator).map(|found| (vec![stacked_view(found)], None))
         }
-        Choice::PerJoint => Ok(views_and_reason(per_joint_estimates(&union))),
+        EstimatorChoice::PerJoint => Ok(views_and_reason(per_joint_estimates(&union))),
     });
     let (views, reason) = found.unwrap_or_else(|error| (Vec::new(), Some(error.to_string())));
     ReestimatedCycle { source: source(cycle), views, reason }

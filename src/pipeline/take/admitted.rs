@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::resume_point::ResumePoint;
-use crate::pipeline::cycle_memory::{CycleMemory, Turn};
+use crate::pipeline::cycle_memory::{CycleMemory, RecordingTurn};
 use armwatch_config::{Layout, WorkLimits};
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{ContentHash, RunHeader};
@@ -37,5 +37,5 @@ pub struct AdmittedExport {
     /// The header that the file had before it was cut, if it has none now.
     pub header_before: Option<String>,
     /// Whether its analyses are recorded as they end.
-    pub turn: Turn,
+    pub turn: RecordingTurn,
 }

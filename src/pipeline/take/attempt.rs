@@ -10,7 +10,7 @@ use crate::pipeline::context::{Outcome, Pipeline, PipelineError};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_ingest::rejection::Rejection;
 use armwatch_model::run::RunStatus;
-use armwatch_store::{Attempt, AttemptOn, EarlierRun, SourceState, Work, wait_for_quiet};
+use armwatch_store::{Attempt, AttemptKind, AttemptOn, EarlierRun, SourceState, wait_for_quiet};
 
 impl Pipeline {
     /// Counts an attempt at the file that the ledger calls `name`, before it is read. Waits first until this process is old
@@ -24,14 +24,14 @@ impl Pipeline {
         state: Option<SourceState>,
         stop: &CancellationToken,
     ) -> Result<Attempt, PipelineError> {
-        let next = Attempt { number: self.store.failed_attempts(Work::Export, name).await? + 1 };
+        let next = Attempt { number: self.store.failed_attempts(AttemptKind::Export, name).await? + 1 };
         if let Some(rest) = wait_for_quiet().filter(|_| next.is_last()) {
             // either way it is time to go on
             let _ = tokio::time::timeout(rest, stop.cancelled()).await;
         }
         let on =
             state.map(|state| AttemptOn { inode: state.file.inode, bytes: state.bytes }).unwrap_or_default();
-        Ok(self.store.begin_attempt_at(Work::Export, name, on).await?)
+        Ok(self.store.begin_attempt_at(AttemptKind::Export, name, on).await?)
     }
 
     /// Returns true if an earlier attempt at a file ended the program.
@@ -39,7 +39,7 @@ impl Pipeline {
     /// # Errors
     /// Those of the store.
     pub(in crate::pipeline) async fn is_suspect(&self, name: &str) -> Result<bool, PipelineError> {
-        Ok(self.store.failed_attempts(Work::Export, name).await? > 0)
+        Ok(self.store.failed_attempts(AttemptKind::Export, name).await? > 0)
     }
 
     /// Notes that an attempt has ended. One that was broken off by a stop says nothing of the file.
@@ -52,8 +52,8 @@ impl Pipeline {
         outcome: Option<&Outcome>,
     ) -> Result<(), PipelineError> {
         match outcome {
-            Some(Outcome::Interrupted) => self.store.break_off_attempt(Work::Export, name).await?,
-            _ => self.store.end_attempt(Work::Export, name).await?,
+            Some(Outcome::Interrupted) => self.store.break_off_attempt(AttemptKind::Export, name).await?,
+            _ => self.store.end_attempt(AttemptKind::Export, name).await?,
         }
         Ok(())
     }

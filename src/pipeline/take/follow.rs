@@ -33,7 +33,7 @@ use armwatch_ingest::table::reader::{ExportReader, ReadOptions, Step};
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, RunKind};
 use armwatch_model::text;
-use armwatch_store::{Block, Identity, SourceState, StoreError, Work};
+use armwatch_store::{AttemptKind, BlockReason, Identity, SourceState, StoreError};
 
 /// Time between two looks at a growing file. With it a row waits for a tenth of the second in which its
 /// cycle is promised to be stored; ten looks a second cost a local disk nothing.
@@ -118,7 +118,7 @@ impl Pipeline {
         let rejection = cut_file::with_cause(self, path, None, rejection).await?;
         let source_name = intake::file_name(path);
         let robot = self.config().recognition.recognise(&source_name).ok().map(|recognised| recognised.robot);
-        let block = Block {
+        let block = BlockReason {
             path: name,
             robot: robot.as_deref(),
             source_name: &source_name,
@@ -446,7 +446,7 @@ impl Survived {
         let name = std::mem::take(&mut self.name);
         let store = self.pipeline.store();
         let ended = Handle::current().block_on(async {
-            store.end_attempt(Work::Export, &name).await?;
+            store.end_attempt(AttemptKind::Export, &name).await?;
             store.unblock_file(&name).await
         });
         if let Err(error) = ended {

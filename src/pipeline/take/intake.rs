@@ -14,7 +14,7 @@ use super::cutting::{CutCycle, Cutting, ReadEnd};
 use super::decide::{Compared, Decision, Facts, Start, Unfinished};
 use super::{content, cut_file, decide, new_robot, record, resume};
 use crate::pipeline::context::{Outcome, Pipeline, PipelineError, Retry};
-use crate::pipeline::cycle_memory::Turn;
+use crate::pipeline::cycle_memory::RecordingTurn;
 use armwatch_config::{Config, FleetEntry, UNKNOWN_ROBOT};
 use armwatch_ingest::bytes::blocks::Passed;
 use armwatch_ingest::bytes::fingerprint::fingerprint;
@@ -27,7 +27,7 @@ use armwatch_ingest::table::start;
 use armwatch_method::buffers::Buffers;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunStatus};
 use armwatch_model::text;
-use armwatch_store::{EarlierRun, Identity, KnownRun, Recording, RunStart, SourceState, Store};
+use armwatch_store::{EarlierRun, Identity, KnownRun, RecordingName, RunStart, SourceState, Store};
 
 /// Whether an export needs reading.
 #[derive(Debug)]
@@ -204,7 +204,7 @@ pub(in crate::pipeline) async fn begin(
         limits: *limits,
         memory: pipeline.memory.clone(),
         header_before: None,
-        turn: Turn::come(),
+        turn: RecordingTurn::come(),
     })
 }
 
@@ -228,7 +228,8 @@ pub(in crate::pipeline) async fn facts(
         None => None,
     };
     let recording = recognised.and_then(Recognised::recording);
-    let recording = recording.map(|(robot, started_at)| Recording { robot, started_at, source_name: &name });
+    let recording =
+        recording.map(|(robot, started_at)| RecordingName { robot, started_at, source_name: &name });
     let ledger_path = ledger_path(pipeline.store(), path);
     let mut earlier = pipeline.store().earlier_runs(&ledger_path, state.file, recording).await?;
     let of_others = pipeline.store().runs_of_others().await?;

@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 
 use super::admitted::AdmittedExport;
 use super::cutting::ReadTotals;
-use crate::metrics::Stage;
+use crate::metrics::WorkStage;
 use crate::pipeline::conclude::windows::too_late;
 use crate::pipeline::context::{InAnalysis, Outcome, Pipeline, PipelineError, StoredRun};
 use crate::pipeline::friction;
@@ -29,7 +29,7 @@ const MOST_WITHOUT_RESULT: usize = 250;
 
 /// What recording the cycles of an export came to.
 #[derive(Debug, Default)]
-pub struct Recorded {
+pub struct RecordedExport {
     /// Cycles without parameters, each with its reason.
     pub refused: Vec<(u32, String)>,
     /// Why the run cannot be complete, if an analysis panicked or too many cycles have no result.
@@ -45,8 +45,8 @@ pub(in crate::pipeline) async fn cycles(
     intake: &AdmittedExport,
     mut analyses: mpsc::Receiver<InAnalysis>,
     stored: impl Fn(u32),
-) -> Result<Recorded, PipelineError> {
-    let mut recorded = Recorded::default();
+) -> Result<RecordedExport, PipelineError> {
+    let mut recorded = RecordedExport::default();
     let (store, metrics) = (pipeline.store(), pipeline.metrics());
     let mut without_result = stored_without_result(pipeline, intake).await?;
     recorded.rejection = too_many_without_result(intake, &without_result);
@@ -69,7 +69,7 @@ pub(in crate::pipeline) async fn cycles(
         }
         let began = Instant::now();
         store.record_cycle_read(intake.run_id, &analysis, &intake.robot, Some(&read)).await?;
-        metrics.stage(Stage::Record, began.elapsed());
+        metrics.stage(WorkStage::Record, began.elapsed());
         metrics.cycle_stored(written);
         stored(analysis.cycle);
         if let Some(reason) = analysis.refusal() {
@@ -181,7 +181,7 @@ pub async fn finish(
         let words = too_late(&intake.header.robot, boundary);
         tracing::warn!(file = %text::of_path(&intake.path), run_id = intake.run_id, "{words}");
     }
-    pipeline.metrics().stage(Stage::Finish, began.elapsed());
+    pipeline.metrics().stage(WorkStage::Finish, began.elapsed());
     if let Some(Replaced { run_id: old, begins_otherwise: true }) = replaced {
         tracing::warn!(
             file = %text::of_path(&intake.path), run_id = intake.run_id,

@@ -6,7 +6,7 @@ use super::series::{Axes, draw_area, draw_series, is_finite, is_shown, significa
 use super::sizes::{ABOVE, LETTER, REACH, RIGHT, STRIP_GAP, STRIP_HEIGHT};
 use super::words::text;
 use crate::report::figure::{
-    Band, FigureEvent, FigureEventKind, Level, Panel, Series, Standing, TINTS, XAxis, YAxis, extent,
+    Band, FigureEvent, FigureEventKind, FigureLevel, Panel, Series, StatusWord, TINTS, XAxis, YAxis, extent,
 };
 use crate::report::scale::{Scale, Tick};
 use armwatch_model::text::xml;
@@ -115,7 +115,7 @@ fn y_scale(panel: &Panel, below: f64, above: f64) -> Scale {
     }
 }
 
-fn draw_title(svg: &mut String, title: &str, standing: Option<&Standing>, x: f64, room: f64) {
+fn draw_title(svg: &mut String, title: &str, standing: Option<&StatusWord>, x: f64, room: f64) {
     let word = standing.map_or_else(String::new, |of| {
         format!("<tspan class=\"{}\"> \u{25cf} {}</tspan>", of.level.class(), xml(&of.word))
     });
@@ -203,11 +203,11 @@ fn draw_x_labels(svg: &mut String, panel: &Panel, x: &Scale, ticks: &[Tick], bot
     );
 }
 
-fn limit_name(level: Level) -> &'static str {
+fn limit_name(level: FigureLevel) -> &'static str {
     match level {
-        Level::Usual | Level::Unknown => "baseline",
-        Level::Warning => "warning from",
-        Level::Critical => "critical from",
+        FigureLevel::Usual | FigureLevel::Unknown => "baseline",
+        FigureLevel::Warning => "warning from",
+        FigureLevel::Critical => "critical from",
     }
 }
 

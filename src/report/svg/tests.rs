@@ -1,6 +1,6 @@
 use crate::report::figure::{
-    Area, Band, Figure, FigureEvent, FigureEventKind, Key, Level, Limit, Look, Mark, Panel, Series, Standing,
-    Strip, XAxis, YAxis,
+    Area, Band, Figure, FigureEvent, FigureEventKind, FigureLevel, Key, Limit, Look, Mark, Panel, Series,
+    StatusWord, Strip, XAxis, YAxis,
 };
 
 fn figure(points: Vec<[f64; 2]>, mark: Mark) -> Figure {
@@ -10,9 +10,9 @@ fn figure(points: Vec<[f64; 2]>, mark: Mark) -> Figure {
         y_label: "torque, Nm".into(),
         bands: vec![Band { from: 0.0, to: 5.0, tint: 1 }],
         areas: vec![Area { colour: 1, points: points.iter().map(|[x, y]| [*x, y - 1.0, y + 1.0]).collect() }],
-        limits: vec![Limit { value: 1.5, level: Level::Warning }],
+        limits: vec![Limit { value: 1.5, level: FigureLevel::Warning }],
         events: vec![FigureEvent { at: 1.0, kind: FigureEventKind::Repair, label: "a <gear> & oil".into() }],
-        standing: Some(Standing { word: "ok".into(), level: Level::Usual }),
+        standing: Some(StatusWord { word: "ok".into(), level: FigureLevel::Usual }),
         strip: Some(Strip {
             y_label: "residual".into(),
             series: vec![Series { name: String::new(), colour: 2, mark: Mark::Thin, points: points.clone() }],

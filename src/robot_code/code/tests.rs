@@ -9,17 +9,17 @@ use armwatch_model::robot::ParameterId;
 use armwatch_testing::arms::{any_arm, numbers};
 use armwatch_testing::er3a;
 
-fn origin() -> Origin {
-    Origin {
+fn origin() -> CodeOrigin {
+    CodeOrigin {
         program: "a test".into(),
         parameters: vec!["made up */ \"\"\"".into()],
         friction: vec!["warm".into()],
     }
 }
 
-fn all(robot: &Robot, values: &[f64]) -> Vec<ModelParameter> {
+fn all(robot: &Robot, values: &[f64]) -> Vec<CodeParameter> {
     let ids = ParameterId::natural_order(robot).into_iter().zip(values);
-    ids.map(|(id, &value)| ModelParameter { id, value, std_error: None, stands_for: None }).collect()
+    ids.map(|(id, &value)| CodeParameter { id, value, std_error: None, stands_for: None }).collect()
 }
 
 proptest! {
@@ -50,7 +50,7 @@ fn a_wrong_parameter_is_a_difference() {
 #[test]
 fn what_is_zero_is_not_computed() {
     let robot = er3a();
-    let few: Vec<ModelParameter> =
+    let few: Vec<CodeParameter> =
         all(&robot, &[1.0; 200]).into_iter().filter(|of| of.id.to_string() == "J1_Izz").collect();
     let code = TorqueCode::new(&robot, &few, "ER3A", &origin());
     assert_eq!(code.operations(), 1);

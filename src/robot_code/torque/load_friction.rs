@@ -1,10 +1,10 @@
 //! Friction that depends on the torque that a gear carries.
 
-use super::Builder;
+use super::TorqueBuilder;
 use crate::robot_code::expression::{Expression, ExpressionGraph, Function, Node};
 use armwatch_model::robot::{JointIndex, LoadFriction, ParameterId, ParameterKind};
 
-impl Builder<'_> {
+impl TorqueBuilder<'_> {
     /// Friction of a joint from the torque that its gear carries; `links` is that of the links with the motor's inertia
     /// where base parameters have it in them.
     pub(super) fn load_friction(

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::number::number;
-use super::row::Row;
+use super::row::ViewRow;
 use crate::serve::access::Scope;
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
@@ -111,7 +111,7 @@ pub struct Noted {
     ),
     request_body = Deed,
     responses(
-        (status = 200, description = "The anomaly as it stands then", body = Row),
+        (status = 200, description = "The anomaly as it stands then", body = ViewRow),
         (status = 400, description = "The number is none, or the body lacks a field or has a wrong or unknown one", body = Problem),
         (status = 404, description = "No such anomaly or action", body = Problem),
         (status = 409, description = "The anomaly stands so already", body = Problem),
@@ -126,7 +126,7 @@ pub async fn on_anomaly(
     Path((id, action)): Path<(String, String)>,
     headers: HeaderMap,
     deed: Result<axum::Json<Deed>, JsonRejection>,
-) -> Result<Json<Option<Row>>, Refusal> {
+) -> Result<Json<Option<ViewRow>>, Refusal> {
     shared.access.check_for(Scope::Act, &headers)?;
     let id = number(&id, "anomaly", "GET /v1/views/anomalies has the numbers in its column anomaly_id")?;
     let Deed { who, why, until, to } = body(deed, DEED_EXAMPLE)?;
@@ -170,11 +170,11 @@ pub async fn on_anomaly(
 }
 
 /// The anomaly as it stands.
-async fn anomaly(shared: &Shared, id: i64) -> Result<Json<Option<Row>>, Refusal> {
+async fn anomaly(shared: &Shared, id: i64) -> Result<Json<Option<ViewRow>>, Refusal> {
     let wanted =
         ViewRows { filters: vec![("anomaly_id".into(), id.to_string())], limit: 1, ..ViewRows::default() };
     let rows = shared.store.rows_of_view("anomalies", &wanted).await.map_err(Refusal::unanswered)?;
-    Ok(Json(rows.objects().find_map(Row::of)))
+    Ok(Json(rows.objects().find_map(ViewRow::of)))
 }
 
 /// Enter work on a robot

@@ -11,10 +11,10 @@ use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::row::Row;
+use super::row::ViewRow;
 use crate::serve::answer::{Json, Refusal, Refused};
 use crate::serve::shared::Shared;
-use armwatch_store::{Counts, Store, Table, ViewRows, time_in_views};
+use armwatch_store::{ResultTable, Store, StoredCounts, ViewRows, time_in_views};
 
 /// Tests of a joint's history.
 const TESTS: u32 = 30;
@@ -38,7 +38,7 @@ pub struct Fleet {
     /// Robots by name
     robots: Vec<FleetRobot>,
     /// Anomalies that are not settled, the worst first, 200 at most: rows of the view anomalies
-    anomalies: Vec<Row>,
+    anomalies: Vec<ViewRow>,
     /// Exports that are being read
     live: Vec<LiveExport>,
     /// Folders in which new exports are found, as the configuration names them
@@ -146,7 +146,7 @@ pub struct LiveExport {
 
 /// What was told last, and of which version of the database.
 #[derive(Debug, Default)]
-pub struct Kept(tokio::sync::Mutex<Option<(i64, Fleet)>>);
+pub struct FleetCache(tokio::sync::Mutex<Option<(i64, Fleet)>>);
 
 /// The fleet at a glance
 ///
@@ -158,7 +158,7 @@ pub struct Kept(tokio::sync::Mutex<Option<(i64, Fleet)>>);
 )]
 pub async fn fleet(
     State(shared): State<Arc<Shared>>,
-    Extension(kept): Extension<Arc<Kept>>,
+    Extension(kept): Extension<Arc<FleetCache>>,
     headers: HeaderMap,
 ) -> Result<Json<Fleet>, Refusal> {
     shared.access.check(&headers)?;
@@ -191,7 +191,7 @@ async fn of_store(store: &Store) -> Result<Fleet, Refusal> {
     anomalies.truncate(ANOMALIES);
     let robots = robots_with_joints(read, &open);
     let sum = |of: fn(&FleetRobot) -> u64| -> u64 { robots.iter().map(of).sum() };
-    let Counts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } = counts;
+    let StoredCounts { streaming_runs, complete_runs, quarantined_runs, cycles, .. } = counts;
     let counts = FleetCounts {
         robots: robots.len(),
         streaming_runs,
@@ -230,7 +230,7 @@ impl OpenCounts {
 struct OpenByPlace(HashMap<String, HashMap<Option<i64>, OpenCounts>>);
 
 impl OpenByPlace {
-    fn of(anomalies: &[Row]) -> Self {
+    fn of(anomalies: &[ViewRow]) -> Self {
         let mut found = Self::default();
         for row in anomalies.iter().filter(|row| row.text("state") == "open") {
             let joint = row.number("joint").map(|_| row.whole("joint"));
@@ -258,9 +258,9 @@ impl OpenByPlace {
 
 /// What is read of robots: their friction indices, the rows of the view `fleet_health`, and their list.
 struct RobotRows {
-    indices: Table,
-    health: Vec<Row>,
-    listed: Table,
+    indices: ResultTable,
+    health: Vec<ViewRow>,
+    listed: ResultTable,
 }
 
 async fn robot_rows(store: &Store) -> Result<RobotRows, Refusal> {
@@ -274,18 +274,18 @@ async fn robot_rows(store: &Store) -> Result<RobotRows, Refusal> {
 fn robots_with_joints(read: RobotRows, open: &OpenByPlace) -> Vec<FleetRobot> {
     let RobotRows { indices, health, listed } = read;
     let mut histories = histories(&indices);
-    let mut joints: HashMap<String, Vec<Row>> = HashMap::new();
+    let mut joints: HashMap<String, Vec<ViewRow>> = HashMap::new();
     for row in health {
         joints.entry(row.text("robot").to_owned()).or_default().push(row);
     }
-    let robot = |row: Row| {
+    let robot = |row: ViewRow| {
         let name = row.text("robot").to_owned();
         let joints = joints.remove(&name).unwrap_or_default();
         let latest = |column: &str| {
             let found = joints.iter().map(|of| of.text(column)).filter(|of| !of.is_empty()).max();
             found.map(str::to_owned)
         };
-        let of_joint = |row: &Row| {
+        let of_joint = |row: &ViewRow| {
             let joint = row.whole("joint");
             let open = open.joint(&name, joint);
             FleetJoint {
@@ -317,13 +317,13 @@ fn robots_with_joints(read: RobotRows, open: &OpenByPlace) -> Vec<FleetRobot> {
             robot: name,
         }
     };
-    listed.objects().filter_map(Row::of).map(robot).collect()
+    listed.objects().filter_map(ViewRow::of).map(robot).collect()
 }
 
 /// Friction indices by robot and joint, the oldest first.
-fn histories(table: &Table) -> HashMap<(String, i64), Vec<Option<f64>>> {
+fn histories(table: &ResultTable) -> HashMap<(String, i64), Vec<Option<f64>>> {
     let mut histories: HashMap<(String, i64), Vec<Option<f64>>> = HashMap::new();
-    for row in table.objects().filter_map(Row::of) {
+    for row in table.objects().filter_map(ViewRow::of) {
         let of = (row.text("robot").to_owned(), row.whole("joint"));
         histories.entry(of).or_default().push(row.number("friction_index").map(shown));
     }
@@ -336,11 +336,12 @@ fn shown(index: f64) -> f64 {
 }
 
 /// All anomalies that are not settled, the worst first, then the newest.
-async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
-    let severity =
-        |row: &Row| ["critical", "warning"].iter().position(|of| row.text("severity") == *of).unwrap_or(2);
+async fn anomalies(store: &Store) -> Result<Vec<ViewRow>, Refusal> {
+    let severity = |row: &ViewRow| {
+        ["critical", "warning"].iter().position(|of| row.text("severity") == *of).unwrap_or(2)
+    };
     let table = store.unsettled_anomalies(MOST).await.map_err(Refusal::unanswered)?;
-    let mut found: Vec<Row> = table.objects().filter_map(Row::of).collect();
+    let mut found: Vec<ViewRow> = table.objects().filter_map(ViewRow::of).collect();
     found.sort_by_key(|row| {
         (severity(row), Reverse(row.text("last_seen_at").to_owned()), row.whole("anomaly_id"))
     });
@@ -350,7 +351,7 @@ async fn anomalies(store: &Store) -> Result<Vec<Row>, Refusal> {
 /// Exports of which cycles are being stored.
 async fn live(store: &Store) -> Result<Vec<LiveExport>, Refusal> {
     let found = rows(store, "runs", &[("status", "streaming")], Some("started_at")).await?;
-    let of = |row: Row| LiveExport {
+    let of = |row: ViewRow| LiveExport {
         run_id: row.whole("run_id"),
         robot: row.text("robot").to_owned(),
         source_name: row.text("source_name").to_owned(),
@@ -365,14 +366,14 @@ async fn rows(
     view: &str,
     filters: &[(&str, &str)],
     order: Option<&str>,
-) -> Result<Vec<Row>, Refusal> {
+) -> Result<Vec<ViewRow>, Refusal> {
     let wanted = ViewRows {
         filters: filters.iter().map(|(column, value)| ((*column).to_owned(), (*value).to_owned())).collect(),
         order: order.map(|column| (column.to_owned(), false)),
         limit: MOST as usize,
     };
     let table = store.rows_of_view(view, &wanted).await.map_err(Refusal::unanswered)?;
-    Ok(table.objects().filter_map(Row::of).collect())
+    Ok(table.objects().filter_map(ViewRow::of).collect())
 }
 
 #[cfg(test)]
@@ -390,7 +391,7 @@ mod tests {
             json!({"robot": "A", "joint": 2, "severity": "warning", "state": "maintenance"}),
             json!({"robot": "B", "joint": 2, "severity": "info", "state": "open"}),
         ];
-        let rows: Vec<Row> = rows.into_iter().filter_map(Row::of).collect();
+        let rows: Vec<ViewRow> = rows.into_iter().filter_map(ViewRow::of).collect();
         let open = OpenByPlace::of(&rows);
         assert_eq!(open.robot("A"), OpenCounts { alarms: 2, infos: 1 });
         assert_eq!(open.joint("A", 1), OpenCounts { alarms: 2, infos: 1 });

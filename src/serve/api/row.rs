@@ -9,9 +9,9 @@ use utoipa::{PartialSchema, ToSchema};
 /// A value for each column of the view, by its name.
 #[derive(Debug, Clone, Serialize)]
 #[serde(transparent)]
-pub struct Row(pub Map<String, Value>);
+pub struct ViewRow(pub Map<String, Value>);
 
-impl Row {
+impl ViewRow {
     /// An object as a row; `None` for any other value.
     pub fn of(value: Value) -> Option<Self> {
         match value {
@@ -41,7 +41,7 @@ impl Row {
     }
 }
 
-impl PartialSchema for Row {
+impl PartialSchema for ViewRow {
     fn schema() -> RefOr<Schema> {
         let cell = Object::builder()
             .schema_type(SchemaType::from_iter([Type::Null, Type::Number, Type::String]))
@@ -53,4 +53,4 @@ impl PartialSchema for Row {
     }
 }
 
-impl ToSchema for Row {}
+impl ToSchema for ViewRow {}

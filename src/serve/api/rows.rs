@@ -7,7 +7,7 @@ use axum::http::{HeaderMap, StatusCode};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::row::Row;
+use super::row::ViewRow;
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
 use armwatch_store::ViewRows;
@@ -40,7 +40,7 @@ pub struct RowPage {
     /// Name of the view
     view: String,
     /// The rows
-    rows: Vec<Row>,
+    rows: Vec<ViewRow>,
     /// Whether there are more rows than the limit
     truncated: bool,
 }
@@ -102,7 +102,7 @@ pub async fn of_view(
         shared.looking().await?.rows_of_view(&view, &wanted).await.map_err(Refusal::unanswered)?;
     let truncated = table.rows.len() > most;
     table.rows.truncate(most);
-    let rows = table.objects().filter_map(Row::of).collect();
+    let rows = table.objects().filter_map(ViewRow::of).collect();
     Ok(Json(RowPage { view, rows, truncated }))
 }
 

@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 
 use crate::serve::answer::{Json, Problem, Refusal, Refused};
 use crate::serve::shared::Shared;
-use armwatch_store::{SqlAnswer, SqlError, SqlLimits, Table};
+use armwatch_store::{ResultTable, SqlAnswer, SqlError, SqlLimits};
 
 /// Rows of an answer, where the question does not say.
 const USUAL_ROWS: usize = 1000;
@@ -119,7 +119,7 @@ pub async fn sql(
             ([(CONTENT_TYPE, "text/csv; charset=utf-8")], [(TRUNCATED, truncated)], text).into_response()
         );
     }
-    let Table { columns, rows } = table;
+    let ResultTable { columns, rows } = table;
     Ok(Json(Answer { columns, rows, truncated }).into_response())
 }
 
@@ -159,7 +159,7 @@ fn wants_csv(headers: &HeaderMap) -> bool {
         .is_some_and(|accept| accept.contains("text/csv"))
 }
 
-fn csv(table: &Table) -> Result<Vec<u8>, Box<dyn std::error::Error + Send + Sync>> {
+fn csv(table: &ResultTable) -> Result<Vec<u8>, Box<dyn std::error::Error + Send + Sync>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(&table.columns)?;
     for row in &table.rows {

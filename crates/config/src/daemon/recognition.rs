@@ -22,7 +22,7 @@ const ENDINGS: [&str; 6] = [".gz", ".zst", ".csv", ".parquet", ".mcap", ".dat"];
 
 /// What a file name says.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Recognised {
+pub struct RecognisedName {
     /// Name of the robot.
     pub robot: String,
     /// Start of the recording, if the name says it; midnight where it says the date only.
@@ -90,7 +90,7 @@ impl Recognition {
     /// # Errors
     ///
     /// When the pattern does not match, date and time in the name cannot be, or the robot is called [`UNKNOWN_ROBOT`].
-    pub fn recognise(&self, file_name: &str) -> Result<Recognised, RecogniseError> {
+    pub fn recognise(&self, file_name: &str) -> Result<RecognisedName, RecogniseError> {
         let recognised = self.recognise_any(file_name)?;
         if recognised.robot == UNKNOWN_ROBOT {
             return Err(RecogniseError::Reserved { file_name: file_name.to_owned() });
@@ -98,7 +98,7 @@ impl Recognition {
         Ok(recognised)
     }
 
-    fn recognise_any(&self, file_name: &str) -> Result<Recognised, RecogniseError> {
+    fn recognise_any(&self, file_name: &str) -> Result<RecognisedName, RecogniseError> {
         let no_match = || RecogniseError::NoMatch {
             file_name: file_name.to_owned(),
             pattern: self.file_name.as_str().to_owned(),
@@ -107,13 +107,13 @@ impl Recognition {
         let forms = forms(&name);
         let Some(captures) = forms.iter().find_map(|form| self.file_name.captures(form)) else {
             let plain = plain_robot(forms[0]).ok_or_else(no_match)?;
-            return Ok(Recognised { robot: plain.to_owned(), started_at: None, is_definite: false });
+            return Ok(RecognisedName { robot: plain.to_owned(), started_at: None, is_definite: false });
         };
         let group = |name| captures.name(name).map(|found| found.as_str());
         let robot =
             group("robot").map(str::trim).filter(|robot| !robot.is_empty()).ok_or_else(no_match)?.to_owned();
         let Some(date) = group("date") else {
-            return Ok(Recognised { robot, started_at: None, is_definite: false });
+            return Ok(RecognisedName { robot, started_at: None, is_definite: false });
         };
         let time = group("time");
         let zone =
@@ -125,7 +125,7 @@ impl Recognition {
                 wanted: self.formats.wanted(),
                 reason,
             })?;
-        Ok(Recognised { robot, started_at: Some(started_at), is_definite })
+        Ok(RecognisedName { robot, started_at: Some(started_at), is_definite })
     }
 }
 
@@ -236,7 +236,7 @@ mod tests {
             ("Gro\u{308}ße.csv", "Größe"),
         ] {
             let found = native().recognise(name).expect(name);
-            assert_eq!(found, Recognised { robot: robot.into(), started_at: None, is_definite: false });
+            assert_eq!(found, RecognisedName { robot: robot.into(), started_at: None, is_definite: false });
         }
     }
 
@@ -264,7 +264,7 @@ mod tests {
             time_zone: "UTC".into(),
         };
         let robot_only = by(r"^(?<robot>.+)$").recognise("Left.csv.gz").expect("matches");
-        assert_eq!(robot_only, Recognised { robot: "Left".into(), started_at: None, is_definite: false });
+        assert_eq!(robot_only, RecognisedName { robot: "Left".into(), started_at: None, is_definite: false });
         let dated =
             by(r"^(?<robot>\w+)-(?<date>\d{8})\.csv$").recognise("Left-20260105.csv.gz").expect("matches");
         assert_eq!(dated.started_at.map(|t| t.to_string()).as_deref(), Some("2026-01-05T00:00:00Z"));

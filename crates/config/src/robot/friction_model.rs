@@ -18,7 +18,7 @@ static LAWS: [LawKind; FrictionLaw::KINDS.len()] = FrictionLaw::KINDS;
 static LOADS: [LoadKind; LoadFriction::KINDS.len()] = LoadFriction::KINDS;
 
 /// What a table says of friction, each part where it says it.
-struct Given<'d> {
+struct GivenFriction<'d> {
     law: Option<&'static LawKind>,
     /// Speeds with the laws that they belong to.
     speeds: Vec<(&'static LawKind, Value<'d>, f64)>,
@@ -92,7 +92,7 @@ fn speed_key(law: &LawKind, kind: JointKind) -> Option<&'static str> {
     })
 }
 
-fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
+fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<GivenFriction<'d>> {
     let limits = match kind {
         JointKind::Revolute => RAD_S,
         JointKind::Prismatic => M_S,
@@ -115,7 +115,7 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<Given<'d>> {
         Some(asymmetric) => Some(asymmetric?),
         None => None,
     };
-    Some(Given { law, speeds, asymmetric, load: load? })
+    Some(GivenFriction { law, speeds, asymmetric, load: load? })
 }
 
 /// Reads how friction depends on load; `Some(None)` where the table says nothing.
@@ -180,7 +180,7 @@ fn read_law(value: &Value<'_>) -> Option<&'static LawKind> {
 fn resolved(
     table: &Table<'_>,
     kind: JointKind,
-    given: &Given<'_>,
+    given: &GivenFriction<'_>,
     default: FrictionModel,
 ) -> Option<FrictionModel> {
     let chosen = match given.law {

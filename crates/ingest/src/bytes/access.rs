@@ -40,7 +40,7 @@ impl FileAccess {
 
     /// Does `work` on this thread under these conditions.
     pub fn during<T>(&self, work: impl FnOnce() -> T) -> T {
-        let _restored = Restored(CURRENT.replace(self.clone()));
+        let _restored = AccessGuard(CURRENT.replace(self.clone()));
         work()
     }
 
@@ -53,9 +53,9 @@ impl FileAccess {
 }
 
 /// Puts the access of a thread back, also after a panic.
-struct Restored(FileAccess);
+struct AccessGuard(FileAccess);
 
-impl Drop for Restored {
+impl Drop for AccessGuard {
     fn drop(&mut self) {
         CURRENT.replace(std::mem::take(&mut self.0));
     }
@@ -97,9 +97,9 @@ pub fn metadata(path: &Path) -> io::Result<Metadata> {
 
 /// A file whose reads are calls of [`asking`].
 #[derive(Debug)]
-pub(crate) struct Asked<R>(pub(crate) R);
+pub(crate) struct GuardedFile<R>(pub(crate) R);
 
-impl<R: Read> Read for Asked<R> {
+impl<R: Read> Read for GuardedFile<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         asking(|| self.0.read(buffer))
     }

@@ -9,7 +9,7 @@ use mcap::parse_record;
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::joint_state::{Encoding, JointState};
+use super::joint_state::{Encoding, JointStateMessage};
 use super::source::unreadable;
 use armwatch_model::text;
 
@@ -47,7 +47,7 @@ pub(super) struct BagText<R> {
 }
 
 /// A request of the reader of records.
-enum Step {
+enum ReaderRequest {
     Read(usize),
     Take(Box<Record<'static>>),
 }
@@ -96,15 +96,14 @@ impl<R: Read> BagText<R> {
         while self.text.is_empty() && !self.ended {
             let step = match self.reader.next_event() {
                 None => return self.end(),
-                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => Ok(Step::Read(wanted)),
-                Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                    parse_record(opcode, data).map(|record| Step::Take(Box::new(record.into_owned())))
-                }
+                Some(Ok(LinearReadEvent::ReadRequest(wanted))) => Ok(ReaderRequest::Read(wanted)),
+                Some(Ok(LinearReadEvent::Record { data, opcode })) => parse_record(opcode, data)
+                    .map(|record| ReaderRequest::Take(Box::new(record.into_owned()))),
                 Some(Err(error)) => Err(error),
             };
             match step {
-                Ok(Step::Take(record)) => self.take(&record),
-                Ok(Step::Read(wanted)) => {
+                Ok(ReaderRequest::Take(record)) => self.take(&record),
+                Ok(ReaderRequest::Read(wanted)) => {
                     let count = self.file.read(self.reader.insert(wanted.min(READ_BYTES)))?;
                     self.reader.notify_read(count);
                 }
@@ -138,7 +137,7 @@ impl<R: Read> BagText<R> {
             }
             Record::Message { header, data } => {
                 let Some(topic) = self.channels.get_mut(&header.channel_id) else { return };
-                let Some(state) = JointState::read(data, topic.encoding) else { return };
+                let Some(state) = JointStateMessage::read(data, topic.encoding) else { return };
                 topic.messages += 1;
                 self.add(header.channel_id, header.log_time, &state);
             }
@@ -147,7 +146,7 @@ impl<R: Read> BagText<R> {
     }
 
     /// Adds a row. A message that lacks a joint or a quantity is of another part of the robot, such as a gripper.
-    fn add(&mut self, channel: u16, log_time: u64, state: &JointState<'_>) {
+    fn add(&mut self, channel: u16, log_time: u64, state: &JointStateMessage<'_>) {
         let has =
             state.values.each_ref().map(|values| !values.is_empty() && values.len() == state.names.len());
         if self.columns.is_none() && has[2] && has[0] {

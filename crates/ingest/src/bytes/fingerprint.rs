@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
 
-use super::access::{Asked, asking, refuse_outside};
+use super::access::{GuardedFile, asking, refuse_outside};
 use super::parts;
 use super::trace::companions;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
@@ -27,11 +27,11 @@ pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
 
 fn hash_up_to(path: &Path, bytes: u64) -> io::Result<(ContentHash, u64)> {
     let mut hasher = blake3::Hasher::new();
-    hasher.update_reader(Asked(regular_file(path)?).take(bytes))?;
+    hasher.update_reader(GuardedFile(regular_file(path)?).take(bytes))?;
     // an export of several files is never read in part
     if bytes == u64::MAX {
         for companion in companions(path) {
-            hasher.update_reader(Asked(regular_file(&companion)?))?;
+            hasher.update_reader(GuardedFile(regular_file(&companion)?))?;
         }
     }
     Ok(identity(&hasher))

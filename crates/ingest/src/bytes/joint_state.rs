@@ -20,7 +20,7 @@ impl Encoding {
 
 /// The state of joints at a moment.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct JointState<'m> {
+pub(super) struct JointStateMessage<'m> {
     /// Seconds and nanoseconds since 1970.
     pub(super) stamp: (i32, u32),
     pub(super) names: Vec<&'m str>,
@@ -28,18 +28,18 @@ pub(super) struct JointState<'m> {
     pub(super) values: [Vec<f64>; 3],
 }
 
-impl<'m> JointState<'m> {
+impl<'m> JointStateMessage<'m> {
     /// `None` for bytes that are no such message.
     pub(super) fn read(data: &'m [u8], encoding: Encoding) -> Option<Self> {
         let mut message = match (encoding, data) {
             (Encoding::Ros1, _) => {
-                let mut message = Message { data, at: 0, is_little: true, alignment: 1, encoding };
+                let mut message = MessageFields { data, at: 0, is_little: true, alignment: 1, encoding };
                 // the number of the message
                 message.u32()?;
                 message
             }
             // the first two bytes are the version of CDR: 0 and 1 align to eight bytes, 6 and 7 to four
-            (Encoding::Cdr, [0, version @ (0 | 1 | 6 | 7), _, _, data @ ..]) => Message {
+            (Encoding::Cdr, [0, version @ (0 | 1 | 6 | 7), _, _, data @ ..]) => MessageFields {
                 data,
                 at: 0,
                 is_little: version % 2 == 1,
@@ -57,7 +57,7 @@ impl<'m> JointState<'m> {
     }
 }
 
-struct Message<'m> {
+struct MessageFields<'m> {
     data: &'m [u8],
     at: usize,
     is_little: bool,
@@ -66,7 +66,7 @@ struct Message<'m> {
     encoding: Encoding,
 }
 
-impl<'m> Message<'m> {
+impl<'m> MessageFields<'m> {
     fn bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
         let start = self.at.next_multiple_of(self.alignment.min(N));
         let mut bytes: [u8; N] = self.data.get(start..start + N)?.try_into().ok()?;
@@ -155,15 +155,16 @@ pub(super) mod tests {
     fn messages_of_ros_1_and_2_are_read() {
         let (stamp, names) = ((1_700_000_000, 123_456_789), ["shoulder", "elbow_joint", "w"]);
         let values: [&[f64]; 3] = [&[1.0, -2.5, 3.25], &[], &[0.1, f64::MIN_POSITIVE, 1e300]];
-        let expected = JointState { stamp, names: names.to_vec(), values: values.map(<[f64]>::to_vec) };
+        let expected =
+            JointStateMessage { stamp, names: names.to_vec(), values: values.map(<[f64]>::to_vec) };
         for (bytes, encoding) in [
             (cdr(stamp, &names, values, true), Encoding::Cdr),
             (cdr(stamp, &names, values, false), Encoding::Cdr),
             (ros1(stamp, &names, values), Encoding::Ros1),
         ] {
-            assert_eq!(JointState::read(&bytes, encoding).as_ref(), Some(&expected));
+            assert_eq!(JointStateMessage::read(&bytes, encoding).as_ref(), Some(&expected));
             for end in 0..bytes.len() {
-                assert_eq!(JointState::read(&bytes[..end], encoding), None, "cut at {end}");
+                assert_eq!(JointStateMessage::read(&bytes[..end], encoding), None, "cut at {end}");
             }
         }
     }
@@ -172,6 +173,6 @@ pub(super) mod tests {
     fn a_count_beyond_the_message_is_refused() {
         let mut bytes = ros1((1, 2), &["a"], [&[1.0], &[], &[1.0]]);
         bytes[16..20].copy_from_slice(&u32::MAX.to_le_bytes());
-        assert_eq!(JointState::read(&bytes, Encoding::Ros1), None);
+        assert_eq!(JointStateMessage::read(&bytes, Encoding::Ros1), None);
     }
 }

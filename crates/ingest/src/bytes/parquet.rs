@@ -68,19 +68,19 @@ pub(super) struct ParquetText {
     metadata: FileMetadata,
     /// Size and time of the last change when the file was hashed.
     state: (u64, SystemTime),
-    columns: Vec<Form>,
+    columns: Vec<CellForm>,
     /// Number of the next row group, from 0.
     next_group: usize,
     /// Rows that the current group still has.
     rows_left: usize,
-    chunks: Vec<Chunk>,
+    chunks: Vec<ColumnChunk>,
     text: Vec<u8>,
     given: usize,
 }
 
 /// How the values of a column become cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Form {
+enum CellForm {
     Double,
     Float,
     Int32,
@@ -116,7 +116,7 @@ impl ParquetText {
             write_text(&mut text, &name);
         }
         text.push(b'\n');
-        let columns = columns.iter().map(Form::of).collect();
+        let columns = columns.iter().map(CellForm::of).collect();
         let text = Self {
             file,
             metadata,
@@ -145,11 +145,13 @@ impl ParquetText {
             if chunks.len() != self.columns.len() {
                 return Err(damaged("has a row group without all columns"));
             }
-            let chunk = |(chunk, form): (&ColumnChunkMetadata, &Form)| Chunk::new(chunk, *form, self.state.0);
+            let chunk = |(chunk, form): (&ColumnChunkMetadata, &CellForm)| {
+                ColumnChunk::new(chunk, *form, self.state.0)
+            };
             self.chunks = chunks.iter().zip(&self.columns).map(chunk).collect::<io::Result<_>>()?;
         }
         let mut rows = self.rows_left.min(ROWS_AT_ONCE);
-        for chunk in self.chunks.iter_mut().filter(|chunk| chunk.form != Form::Other) {
+        for chunk in self.chunks.iter_mut().filter(|chunk| chunk.form != CellForm::Other) {
             rows = rows.min(chunk.ready(&self.file, self.rows_left)?);
         }
         for row in 0..rows {
@@ -186,7 +188,7 @@ impl Read for ParquetText {
     }
 }
 
-impl Form {
+impl CellForm {
     fn of(column: &ColumnDescriptor) -> Self {
         let kind = &column.descriptor.primitive_type;
         if column.path_in_schema.len() > 1 || column.descriptor.max_rep_level > 0 {
@@ -245,8 +247,8 @@ impl Form {
 }
 
 /// The values of a column in a row group.
-struct Chunk {
-    form: Form,
+struct ColumnChunk {
+    form: CellForm,
     /// The column as polars needs to know it.
     pages: PageMetaData,
     /// Place of the next page in the file, and the end of the last one.
@@ -259,8 +261,8 @@ struct Chunk {
     passed: usize,
 }
 
-impl Chunk {
-    fn new(chunk: &ColumnChunkMetadata, form: Form, file_bytes: u64) -> io::Result<Self> {
+impl ColumnChunk {
+    fn new(chunk: &ColumnChunkMetadata, form: CellForm, file_bytes: u64) -> io::Result<Self> {
         let first = chunk.dictionary_page_offset().unwrap_or_else(|| chunk.data_page_offset());
         let at = u64::try_from(first).ok();
         let end =
@@ -270,7 +272,7 @@ impl Chunk {
         };
         let readable =
             [Compression::Uncompressed, Compression::Snappy, Compression::Zstd, Compression::Lz4Raw];
-        if form != Form::Other && !readable.contains(&chunk.compression()) {
+        if form != CellForm::Other && !readable.contains(&chunk.compression()) {
             let reason =
                 format!("a Parquet file with {:?} compression, which is not read", chunk.compression());
             return Err(unreadable(reason, "write it with zstd, snappy, LZ4_RAW or without compression"));
@@ -372,29 +374,29 @@ impl Chunk {
         // writing to memory does not fail
         let _ = match self.form {
             // the debug form has an exponent if that is shorter
-            Form::Double => number::<f64>(array, row).map(|value| write!(text, "{value:?}")),
-            Form::Float => number::<f32>(array, row).map(|value| write!(text, "{:?}", f64::from(value))),
-            Form::Int32 => number::<i32>(array, row).map(|value| write!(text, "{value}")),
-            Form::UInt32 => number::<u32>(array, row).map(|value| write!(text, "{value}")),
-            Form::Int64 => number::<i64>(array, row).map(|value| write!(text, "{value}")),
-            Form::UInt64 => number::<u64>(array, row).map(|value| write!(text, "{value}")),
-            Form::Moment(per_second, is_utc) => {
+            CellForm::Double => number::<f64>(array, row).map(|value| write!(text, "{value:?}")),
+            CellForm::Float => number::<f32>(array, row).map(|value| write!(text, "{:?}", f64::from(value))),
+            CellForm::Int32 => number::<i32>(array, row).map(|value| write!(text, "{value}")),
+            CellForm::UInt32 => number::<u32>(array, row).map(|value| write!(text, "{value}")),
+            CellForm::Int64 => number::<i64>(array, row).map(|value| write!(text, "{value}")),
+            CellForm::UInt64 => number::<u64>(array, row).map(|value| write!(text, "{value}")),
+            CellForm::Moment(per_second, is_utc) => {
                 number::<i64>(array, row).map(|value| match moment(value, per_second) {
                     Some(moment) if is_utc => write!(text, "{moment}"),
                     Some(moment) => write!(text, "{}", moment.to_string().trim_end_matches('Z')),
                     None => write!(text, "{value}"),
                 })
             }
-            Form::Boolean => {
+            CellForm::Boolean => {
                 value::<BooleanArray>(array, row).map(|value| write!(text, "{}", u8::from(value)))
             }
-            Form::Text => {
+            CellForm::Text => {
                 if let Some(value) = value::<Utf8ViewArray>(array, row) {
                     write_text(text, value);
                 }
                 None
             }
-            Form::Other => None,
+            CellForm::Other => None,
         };
     }
 

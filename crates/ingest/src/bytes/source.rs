@@ -63,15 +63,15 @@ pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send
     let format = format(&head);
     if matches!(format, Format::Parquet) {
         let (text, hash) = ParquetText::open(file, path)?;
-        return Ok((Box::new(Limited { inner: text, left: most, most }), hash));
+        return Ok((Box::new(LimitedReader { inner: text, left: most, most }), hash));
     }
     if matches!(format, Format::Trace) {
         let (text, hash) = TraceText::open(file, path)?;
-        return Ok((Box::new(Limited { inner: text, left: most, most }), hash));
+        return Ok((Box::new(LimitedReader { inner: text, left: most, most }), hash));
     }
     let (file, hash) = HashingReader::new(file);
     let decoded = decoded(file, format, &hash, path)?;
-    Ok((Box::new(Limited { inner: decoded, left: most, most }), hash))
+    Ok((Box::new(LimitedReader { inner: decoded, left: most, most }), hash))
 }
 
 /// Whether the first bytes of a file are those of plain text, of which a part can be read.
@@ -111,14 +111,14 @@ fn decoded(
         Format::Plain => scope::plain(file).map_err(failed),
         Format::Gzip => {
             let decoder = MultiGzDecoder::new(BufReader::with_capacity(DISK_BUFFER_BYTES, file));
-            let text = Explained { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 };
+            let text = ExplainingReader { inner: decoder, format: "gzip", raw: raw.clone(), given: 0 };
             scope::plain(text).map_err(failed)
         }
         Format::Zstandard => {
             let mut decoder = zstd::Decoder::with_buffer(BufReader::with_capacity(DISK_BUFFER_BYTES, file))
                 .map_err(failed)?;
             decoder.window_log_max(MAX_WINDOW_LOG).map_err(failed)?;
-            let text = Explained { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 };
+            let text = ExplainingReader { inner: decoder, format: "zstd", raw: raw.clone(), given: 0 };
             scope::plain(text).map_err(failed)
         }
         Format::Bag => Ok(Box::new(BagText::new(file, path))),
@@ -162,7 +162,7 @@ fn format(head: &[u8]) -> Format {
 }
 
 /// Gives the decoder's errors words that a person can act on.
-struct Explained<R> {
+struct ExplainingReader<R> {
     inner: R,
     format: &'static str,
     /// Counts the bytes on disk.
@@ -171,7 +171,7 @@ struct Explained<R> {
     given: u64,
 }
 
-impl<R: Read> Read for Explained<R> {
+impl<R: Read> Read for ExplainingReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let read = self.inner.read(buffer);
         self.given += read.as_ref().map_or(0, |count| *count as u64);
@@ -206,13 +206,13 @@ impl<R: Read> Read for Explained<R> {
 }
 
 /// Ends a stream with an error once it gives more than its limit.
-struct Limited<R> {
+struct LimitedReader<R> {
     inner: R,
     left: u64,
     most: u64,
 }
 
-impl<R: Read> Read for Limited<R> {
+impl<R: Read> Read for LimitedReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let count = self.inner.read(buffer)?;
         self.left = self.left.checked_sub(count as u64).ok_or_else(|| {
@@ -355,11 +355,11 @@ mod tests {
 
     #[test]
     fn a_stream_over_the_limit_ends_with_an_error() {
-        let mut stream = Limited { inner: io::repeat(b'0'), left: 100_000, most: 100_000 };
+        let mut stream = LimitedReader { inner: io::repeat(b'0'), left: 100_000, most: 100_000 };
         let error = io::copy(&mut stream, &mut io::sink()).unwrap_err();
         let rejection = Rejection::from_io(Path::new("bomb.csv.gz"), &error);
         assert_eq!(&*rejection.reason, "more than 100000 bytes after decompression");
-        let mut exact = Limited { inner: io::repeat(b'0').take(100_000), left: 100_000, most: 100_000 };
+        let mut exact = LimitedReader { inner: io::repeat(b'0').take(100_000), left: 100_000, most: 100_000 };
         assert_eq!(io::copy(&mut exact, &mut io::sink()).unwrap(), 100_000);
     }
 

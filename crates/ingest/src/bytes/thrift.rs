@@ -9,7 +9,7 @@ const MOST_LEVELS: usize = 32;
 
 /// Returns true if bytes begin with a struct whose lists and texts all end within them.
 pub(super) fn is_sound(bytes: &[u8]) -> bool {
-    Walk { bytes, at: 0 }.structure(MOST_LEVELS).is_some()
+    ThriftWalk { bytes, at: 0 }.structure(MOST_LEVELS).is_some()
 }
 
 /// Kinds of values, as their headers number them.
@@ -28,12 +28,12 @@ mod kind {
     pub(super) const STRUCT: u8 = 12;
 }
 
-struct Walk<'b> {
+struct ThriftWalk<'b> {
     bytes: &'b [u8],
     at: usize,
 }
 
-impl Walk<'_> {
+impl ThriftWalk<'_> {
     fn byte(&mut self) -> Option<u8> {
         let byte = *self.bytes.get(self.at)?;
         self.at += 1;

@@ -52,7 +52,7 @@ pub struct Scan {
     /// Exports, by file name and then by path, so that every scan gives the same order.
     pub files: Vec<FoundFile>,
     /// Folders and files that could not be looked at.
-    pub unreadable: Vec<Unreadable>,
+    pub unreadable: Vec<UnreadablePlace>,
     /// Skipped places, which may contain exports.
     pub skipped: Vec<Skipped>,
     /// Folders that were read: each with the path that led to it, and with its path without links.
@@ -62,7 +62,7 @@ pub struct Scan {
 /// A place that could not be looked at.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {error}; check that it exists and that this user may read it", text::of_path(path))]
-pub struct Unreadable {
+pub struct UnreadablePlace {
     /// The place.
     pub path: PathBuf,
     /// Why.
@@ -155,7 +155,7 @@ pub fn scan_saying(folders: &[PathBuf], follow_links: bool, goes_on: &dyn Fn()) 
                 scan.folder(folder, 0, &mut walk);
             }
             Ok(metadata) => scan.file(folder.clone(), &metadata, is_marked(folder)),
-            Err(error) => scan.unreadable.push(Unreadable { path: folder.clone(), error }),
+            Err(error) => scan.unreadable.push(UnreadablePlace { path: folder.clone(), error }),
         }
     }
     scan.files.sort_by(|a, b| a.order().cmp(&b.order()));
@@ -196,7 +196,7 @@ impl Scan {
         }
         let entries = match fs::read_dir(folder) {
             Ok(entries) => entries,
-            Err(error) => return self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+            Err(error) => return self.unreadable.push(UnreadablePlace { path: folder.to_owned(), error }),
         };
         let mut found = Vec::new();
         let mut marks = HashSet::new();
@@ -207,7 +207,7 @@ impl Scan {
                     marks.insert(path);
                 }
                 Ok(entry) => found.push(entry),
-                Err(error) => self.unreadable.push(Unreadable { path: folder.to_owned(), error }),
+                Err(error) => self.unreadable.push(UnreadablePlace { path: folder.to_owned(), error }),
             }
         }
         for (path, kind) in found {
@@ -227,7 +227,7 @@ impl Scan {
                     }
                     // Gone since the folder was listed: not there is not wrong.
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                    Err(error) => self.unreadable.push(Unreadable { path, error }),
+                    Err(error) => self.unreadable.push(UnreadablePlace { path, error }),
                 }
             }
         }
@@ -242,7 +242,7 @@ impl Scan {
             Ok(looked) => looked,
             // A link to nothing: not there is not wrong.
             Err(error) if !is_named || error.kind() == io::ErrorKind::NotFound => return,
-            Err(error) => return self.unreadable.push(Unreadable { path, error }),
+            Err(error) => return self.unreadable.push(UnreadablePlace { path, error }),
         };
         let is_inside = walk.root.as_ref().is_some_and(|root| target.starts_with(root));
         // a folder inside is found by its own path
@@ -278,7 +278,7 @@ pub struct Complaints {
 
 impl Complaints {
     /// Those of a scan's unreadable places that are new; places that have recovered are forgotten.
-    pub fn fresh<'s>(&mut self, scan: &'s Scan) -> Vec<&'s Unreadable> {
+    pub fn fresh<'s>(&mut self, scan: &'s Scan) -> Vec<&'s UnreadablePlace> {
         let fresh = scan.unreadable.iter().filter(|place| !self.unreadable.contains(&place.path)).collect();
         self.unreadable = scan.unreadable.iter().map(|place| place.path.clone()).collect();
         fresh

@@ -20,7 +20,7 @@ const MOST_NUMBERS: usize = 200_000_000;
 
 /// Blocks of positions and of their derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Blocks {
+struct MotionBlocks {
     position: usize,
     velocity: usize,
     joints: usize,
@@ -37,7 +37,7 @@ pub(super) fn by_motion<'h>(head: &'h Head, hints: Hints<'_>) -> Joints<'h> {
 }
 
 /// Finds the blocks of positions and of their derivatives.
-fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Option<Blocks> {
+fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Option<MotionBlocks> {
     let width = columns.len().min(MOST_COLUMNS);
     let reach = FARTHEST.min(width.saturating_sub(1));
     let rows = rows.min(MOST_NUMBERS / (width * reach).max(1));
@@ -57,7 +57,7 @@ fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Opti
             },
         })
     };
-    let mut best: Option<(usize, usize, Blocks)> = None;
+    let mut best: Option<(usize, usize, MotionBlocks)> = None;
     for distance in 1..=reach {
         let links: Vec<Link> = (0..width).map_while(|at| follows(at, distance)).collect();
         for start in 0..links.len() {
@@ -75,7 +75,7 @@ fn blocks(columns: &[Option<&[f64]>], rows: usize, known: Option<usize>) -> Opti
             let of = &links[start..start + joints];
             let derivatives = of.iter().filter(|link| **link == Link::Derivative).count();
             let fitting = of.iter().filter(|link| **link != Link::None).count();
-            let blocks = Blocks { position: start, velocity: start + distance, joints };
+            let blocks = MotionBlocks { position: start, velocity: start + distance, joints };
             if 2 * derivatives >= joints.min(4)
                 && 2 * fitting > joints
                 && best.as_ref().is_none_or(|(most, links, _)| (fitting, derivatives) > (*most, *links))
@@ -98,7 +98,7 @@ enum Link {
 fn of_blocks<'h>(
     head: &'h Head,
     columns: &[Option<&'h [f64]>],
-    blocks: Blocks,
+    blocks: MotionBlocks,
     is_count_known: bool,
 ) -> Joints<'h> {
     let n = blocks.joints;

@@ -192,7 +192,7 @@ pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-struct Format {
+struct HeadFormat {
     delimiter: u8,
     decimal: DecimalMark,
     fields: usize,
@@ -200,7 +200,7 @@ struct Format {
     numeric: Vec<bool>,
 }
 
-impl Format {
+impl HeadFormat {
     /// Whether a line is a row: as many fields, with numbers where most rows have them. A line of metadata may have
     /// numbers in half of its fields.
     fn is_row(&self, line: &str) -> bool {
@@ -219,7 +219,7 @@ impl Format {
 }
 
 /// The delimiter and decimal mark that make most numbers of the first lines, in rows of equally many fields.
-fn format(sample: &[&str]) -> Option<Format> {
+fn format(sample: &[&str]) -> Option<HeadFormat> {
     // From the end of the sample, where no header stands.
     let sample = &sample[sample.len() / 2..];
     let candidates = [b';', b'\t', b'|', b',', BLANKS]
@@ -247,7 +247,7 @@ fn format(sample: &[&str]) -> Option<Format> {
         let all: usize = numbers.iter().sum();
         let enough =
             2 * numeric.iter().filter(|numeric| **numeric).count() >= usual || 2 * all >= usual * most;
-        let format = Format { delimiter, decimal, fields: usual, numeric };
+        let format = HeadFormat { delimiter, decimal, fields: usual, numeric };
         (enough && all > 0).then_some((all, format))
     });
     // Of equals the first: points before commas, where all numbers are whole.
@@ -272,7 +272,7 @@ impl Record<'_> {
         !self.text.trim().is_empty() && !self.is_comment()
     }
 
-    fn cells(&self, format: &Format) -> Vec<String> {
+    fn cells(&self, format: &HeadFormat) -> Vec<String> {
         let text = self.text.trim_start().trim_start_matches('#');
         fields(text, format.delimiter)
             .map(|cell| cell.split_whitespace().collect::<Vec<_>>().join(" "))
@@ -302,7 +302,7 @@ impl<'t> Above<'t> {
     }
 
     /// The record of names: the one that says most of as many columns as the rows have, the last line excepted.
-    fn names(&self, format: &Format) -> Option<usize> {
+    fn names(&self, format: &HeadFormat) -> Option<usize> {
         let says = |record: &Record<'_>| -> Option<(usize, usize)> {
             let cells = record.cells(format);
             let fits = cells.len() > 1 && cells.len().abs_diff(format.fields) <= 1;
@@ -325,7 +325,7 @@ impl<'t> Above<'t> {
 fn record<'t>(
     first: &'t str,
     lines: &mut Peekable<impl Iterator<Item = &'t str>>,
-    format: &Format,
+    format: &HeadFormat,
 ) -> Record<'t> {
     let is_open = |text: &str| !text.matches('"').count().is_multiple_of(2);
     let mut record = Record { text: Cow::Borrowed(first), lines: 1 };
@@ -337,7 +337,7 @@ fn record<'t>(
     record
 }
 
-fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: Format, encoding: Found) -> Option<Head> {
+fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encoding: Found) -> Option<Head> {
     let mut lines = lines.peekable();
     let mut above = Above::default();
     let first_row = loop {

@@ -4,7 +4,7 @@ use super::head::{Head, Words};
 use super::joints::{Joints, values};
 use super::names::Kind;
 use super::section::{Section, TomlKey, quoted};
-use super::stages::{Meaning, Value};
+use super::stages::{Meaning, StageValue};
 use super::{names, stages};
 
 /// Rows per change of a word, at least, where words are stages: notes change from row to row.
@@ -36,7 +36,7 @@ struct StageColumn {
     /// The name says so.
     is_named: bool,
     /// The different values, as a layout writes them, and how the joints move under each.
-    values: Vec<(String, Value)>,
+    values: Vec<(String, StageValue)>,
     meaning: Option<Meaning>,
     /// Reason for the meaning.
     reason: &'static str,
@@ -148,7 +148,7 @@ pub(super) fn stage_section(head: &Head, joints: &Joints<'_>, signals: &Signals)
         section.keys.push(TomlKey::decided("whole_recording", quoted("excitation")).because(reason));
         return section;
     };
-    let seen = |(text, value): &(String, Value)| {
+    let seen = |(text, value): &(String, StageValue)| {
         format!("{text} in {} rows, {:.1} joints moving", value.rows, value.moving)
     };
     let seen: Vec<String> = best.values.iter().map(seen).collect();

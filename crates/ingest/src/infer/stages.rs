@@ -16,7 +16,7 @@ const TOGETHER: f64 = 1.8;
 
 /// A whole number and the rows that have it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Value {
+pub(super) struct StageValue {
     pub(super) value: i64,
     pub(super) rows: usize,
     /// Rows in which any joint moves.
@@ -57,7 +57,7 @@ pub(super) fn alphabet(values: &[f64]) -> Option<Vec<i64>> {
 }
 
 /// How the joints move under each value; `speeds` `[n][rows]` in any unit.
-pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> Vec<Value> {
+pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> Vec<StageValue> {
     let limits: Vec<f64> = speeds.iter().map(|speed| AT_REST * super::units::largest(speed)).collect();
     let mut counts: BTreeMap<i64, (usize, usize, usize)> = BTreeMap::new();
     for (row, value) in signal.iter().enumerate() {
@@ -72,7 +72,7 @@ pub(super) fn values(signal: &[f64], alphabet: &[i64], speeds: &[Vec<f64>]) -> V
     let mean = |value: &i64| {
         let (rows, moved, sum) = counts.get(value).copied().unwrap_or_default();
         let moving = if moved > 0 { sum as f64 / moved as f64 } else { 0.0 };
-        Value { value: *value, rows, moved, moving }
+        StageValue { value: *value, rows, moved, moving }
     };
     alphabet.iter().map(mean).collect()
 }
@@ -89,7 +89,7 @@ pub(super) fn native(alphabet: &[i64]) -> Option<Meaning> {
 
 /// What the motion under the values says: one joint after the other is friction, all together are excitation
 /// and, after it, warming; nothing, or only moves, is between. `None` where no value has joints together.
-pub(super) fn by_motion(values: &[Value]) -> Option<Meaning> {
+pub(super) fn by_motion(values: &[StageValue]) -> Option<Meaning> {
     let mut meaning = Meaning::default();
     for value in values {
         let list = if value.value == 0 || value.moving == 0.0 {
@@ -115,13 +115,14 @@ const MOVES_BETWEEN: f64 = 0.3;
 
 /// Whether the joints move as the stages ask for: together in excitation and, in at least one other stage, in another
 /// way. A gripper's state passes for no stage signal.
-pub(super) fn is_confirmed(meaning: &Meaning, values: &[Value]) -> bool {
-    let of =
-        |list: &[i64]| -> Vec<Value> { values.iter().copied().filter(|v| list.contains(&v.value)).collect() };
+pub(super) fn is_confirmed(meaning: &Meaning, values: &[StageValue]) -> bool {
+    let of = |list: &[i64]| -> Vec<StageValue> {
+        values.iter().copied().filter(|v| list.contains(&v.value)).collect()
+    };
     let excitation = of(&meaning.excitation);
     let friction = of(&meaning.friction);
     let between = of(&meaning.between);
-    let rests = |value: &Value| (value.moved as f64) < MOVES_BETWEEN * value.rows as f64;
+    let rests = |value: &StageValue| (value.moved as f64) < MOVES_BETWEEN * value.rows as f64;
     !excitation.is_empty()
         && excitation.iter().all(|value| value.moving >= TOGETHER)
         && friction.iter().all(|value| value.moving > 0.0 && value.moving <= ONE_BY_ONE)

@@ -17,7 +17,7 @@ const FAHRENHEIT_HALL: f64 = 50.0;
 
 /// What was found, and the columns that it stands in.
 #[derive(Debug, Default)]
-pub(super) struct Temperatures {
+pub(super) struct FoundTemperatures {
     pub(super) sections: Vec<Section>,
     pub(super) columns: Vec<usize>,
 }
@@ -28,8 +28,8 @@ pub(super) fn temperatures(
     sets: &[Set],
     count: usize,
     taken: impl Fn(usize) -> bool,
-) -> Temperatures {
-    let mut found = Temperatures::default();
+) -> FoundTemperatures {
+    let mut found = FoundTemperatures::default();
     if !head.header {
         return found;
     }

@@ -18,7 +18,7 @@ use armwatch_config::{BLANKS, DecimalMark};
 
 /// How the cells of a column are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum CellKind {
     /// Numbers that need no more than their digits.
     Number,
     /// Such numbers, one of them with an exponent.
@@ -35,12 +35,12 @@ enum Kind {
 /// Reads sound blocks of one export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct BlockReader {
-    kinds: Vec<Kind>,
+    kinds: Vec<CellKind>,
     point: u8,
 }
 
 /// The last cell of a column and its number.
-type Known = Option<(Range<usize>, f64)>;
+type LastCell = Option<(Range<usize>, f64)>;
 
 impl BlockReader {
     /// A reader of exports with these columns and this origin of times.
@@ -51,18 +51,18 @@ impl BlockReader {
         };
         let is_apart = map.delimiter != point && !matches!(map.delimiter, b'-' | b'0'..=b'9');
         let kind = |role: &Role| match (role, map.time) {
-            (Role::Ignored, _) => Kind::Ignored,
-            (Role::Time, TimeColumn::Stamped { .. }) => Kind::Other,
+            (Role::Ignored, _) => CellKind::Ignored,
+            (Role::Time, TimeColumn::Stamped { .. }) => CellKind::Other,
             (Role::Time, TimeColumn::Recorded(_) | TimeColumn::Restarting(_))
                 if map.time_origin.is_some_and(|origin| origin.digits != 0) =>
             {
-                Kind::Other
+                CellKind::Other
             }
             (role, _) if channels::is_text(*role, map) || role.temperature_unit().is_some() => {
-                Kind::Repeating
+                CellKind::Repeating
             }
-            _ if is_apart => Kind::Number,
-            _ => Kind::Other,
+            _ if is_apart => CellKind::Number,
+            _ => CellKind::Other,
         };
         Self { kinds: map.roles.iter().map(kind).collect(), point }
     }
@@ -80,8 +80,8 @@ impl BlockReader {
         let first_line = text.iter().position(|byte| *byte == b'\n')? + 1;
         let rows = text.len() / first_line.max(2 * self.kinds.len());
         let rows = rows + rows / 16 + 1;
-        let column = |kind: &Kind| match kind {
-            Kind::Ignored => Vec::new(),
+        let column = |kind: &CellKind| match kind {
+            CellKind::Ignored => Vec::new(),
             _ => Vec::with_capacity(rows),
         };
         if text.last() != Some(&b'\n') {
@@ -90,7 +90,7 @@ impl BlockReader {
         let mut columns: RawColumns = self.kinds.iter().map(column).collect();
         // writers write all numbers of a column alike
         let mut kinds = self.kinds.clone();
-        let mut known: Vec<Known> = vec![None; self.kinds.len()];
+        let mut known: Vec<LastCell> = vec![None; self.kinds.len()];
         let last = self.kinds.len().checked_sub(1)?;
         let mut at = 0;
         while at < text.len() {
@@ -100,7 +100,7 @@ impl BlockReader {
             for (column, (kind, values)) in kinds.iter_mut().zip(&mut columns).enumerate() {
                 let is_last = column == last;
                 // a branch for the common kind, so that numbers stay in registers
-                if *kind == Kind::Number
+                if *kind == CellKind::Number
                     && let Some((number, end)) = number_at(text, at, self.point)
                     && let Some(next) = plain_next::<IN_BLANKS>(text, end.get(), map.delimiter, is_last)
                 {
@@ -108,7 +108,7 @@ impl BlockReader {
                     at = next;
                     continue;
                 }
-                if matches!(kind, Kind::Exponent | Kind::Quoted)
+                if matches!(kind, CellKind::Exponent | CellKind::Quoted)
                     && let Some((number, end)) = self.number_alike(*kind, text, at)
                     && let Some(next) = plain_next::<IN_BLANKS>(text, end.get(), map.delimiter, is_last)
                 {
@@ -116,7 +116,7 @@ impl BlockReader {
                     at = next;
                     continue;
                 }
-                if *kind == Kind::Ignored
+                if *kind == CellKind::Ignored
                     && let Some(end) = ignored_end(text, at, map.delimiter)
                     && let Some(next) = plain_next::<IN_BLANKS>(text, end, map.delimiter, is_last)
                 {
@@ -141,9 +141,9 @@ impl BlockReader {
 
     /// A number in the form of the one before in its column.
     #[inline(never)]
-    fn number_alike(&self, kind: Kind, text: &[u8], at: usize) -> Option<(f64, NonZeroUsize)> {
+    fn number_alike(&self, kind: CellKind, text: &[u8], at: usize) -> Option<(f64, NonZeroUsize)> {
         match kind {
-            Kind::Quoted => quoted_number_at(text, at, self.point),
+            CellKind::Quoted => quoted_number_at(text, at, self.point),
             _ => exponent_number_at(text, at, self.point).or_else(|| number_at(text, at, self.point)),
         }
     }
@@ -157,10 +157,10 @@ impl BlockReader {
         at: usize,
         column: usize,
         map: &ColumnMap,
-        (found, known): (&mut Kind, &mut Known),
+        (found, known): (&mut CellKind, &mut LastCell),
     ) -> Option<(Option<f64>, Behind)> {
         let kind = *self.kinds.get(column)?;
-        if kind == Kind::Number
+        if kind == CellKind::Number
             && let Some((number, next, as_written)) = self.odd_number(text, at, map.delimiter)
         {
             *found = as_written;
@@ -169,36 +169,36 @@ impl BlockReader {
         let (field, end) = field_at(text, at, map.delimiter);
         let cell = text.get(field.clone())?;
         let number = match (kind, known.as_ref()) {
-            (Kind::Repeating, Some((before, number))) if text.get(before.clone()) == Some(cell) => {
+            (CellKind::Repeating, Some((before, number))) if text.get(before.clone()) == Some(cell) => {
                 Some(*number)
             }
             _ => {
                 let role = *map.roles.get(column)?;
                 let cell = std::str::from_utf8(cell).ok().filter(|cell| !cell.contains('\0'))?;
                 match kind {
-                    Kind::Ignored => None,
-                    Kind::Repeating if channels::is_text(role, map) => {
+                    CellKind::Ignored => None,
+                    CellKind::Repeating if channels::is_text(role, map) => {
                         Some(channels::word_number(cell, map)?)
                     }
-                    Kind::Repeating => Some(channels::temperature(cell, map.decimal)),
-                    Kind::Number | Kind::Exponent | Kind::Quoted | Kind::Other => {
+                    CellKind::Repeating => Some(channels::temperature(cell, map.decimal)),
+                    CellKind::Number | CellKind::Exponent | CellKind::Quoted | CellKind::Other => {
                         Some(value(cell, role, map).ok()?)
                     }
                 }
             }
         };
-        if kind == Kind::Repeating {
+        if kind == CellKind::Repeating {
             *known = number.map(|number| (field, number));
         }
         Some((number, behind(text, end, map.delimiter)))
     }
 
     /// A number with an exponent, in quotes or behind blanks, its successor, and the probable form of the next row's.
-    fn odd_number(&self, text: &[u8], at: usize, delimiter: u8) -> Option<(f64, Behind, Kind)> {
+    fn odd_number(&self, text: &[u8], at: usize, delimiter: u8) -> Option<(f64, Behind, CellKind)> {
         let at = at + text[at..].iter().take_while(|byte| **byte == b' ').count();
-        let exponent = || exponent_number_at(text, at, self.point).map(|found| (found, Kind::Exponent));
-        let plain = || number_at(text, at, self.point).map(|found| (found, Kind::Number));
-        let quoted = quoted_number_at(text, at, self.point).map(|found| (found, Kind::Quoted));
+        let exponent = || exponent_number_at(text, at, self.point).map(|found| (found, CellKind::Exponent));
+        let plain = || number_at(text, at, self.point).map(|found| (found, CellKind::Number));
+        let quoted = quoted_number_at(text, at, self.point).map(|found| (found, CellKind::Quoted));
         let ((number, end), kind) = quoted.or_else(exponent).or_else(plain)?;
         let end = end.get() + usize::from(text.get(end.get()..end.get() + 2) == Some(b"\r\n"));
         let byte = *text.get(end)?;

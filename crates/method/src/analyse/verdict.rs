@@ -10,7 +10,7 @@ use crate::diagnose::model::doubt::{DoubtSettings, JudgedCycle, diagnose_descrip
 use crate::diagnose::model::level::{BaseTilt, RESIDUAL_RATIO, TILT};
 use crate::diagnose::model::nominal::inertia_ratios;
 use crate::diagnose::model::unmeasured::{accelerations, unmeasured};
-use crate::diagnose::model::weigh::{WeighSettings, Weighed, weigh};
+use crate::diagnose::model::weigh::{ModelWeights, WeighSettings, weigh};
 use crate::diagnose::model::{diagnose_model, top_speeds};
 use crate::identify::cycle::{identify_rows, noise_errors};
 use crate::identify::cycle_rows::CycleRows;
@@ -26,14 +26,14 @@ use armwatch_model::run::{Samples, Stage};
 
 /// A cycle with its filtered channels and factors.
 #[derive(Clone, Copy)]
-pub(crate) struct Recorded<'a> {
+pub(crate) struct CycleRecord<'a> {
     pub(crate) samples: &'a Samples,
     pub(crate) filtered: &'a FilteredSignals,
     pub(crate) filtered_coulomb_columns: &'a [FilteredColumn],
     pub(crate) factored: &'a Factored,
 }
 
-impl<'a> Recorded<'a> {
+impl<'a> CycleRecord<'a> {
     /// The channels in the form that the assignment of torques needs.
     fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
         Channels {
@@ -58,7 +58,7 @@ impl<'a> Recorded<'a> {
 /// prevents the judgement of torques. `level` receives the tilt of the base if it was estimated.
 pub(crate) fn judge_channels(
     method: &Method,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     mut findings: Vec<Finding>,
     level: &mut Option<BaseTilt>,
 ) -> Vec<Finding> {
@@ -81,7 +81,7 @@ pub(crate) fn judge_channels(
 /// with it.
 pub(crate) fn judge_model(
     method: &Method,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     (factors, found): (&[TriangularFactor], &Identification),
     level: Option<BaseTilt>,
 ) -> Vec<Finding> {
@@ -102,9 +102,9 @@ pub(crate) fn judge_model(
 }
 
 /// The same findings with the tilted description, and its tilt; `None` if it identifies nothing.
-fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &BaseTilt) -> Option<Vec<Finding>> {
+fn judged_beside_tilt(method: &Method, recorded: &CycleRecord<'_>, level: &BaseTilt) -> Option<Vec<Finding>> {
     let tilted = method.of_other(level.robot().clone(), level.base.clone(), level.columns.clone());
-    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
+    let CycleRecord { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     let rows = FactoredRows {
         robot: &tilted.robot,
         columns: &tilted.columns,
@@ -114,7 +114,7 @@ fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &BaseTilt
         samples,
     };
     let factored = rows.factored_excitation();
-    let recorded = Recorded { factored: &factored, ..*recorded };
+    let recorded = CycleRecord { factored: &factored, ..*recorded };
     let factors = identifying_factors(&tilted, &factored);
     let found = identify_excitation(&tilted, &recorded, &factors).ok()?;
     let mut findings = judged(&tilted, &recorded, (&factors, &found));
@@ -130,10 +130,10 @@ fn judged_beside_tilt(method: &Method, recorded: &Recorded<'_>, level: &BaseTilt
 /// The findings about a model of the robot of `method`.
 fn judged(
     method: &Method,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     (factors, found): (&[TriangularFactor], &Identification),
 ) -> Vec<Finding> {
-    let Recorded { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
+    let CycleRecord { samples, filtered, filtered_coulomb_columns, factored } = *recorded;
     let theta: Vec<f64> = found.parameters.iter().map(|p| p.value).collect();
     let verification = torque_rmsd(&method.columns, &factored.factors, &theta);
     let rows = recorded.excitation();
@@ -146,7 +146,7 @@ fn judged(
     }
     let of_model =
         diagnose_model(&method.robot, &doubted, &verification, &speeds, &PlausibleSettings::default());
-    let weighed = Weighed {
+    let weighed = ModelWeights {
         robot: &method.robot,
         base: &method.base,
         factors,
@@ -187,10 +187,10 @@ pub(crate) fn identifying_factors(method: &Method, factored: &Factored) -> Vec<T
 
 pub(crate) fn identify_excitation(
     method: &Method,
-    recorded: &Recorded<'_>,
+    recorded: &CycleRecord<'_>,
     factors: &[TriangularFactor],
 ) -> Result<Identification, String> {
-    let Recorded { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
+    let CycleRecord { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
     if factors.iter().all(|factor| factor.rows() == 0) {
         return Err(match samples.stage.contains(&Stage::Excitation) {
             true => "no row of the excitation stage can be used: its time has gaps, or no joint moves in it"

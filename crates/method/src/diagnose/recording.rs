@@ -9,7 +9,7 @@ mod position;
 mod velocity;
 pub mod view;
 
-use crate::diagnose::recording::view::{DiagnoseSettings, View, finding};
+use crate::diagnose::recording::view::{ChannelView, DiagnoseSettings, finding};
 use crate::lanes::counts_within;
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
@@ -32,7 +32,7 @@ pub fn diagnose_samples(
     filtered: &FilteredSignals,
     settings: &DiagnoseSettings,
 ) -> Vec<Finding> {
-    let view = View::new(robot, samples, filtered);
+    let view = ChannelView::new(robot, samples, filtered);
     if view.row_count == 0 {
         return Vec::new();
     }
@@ -74,7 +74,7 @@ pub fn diagnose_samples(
 }
 
 /// Channels that repeat one value to the last digit while the joint's other channels say it moves.
-fn stuck(view: &View<'_>) -> Vec<Finding> {
+fn stuck(view: &ChannelView<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     let edge = (view.filtered.sample_rate / view.filtered.cutoff).ceil() as usize;
     let least = (REPEATS_S * view.filtered.sample_rate).ceil().max(8.0) as usize + 2 * edge;
@@ -125,7 +125,7 @@ fn stuck(view: &View<'_>) -> Vec<Finding> {
 
 /// The longest stretch of equal values of at least `least` rows that `counts(start, end)`.
 fn longest_run(
-    view: &View<'_>,
+    view: &ChannelView<'_>,
     channel: &[f64],
     least: usize,
     counts: impl Fn(usize, usize) -> bool,
@@ -166,7 +166,7 @@ fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
 }
 
 /// An excitation stage that is hardly there.
-fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
+fn short(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
     let seconds = view.excitation.len() as f64 / view.filtered.sample_rate;
     (seconds < settings.shortest).then(|| {
         finding(
@@ -183,7 +183,7 @@ fn short(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
 }
 
 /// A joint that the excitation does not excite.
-fn motion(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+fn motion(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let qd = &view.filtered.qd[joint.index()];
     let low = view.joint(joint).low_speed;
     let mut speeds: Vec<f64> =
@@ -227,7 +227,7 @@ const COARSE_DWELL: usize = 3;
 ///
 /// Rows *at* the peak must come in runs and be far more than rows just below it; a smooth peak has
 /// as many of either.
-fn saturation(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+fn saturation(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let torque = &view.samples.torque[joint.index()];
     let [low, high] = view.torque_extents[joint.index()];
     let mut worst: Option<(f64, f64)> = None;

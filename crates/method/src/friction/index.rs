@@ -28,7 +28,7 @@ use armwatch_model::analysis::map_run::MapRun;
 
 /// A map that a run is compared with.
 #[derive(Debug, Clone, Copy)]
-pub struct Reference<'a> {
+pub struct ReferenceMap<'a> {
     /// The map.
     pub held: &'a HeldMap,
     /// Whether the run is one of its baseline, whose mean contains it.
@@ -39,16 +39,16 @@ pub struct Reference<'a> {
 /// most. `before` are the runs that began within `REMEMBERED_S` before it, oldest first; of these only the motion is
 /// used. A run that overlaps the one before it counts as beginning when that ends.
 #[must_use]
-pub fn run_indices(references: &[Reference<'_>], before: &[MapRun], run: &MapRun) -> Vec<FrictionIndex> {
+pub fn run_indices(references: &[ReferenceMap<'_>], before: &[MapRun], run: &MapRun) -> Vec<FrictionIndex> {
     let all: Vec<&MapRun> = before.iter().chain([run]).collect();
     let (spans, starts) = timeline(&all);
     let start = [starts[before.len()]];
-    let (references, records): (Vec<Reference<'_>>, Vec<JointRecord>) =
+    let (references, records): (Vec<ReferenceMap<'_>>, Vec<JointRecord>) =
         references.iter().filter_map(|of| Some((*of, held_record(of.held, &[run], &spans, &start)?))).unzip();
     let fits: Vec<FittedMap> = references.iter().map(|of| of.held.fit.clone()).collect();
     let scales = PriorScales::held(references.iter().map(|of| (&of.held.scales, of.held.ambient_scale)));
     let effects = held_effects(&records, &fits, &start, &scales);
-    let of_joint = |((of, record), effects): ((&Reference<'_>, &JointRecord), &Vec<RunEffect>)| {
+    let of_joint = |((of, record), effects): ((&ReferenceMap<'_>, &JointRecord), &Vec<RunEffect>)| {
         let effect = effects.first().filter(|effect| effect.points > 0 && effect.identified)?;
         Some(joint_index(*of, record, effect, start[0]))
     };
@@ -56,8 +56,8 @@ pub fn run_indices(references: &[Reference<'_>], before: &[MapRun], run: &MapRun
 }
 
 /// The index of one joint, from the effects of its run.
-fn joint_index(of: Reference<'_>, record: &JointRecord, effect: &RunEffect, start: f64) -> FrictionIndex {
-    let Reference { held, in_baseline } = of;
+fn joint_index(of: ReferenceMap<'_>, record: &JointRecord, effect: &RunEffect, start: f64) -> FrictionIndex {
+    let ReferenceMap { held, in_baseline } = of;
     let relative = held.zero.relative(effect, in_baseline);
     let at_start = moment_deficits(record, &held.fit.law, &[(0, start)]);
     FrictionIndex {

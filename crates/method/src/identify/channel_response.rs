@@ -57,14 +57,14 @@ pub fn channel_response(
     let n = cycle.robot.joint_count();
     let deviations: Vec<f64> = found.residuals.iter().map(|of| of.std.max(f64::MIN_POSITIVE)).collect();
     let deviations = (estimator != Estimator::Ordinary && deviations.len() == n).then_some(&deviations[..]);
-    let responses = Sums::over(cycle, found).solve(deviations)?;
+    let responses = ResponseSums::over(cycle, found).solve(deviations)?;
     let parameters: Vec<ParameterId> = found.parameters.iter().map(|of| of.id).collect();
     Some(ChannelResponse { parameters, faults: responses })
 }
 
 /// Rows of one joint in the instants of the response, row after row.
 #[derive(Default)]
-struct JointRows {
+struct ResponseRows {
     /// `[b]` a row.
     w: Vec<f64>,
     /// Torque of each fault that this joint feels, `[2 + n]` a row: its gain, its offset, all positions.
@@ -74,12 +74,12 @@ struct JointRows {
 }
 
 /// Sums over the rows of one joint.
-struct JointSums {
+struct JointResponseSums {
     /// Columns that are not zero: a joint feels its own and the outer links.
     columns: Vec<usize>,
     /// `W_iᵀ W_i` of these, `[k x k]`.
     gram: Mat<f64>,
-    /// `W_iᵀ f`, `[k x (2 + n)]`: faults in the order of [`JointRows::faults`].
+    /// `W_iᵀ f`, `[k x (2 + n)]`: faults in the order of [`ResponseRows::faults`].
     with_fault: Mat<f64>,
     /// `fᵀ f`, `[2 + n]`.
     fault_squares: Vec<f64>,
@@ -87,8 +87,8 @@ struct JointSums {
     rows: usize,
 }
 
-impl JointSums {
-    fn of(rows: &JointRows, b: usize, n: usize) -> Self {
+impl JointResponseSums {
+    fn of(rows: &ResponseRows, b: usize, n: usize) -> Self {
         let all = MatRef::from_row_major_slice(&rows.w, rows.rows, b);
         let columns: Vec<usize> = (0..b).filter(|&k| all.col(k).iter().any(|w| *w != 0.0)).collect();
         let w = Mat::from_fn(rows.rows, columns.len(), |i, k| all[(i, columns[k])]);
@@ -114,10 +114,10 @@ impl JointSums {
 }
 
 /// Sums over the rows of all joints.
-struct Sums {
+struct ResponseSums {
     /// Parameters.
     b: usize,
-    joints: Vec<JointSums>,
+    joints: Vec<JointResponseSums>,
 }
 
 /// The normal equations under some weights, solved.
@@ -128,7 +128,7 @@ struct Normal {
 }
 
 /// What a fault of size 1 does.
-struct Answer {
+struct UnitFaultEffect {
     /// To the parameters, `[b]`.
     change: Vec<f64>,
     /// What the weights alone do to them, `[b]`; empty where these are the usual ones.
@@ -137,7 +137,7 @@ struct Answer {
     left: Vec<f64>,
 }
 
-impl Sums {
+impl ResponseSums {
     fn over(cycle: &ObservedCycle<'_>, found: &Identification) -> Self {
         let ObservedCycle { robot, columns, filtered, filtered_coulomb_columns, samples } = *cycle;
         let (n, b) = (robot.joint_count(), columns.len());
@@ -146,7 +146,7 @@ impl Sums {
         let excitation = |row: &usize| samples.stage[*row] == Stage::Excitation;
         let observed: Vec<usize> = filtered.observed_rows().filter(excitation).collect();
         let chosen = observed.iter().copied().step_by(observed.len().div_ceil(INSTANTS).max(1));
-        let mut of_joints: Vec<JointRows> = (0..n).map(|_| JointRows::default()).collect();
+        let mut of_joints: Vec<ResponseRows> = (0..n).map(|_| ResponseRows::default()).collect();
         let mut lanes = RowLanes::new(robot);
         lanes.each(robot, filtered, filtered_coulomb_columns, chosen, |at, taken| {
             let slopes = torque_slopes(robot, &model, &at.states, STEP);
@@ -164,7 +164,7 @@ impl Sums {
                 }
             }
         });
-        Self { b, joints: of_joints.iter().map(|rows| JointSums::of(rows, b, n)).collect() }
+        Self { b, joints: of_joints.iter().map(|rows| JointResponseSums::of(rows, b, n)).collect() }
     }
 
     /// `deviations` `[n]` are those of the joints' residuals, Nm (N); `None` where rows are not weighed.
@@ -179,7 +179,7 @@ impl Sums {
             for (strength, times) in STRENGTHS.into_iter().enumerate() {
                 for joint in 0..self.joints.len() {
                     let answer = self.answer(&usual, &first, (fault, joint), deviations, times)?;
-                    let relative = |(of, left): (&JointSums, &f64)| {
+                    let relative = |(of, left): (&JointResponseSums, &f64)| {
                         left / of.mean_square(of.torque_squares).sqrt().max(f64::MIN_POSITIVE)
                     };
                     all.push(FaultResponse {
@@ -206,7 +206,7 @@ impl Sums {
         of: (ChannelFault, usize),
         deviations: Option<&[f64]>,
         times: f64,
-    ) -> Option<Answer> {
+    ) -> Option<UnitFaultEffect> {
         let mut answer = self.solved(usual, first, of);
         let Some(deviations) = deviations.filter(|_| times > 0.0) else { return Some(answer) };
         let mut settled = None;
@@ -272,7 +272,12 @@ impl Sums {
         (0..self.b).map(|k| solved[(k, 0)] * normal.scale[k]).collect()
     }
 
-    fn solved(&self, normal: &Normal, weights: &[f64], (fault, joint): (ChannelFault, usize)) -> Answer {
+    fn solved(
+        &self,
+        normal: &Normal,
+        weights: &[f64],
+        (fault, joint): (ChannelFault, usize),
+    ) -> UnitFaultEffect {
         let place = |i: usize| match fault {
             ChannelFault::TorqueGain => (i == joint).then_some(0),
             ChannelFault::TorqueOffset => (i == joint).then_some(1),
@@ -280,7 +285,7 @@ impl Sums {
         };
         let faults = (0..self.joints.len()).filter_map(|i| Some((i, place(i)?)));
         let change = self.parameters(normal, &self.right(weights, faults));
-        let left = |(i, of): (usize, &JointSums)| {
+        let left = |(i, of): (usize, &JointResponseSums)| {
             let felt = of.felt(&change);
             let taken = &of.gram * &felt;
             let squares = felt.col(0).transpose() * taken.col(0);
@@ -290,7 +295,7 @@ impl Sums {
             of.mean_square((fault + squares).max(0.0)).sqrt()
         };
         let left = self.joints.iter().enumerate().map(left).collect();
-        Answer { change, shift: Vec::new(), left }
+        UnitFaultEffect { change, shift: Vec::new(), left }
     }
 }
 

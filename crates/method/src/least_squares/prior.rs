@@ -10,7 +10,7 @@ use crate::NumericsError;
 
 /// What is known of a parameter beforehand.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Prior {
+pub struct ParameterPrior {
     /// Expected value.
     pub value: f64,
     /// Standard deviation of the expectation, same unit, positive.
@@ -54,10 +54,10 @@ pub(crate) fn with_prior(
     factor: &TriangularFactor,
     independent_fraction: f64,
     rows: usize,
-    priors: &[Option<Prior>],
+    priors: &[Option<ParameterPrior>],
     strength: PriorStrength,
 ) -> Result<PriorEstimate, NumericsError> {
-    let sound = |prior: &Prior| prior.value.is_finite() && prior.std.is_finite() && prior.std > 0.0;
+    let sound = |prior: &ParameterPrior| prior.value.is_finite() && prior.std.is_finite() && prior.std > 0.0;
     if !priors.iter().flatten().all(sound) {
         return Err(NumericsError::NotFinite("a prior's value or standard deviation"));
     }
@@ -84,7 +84,7 @@ pub(crate) fn with_prior(
 fn solve(
     factor: &TriangularFactor,
     independent_fraction: f64,
-    priors: &[Option<Prior>],
+    priors: &[Option<ParameterPrior>],
     spread: f64,
 ) -> Result<(PriorEstimate, f64), NumericsError> {
     let b = factor.columns();
@@ -111,12 +111,12 @@ fn solve(
 pub(crate) fn with_prior_rows(
     factor: &TriangularFactor,
     independent_fraction: f64,
-    priors: &[Option<Prior>],
+    priors: &[Option<ParameterPrior>],
     spread: f64,
 ) -> TriangularFactor {
     let b = factor.columns();
     let mut all = factor.scaled(independent_fraction.sqrt());
-    let rows: Vec<(usize, Prior)> =
+    let rows: Vec<(usize, ParameterPrior)> =
         priors.iter().enumerate().filter_map(|(k, prior)| prior.map(|p| (k, p))).collect();
     all.fold(
         Mat::from_fn(rows.len(), b + 1, |i, column| {
@@ -160,7 +160,7 @@ mod tests {
         let mut factor = TriangularFactor::new(1);
         factor.fold(Mat::from_fn(9, 2, |_, j| if j == 0 { 1.0 } else { 6.0 }).as_ref());
         // Nine rows of 6 with noise 1 have precision 9; the prior of 3 with a third has 9 as well.
-        let prior = [Some(Prior { value: 3.0, std: 1.0 / 3.0 })];
+        let prior = [Some(ParameterPrior { value: 3.0, std: 1.0 / 3.0 })];
         let found = with_prior(&factor, 1.0, 9, &prior, PriorStrength::AsGiven).expect("an estimate");
         assert!((found.theta[0] - 4.5).abs() < ROUNDING);
         assert!((found.data_share[0] - 0.5).abs() < ROUNDING);
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn a_strong_motion_beats_the_prior_and_a_weak_one_yields() {
-        let prior = [None, Some(Prior { value: -1.0, std: 0.5 })];
+        let prior = [None, Some(ParameterPrior { value: -1.0, std: 0.5 })];
         let of = |weak: f64| {
             with_prior(&data(weak), 1.0, 400, &prior, PriorStrength::AsGiven).expect("an estimate")
         };
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn cross_validation_lets_a_wrong_prior_go_and_keeps_a_right_one() {
         let of = |value: f64| {
-            let prior = [None, Some(Prior { value, std: 0.05 })];
+            let prior = [None, Some(ParameterPrior { value, std: 0.05 })];
             with_prior(&data(0.3), 1.0, 400, &prior, PriorStrength::CrossValidated).expect("an estimate")
         };
         let (wrong, right) = (of(-5.0), of(3.0));
@@ -194,7 +194,7 @@ mod tests {
     fn nothing_known_and_nothing_seen_is_refused() {
         let none = [None, None];
         assert!(with_prior(&data(0.0), 1.0, 400, &none, PriorStrength::AsGiven).is_err());
-        let bad = [None, Some(Prior { value: 1.0, std: 0.0 })];
+        let bad = [None, Some(ParameterPrior { value: 1.0, std: 0.0 })];
         assert!(with_prior(&data(1.0), 1.0, 400, &bad, PriorStrength::AsGiven).is_err());
     }
 }

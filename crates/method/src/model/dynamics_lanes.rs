@@ -4,7 +4,7 @@
 //! against.
 
 use super::dynamics::DynamicModel;
-use super::regressor_lanes::{JointTransform, JointTurns, LaneStates, LinkMotion};
+use super::regressor_lanes::{JointTransform, JointTurns, LaneStates, LinkMotionLanes};
 use crate::lanes::{Kernel, LANES, LaneVector, Lanes, wide};
 use armwatch_model::robot::{JointKind, MAX_JOINTS, Robot, StandardParameters};
 
@@ -103,15 +103,15 @@ impl Kernel for NewtonEuler<'_> {
         let Self { robot, parameters, states, turns, tau } = self;
         let n = robot.joints.len();
         let mut transforms = [JointTransform::NONE; MAX_JOINTS];
-        let mut wrenches = [Wrench::ZERO; MAX_JOINTS];
-        let mut motion = LinkMotion::base(robot);
+        let mut wrenches = [WrenchLanes::ZERO; MAX_JOINTS];
+        let mut motion = LinkMotionLanes::base(robot);
         for (i, joint) in robot.joints.iter().enumerate() {
             let placement = joint.geometry.placement();
             transforms[i] = JointTransform::of(placement, joint.kind, states.q[i], turns.0[i]);
             motion = motion.next(&transforms[i], joint.kind, states.qd[i], states.qdd[i]);
-            wrenches[i] = Wrench::of_link(&parameters[i], &motion);
+            wrenches[i] = WrenchLanes::of_link(&parameters[i], &motion);
         }
-        let mut carried = Wrench::ZERO;
+        let mut carried = WrenchLanes::ZERO;
         for i in (0..n).rev() {
             let force = wrenches[i].force + carried.force;
             let moment = wrenches[i].moment + carried.moment;
@@ -128,18 +128,18 @@ impl Kernel for NewtonEuler<'_> {
 
 /// Force in N and moment about the frame's origin in Nm.
 #[derive(Clone, Copy)]
-struct Wrench {
+struct WrenchLanes {
     force: LaneVector,
     moment: LaneVector,
 }
 
-impl Wrench {
+impl WrenchLanes {
     const ZERO: Self = Self { force: LaneVector::ZERO, moment: LaneVector::ZERO };
 
     /// What it takes to move a link so [3.4-3.7], about the frame's origin.
     #[inline(always)]
-    fn of_link(phi: &StandardParameters, motion: &LinkMotion) -> Self {
-        let LinkMotion { omega, alpha, a } = motion;
+    fn of_link(phi: &StandardParameters, motion: &LinkMotionLanes) -> Self {
+        let LinkMotionLanes { omega, alpha, a } = motion;
         let [m, mpx, mpy, mpz, xx, xy, xz, yy, yz, zz] = phi.0;
         let mp = LaneVector::splat(mpx, mpy, mpz);
         let inertia = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];

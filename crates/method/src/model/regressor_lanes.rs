@@ -97,8 +97,8 @@ impl Kernel for Links<'_> {
     fn run(self) {
         let Self { robot, states, turns, y } = self;
         let n = robot.joints.len();
-        let mut motion = LinkMotion::base(robot);
-        let mut partials = [PartialVelocity::ZERO; MAX_JOINTS];
+        let mut motion = LinkMotionLanes::base(robot);
+        let mut partials = [PartialVelocityLanes::ZERO; MAX_JOINTS];
         let first_crank = y.values.len() / n.max(1) - StandardParameters::COUNT * robot.parallelograms.len();
         for (i, joint) in robot.joints.iter().enumerate() {
             for (c, of) in robot.parallelograms.iter().enumerate().filter(|(_, of)| of.upper_arm.index() == i)
@@ -114,7 +114,7 @@ impl Kernel for Links<'_> {
                     let partial = if j < i {
                         partials[j].next(&transform)
                     } else {
-                        PartialVelocity::of_own_joint(joint.kind)
+                        PartialVelocityLanes::of_own_joint(joint.kind)
                     };
                     let sense = if j == m { of.sense } else { 1.0 };
                     let columns = partial.link_columns(&motion);
@@ -129,7 +129,7 @@ impl Kernel for Links<'_> {
             for partial in &mut partials[..i] {
                 *partial = partial.next(&transform);
             }
-            partials[i] = PartialVelocity::of_own_joint(joint.kind);
+            partials[i] = PartialVelocityLanes::of_own_joint(joint.kind);
             let of_link = &mut y.values[StandardParameters::COUNT * i * n..][..StandardParameters::COUNT * n];
             for (j, partial) in partials[..=i].iter().enumerate() {
                 let columns = partial.link_columns(&motion);
@@ -231,13 +231,13 @@ impl JointTransform {
 
 /// Motion of a link frame, expressed in that frame: angular velocity and acceleration, acceleration of the origin.
 #[derive(Clone, Copy)]
-pub(super) struct LinkMotion {
+pub(super) struct LinkMotionLanes {
     pub(super) omega: LaneVector,
     pub(super) alpha: LaneVector,
     pub(super) a: LaneVector,
 }
 
-impl LinkMotion {
+impl LinkMotionLanes {
     #[inline(always)]
     pub(super) fn base(robot: &Robot) -> Self {
         let a = LaneVector::splat(-robot.gravity.x, -robot.gravity.y, -robot.gravity.z);
@@ -269,12 +269,12 @@ impl LinkMotion {
 
 /// Velocity of a link frame for unit speed of one joint and none of the others, in the link's frame.
 #[derive(Clone, Copy)]
-struct PartialVelocity {
+struct PartialVelocityLanes {
     w: LaneVector,
     v: LaneVector,
 }
 
-impl PartialVelocity {
+impl PartialVelocityLanes {
     const ZERO: Self = Self { w: LaneVector::ZERO, v: LaneVector::ZERO };
 
     #[inline(always)]
@@ -297,9 +297,9 @@ impl PartialVelocity {
 
     /// Power `v f + w n` of the link's force and moment per unit of each of its ten parameters.
     #[inline(always)]
-    fn link_columns(&self, motion: &LinkMotion) -> [Lanes; StandardParameters::COUNT] {
+    fn link_columns(&self, motion: &LinkMotionLanes) -> [Lanes; StandardParameters::COUNT] {
         let Self { w, v } = self;
-        let LinkMotion { omega, alpha, a } = motion;
+        let LinkMotionLanes { omega, alpha, a } = motion;
         let moment = v.cross(alpha) + *omega * omega.dot(v) - *v * omega.dot(omega) + a.cross(w);
         let u = w.cross(omega);
         [

@@ -115,7 +115,7 @@ pub(crate) fn physical(
     if !nominal.motor_inertia.iter().all(|inertia| inertia.is_finite() && *inertia > 0.0) {
         return Err(NumericsError::NotFinite("the logarithm of a nominal motor inertia"));
     }
-    let mut problem = Problem::new(robot, base, factor, nominal, settings)?;
+    let mut problem = ConvexProblem::new(robot, base, factor, nominal, settings)?;
     let mut phi = problem.nominal.clone();
     // at the start, data cost no more than one row of noise does
     let residuals = problem.data_residuals(&phi);
@@ -147,7 +147,7 @@ pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p
 }
 
 /// The convex problem in `phi` `[p]`: ten a link, then whatever the robot has beside links.
-struct Problem<'a> {
+struct ConvexProblem<'a> {
     factor: &'a TriangularFactor,
     base: &'a BaseParameters,
     ids: Vec<ParameterId>,
@@ -172,7 +172,7 @@ struct Local {
     beside: Vec<f64>,
 }
 
-impl<'a> Problem<'a> {
+impl<'a> ConvexProblem<'a> {
     fn new(
         robot: &Robot,
         base: &'a BaseParameters,

@@ -22,13 +22,13 @@ const MAX_LEVERAGE: f64 = 0.99;
 
 /// Which columns a problem has, and where each joint's columns stand among them.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Design {
+pub struct ProblemColumns {
     width: usize,
     /// `[n][columns of the joint]`; `None` for a column that the problem leaves out.
     places: Vec<Vec<Option<usize>>>,
 }
 
-impl Design {
+impl ProblemColumns {
     /// All joints stacked [3.22] over the columns `kept`, rising places among all.
     #[must_use]
     pub fn stacked(columns: &FactorColumns, kept: &[usize]) -> Self {
@@ -75,7 +75,7 @@ impl Design {
 /// cannot be had.
 pub(super) fn between_cycles(
     cycles: &[CycleParts],
-    design: &Design,
+    design: &ProblemColumns,
     weights: &RowWeights,
     theta: &[f64],
     inverse: &Mat<f64>,
@@ -94,7 +94,7 @@ pub(super) fn between_cycles(
 
 fn block(
     cycle: &CycleParts,
-    design: &Design,
+    design: &ProblemColumns,
     weight: impl Fn(usize) -> f64,
     theta: &[f64],
     inverse: &Mat<f64>,

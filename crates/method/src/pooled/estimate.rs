@@ -4,7 +4,7 @@
 //! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with
 //! enough cycles it is their scatter (`cycle_errors`).
 
-use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
+use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
 use super::pool::{PooledFactors, RowWeights};
 use crate::NumericsError;
 use crate::identify::cycle::identify_weighted;
@@ -12,7 +12,7 @@ use crate::least_squares::conditioning::{identifiability, shown_columns};
 use crate::least_squares::essential::{EssentialSettings, essential};
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::huber::{HUBER_CONSTANT, torque_change};
-use crate::least_squares::prior::{Prior, PriorStrength, with_prior, with_prior_rows};
+use crate::least_squares::prior::{ParameterPrior, PriorStrength, with_prior, with_prior_rows};
 use crate::least_squares::solution::MAX_WEIGHTED_CONDITION;
 use crate::least_squares::weighted::{WeightRule, joined, per_joint, weighted};
 use crate::statistics::descriptive::{median, robust_deviation};
@@ -42,7 +42,7 @@ pub enum StackedEstimator {
     /// Towards what is known beforehand. Rows count by the residual variance of their joint.
     Prior {
         /// What is known, by parameter.
-        priors: Vec<(ParameterId, Prior)>,
+        priors: Vec<(ParameterId, ParameterPrior)>,
         /// How firmly it is believed.
         strength: PriorStrength,
     },
@@ -143,7 +143,7 @@ pub fn estimate(
     match estimator {
         StackedEstimator::Prior { priors, strength } => {
             let of = |id: &ParameterId| priors.iter().find(|(of, _)| of == id).map(|(_, prior)| *prior);
-            let priors: Vec<Option<Prior>> = union.columns().kept().iter().map(of).collect();
+            let priors: Vec<Option<ParameterPrior>> = union.columns().kept().iter().map(of).collect();
             towards_prior(union, &priors, *strength)
         }
         _ => match of_columns(union, estimator, &all) {
@@ -248,7 +248,7 @@ fn least_squares(
     let mut half_width: Vec<f64> =
         solved.parameters.iter().map(|p| half(p.std_error, p.degrees_of_freedom)).collect();
     let mut errors = ErrorBasis::IndependentRows { fraction };
-    let design = Design::stacked(union.columns(), kept);
+    let design = ProblemColumns::stacked(union.columns(), kept);
     let count = design.cycles(union.cycles());
     if count >= FEWEST_CYCLES {
         let inverse = joined(&by_joint, &rule, kept.len()).inverse_of_upper()?;
@@ -360,7 +360,7 @@ fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, Numeri
 /// joint's own fit.
 fn towards_prior(
     union: &PooledFactors,
-    priors: &[Option<Prior>],
+    priors: &[Option<ParameterPrior>],
     strength: PriorStrength,
 ) -> Result<PooledEstimate, NumericsError> {
     let ids = union.columns().kept();
@@ -373,7 +373,7 @@ fn towards_prior(
     let mut freedom = vec![rows_freedom; ids.len()];
     let mut errors = ErrorBasis::IndependentRows { fraction };
     let all: Vec<usize> = (0..ids.len()).collect();
-    let count = Design::stacked(union.columns(), &all).cycles(union.cycles());
+    let count = ProblemColumns::stacked(union.columns(), &all).cycles(union.cycles());
     if count >= FEWEST_CYCLES {
         let both = with_prior_rows(&factor, fraction, priors, found.spread);
         (sigma, freedom) = prior_scatter(union, &weights, &both, &found.theta, priors, found.spread)?;
@@ -412,7 +412,7 @@ fn prior_scatter(
     weights: &RowWeights,
     both: &TriangularFactor,
     theta: &[f64],
-    priors: &[Option<Prior>],
+    priors: &[Option<ParameterPrior>],
     spread: f64,
 ) -> Result<(Vec<f64>, Vec<f64>), NumericsError> {
     let (b, fraction) = (theta.len(), union.independent_fraction());
@@ -420,11 +420,11 @@ fn prior_scatter(
     let inverse = both.inverse_of_upper()?;
     let by_joint = weights.by_joint.iter().map(|w| w * fraction).collect();
     let weights = RowWeights { by_joint, kept: None };
-    let design = Design::stacked(union.columns(), &all);
+    let design = ProblemColumns::stacked(union.columns(), &all);
     let scatter = between_cycles(union.cycles(), &design, &weights, theta, &inverse)?;
     let covariance = &inverse * inverse.transpose();
     let of_prior = |k: usize| -> f64 {
-        let row = |(i, prior): (usize, &Option<Prior>)| {
+        let row = |(i, prior): (usize, &Option<ParameterPrior>)| {
             prior.map_or(0.0, |prior| (covariance[(k, i)] / (spread * prior.std)).powi(2))
         };
         priors.iter().enumerate().map(row).sum()

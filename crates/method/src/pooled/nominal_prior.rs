@@ -1,7 +1,7 @@
 //! Priors from what is known of an arm: its description's nominal parameters, or values with their
 //! standard errors from elsewhere.
 
-use crate::least_squares::prior::Prior;
+use crate::least_squares::prior::ParameterPrior;
 use crate::model::base_parameters::BaseParameters;
 use armwatch_model::robot::{CouplingTerm, ParameterId, ParameterKind, Robot};
 
@@ -48,7 +48,7 @@ pub fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
 /// joint's values of the same kind and unit if that is more: a product of inertia that happens to be
 /// zero is not known to be zero. No prior where all of these are zero, or for `None`.
 #[must_use]
-pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<Option<Prior>> {
+pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<Option<ParameterPrior>> {
     let scale = |id: ParameterId| {
         let like = |other: &ParameterId| other.joint == id.joint && kin(other.kind) == kin(id.kind);
         let squares: Vec<f64> =
@@ -58,7 +58,7 @@ pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Ve
     let prior = |&(id, value): &(ParameterId, Option<f64>)| {
         let value = value?;
         let std = fraction * scale(id).max(value.abs());
-        (std > 0.0 && std.is_finite()).then_some(Prior { value, std })
+        (std > 0.0 && std.is_finite()).then_some(ParameterPrior { value, std })
     };
     values.iter().map(prior).collect()
 }

@@ -1,6 +1,6 @@
 //! Each joint's rows alone [3.21], from the stored factors of cycles.
 
-use super::cycle_errors::{Design, FEWEST_CYCLES, between_cycles};
+use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
 use super::estimate::{ErrorBasis, half};
 use super::pool::{PooledFactors, RowWeights};
 use crate::NumericsError;
@@ -49,7 +49,7 @@ fn joint_view(union: &PooledFactors, joint: JointIndex) -> Result<PerJointEstima
     identification.residuals.iter_mut().for_each(|residual| residual.joint = joint);
     let mut freedom: Vec<f64> = identification.parameters.iter().map(|p| p.degrees_of_freedom).collect();
     let mut errors = ErrorBasis::IndependentRows { fraction };
-    let design = Design::of_joint(union.columns(), joint, &found.kept);
+    let design = ProblemColumns::of_joint(union.columns(), joint, &found.kept);
     let count = design.cycles(union.cycles());
     if count >= FEWEST_CYCLES {
         let theta: Vec<f64> = identification.parameters.iter().map(|p| p.value).collect();

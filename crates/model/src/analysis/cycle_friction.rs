@@ -26,14 +26,14 @@ pub fn cycle_friction(points: &[FrictionPoint]) -> Vec<CycleFriction> {
 }
 
 /// One level: mean time, s, speed, half the difference of the directions and half their sum.
-struct Level {
+struct LevelFriction {
     time: f64,
     speed_fraction: f64,
     torque: f64,
     offset: f64,
 }
 
-fn level(points: &[&FrictionPoint]) -> Option<Level> {
+fn level(points: &[&FrictionPoint]) -> Option<LevelFriction> {
     let mean = |direction: i8| {
         let own = points.iter().filter(|point| point.direction == direction);
         let (sum, count) = own.fold((0.0, 0.0), |(sum, count), point| (sum + point.torque, count + 1.0));
@@ -41,7 +41,7 @@ fn level(points: &[&FrictionPoint]) -> Option<Level> {
     };
     let (forward, backward) = (mean(1)?, mean(-1)?);
     let torque = 0.5 * (forward - backward);
-    (torque > 0.0).then(|| Level {
+    (torque > 0.0).then(|| LevelFriction {
         time: points.iter().map(|point| point.time).sum::<f64>() / points.len() as f64,
         speed_fraction: points[0].speed_fraction,
         torque,
@@ -49,10 +49,10 @@ fn level(points: &[&FrictionPoint]) -> Option<Level> {
     })
 }
 
-fn composite(joint: JointIndex, levels: impl Iterator<Item = Level>) -> Option<CycleFriction> {
-    let levels: Vec<Level> = levels.collect();
+fn composite(joint: JointIndex, levels: impl Iterator<Item = LevelFriction>) -> Option<CycleFriction> {
+    let levels: Vec<LevelFriction> = levels.collect();
     let count = levels.len() as f64;
-    let mean = |of: fn(&Level) -> f64| levels.iter().map(of).sum::<f64>() / count;
+    let mean = |of: fn(&LevelFriction) -> f64| levels.iter().map(of).sum::<f64>() / count;
     let found = CycleFriction {
         joint,
         minute: mean(|level| level.time) / 60.0,

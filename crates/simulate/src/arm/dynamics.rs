@@ -15,14 +15,14 @@ use armwatch_model::robot::{JointIndex, JointKind, MAX_JOINTS, Robot, StandardPa
 /// A chain of rigid links, ready for [`joint_torque`].
 #[derive(Debug, Clone)]
 pub struct RigidChain {
-    links: Vec<Link>,
+    links: Vec<ArmLink>,
     springs: Vec<DrivingSpring>,
     cranks: Vec<Crank>,
     gravity: Vector3<f64>,
 }
 
 #[derive(Debug, Clone)]
-struct Link {
+struct ArmLink {
     kind: JointKind,
     /// Place on the link before, at position 0.
     placement: Transform,
@@ -48,7 +48,7 @@ pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {
         .map(|(joint, index)| {
             let nominal = joint.nominal.ok_or(SimulateError::NoNominal { joint: index })?;
             let (centre, inertia) = about_centre_of_mass(&nominal.inertial, index)?;
-            Ok(Link {
+            Ok(ArmLink {
                 kind: joint.kind,
                 placement: *joint.geometry.placement(),
                 mass: nominal.inertial.mass(),
@@ -96,7 +96,7 @@ impl RigidChain {
 pub fn joint_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS] {
     let mut torque = [0.0; MAX_JOINTS];
     let mut axes = [(Vector3::zeros(), Vector3::zeros()); MAX_JOINTS];
-    let mut frame = Frame::base();
+    let mut frame = LinkFrame::base();
     let motion = [&state.position, &state.velocity, &state.acceleration];
     for (i, link) in chain.links.iter().enumerate() {
         let own = motion.map(|of| of[i]);
@@ -145,7 +145,7 @@ pub fn link_torque(chain: &RigidChain, state: &MotionState) -> [f64; MAX_JOINTS]
 
 /// Motion of a link frame, all in base axes.
 #[derive(Debug, Clone)]
-struct Frame {
+struct LinkFrame {
     rotation: Matrix3<f64>,
     origin: Vector3<f64>,
     angular_velocity: Vector3<f64>,
@@ -153,7 +153,7 @@ struct Frame {
     acceleration: Vector3<f64>,
 }
 
-impl Frame {
+impl LinkFrame {
     fn base() -> Self {
         Self {
             rotation: Matrix3::identity(),
@@ -181,7 +181,7 @@ impl Frame {
     }
 
     /// The frame behind a joint that stands at `q` and moves with `qd`, `qdd`.
-    fn next(&self, link: &Link, [q, qd, qdd]: [f64; 3]) -> Self {
+    fn next(&self, link: &ArmLink, [q, qd, qdd]: [f64; 3]) -> Self {
         let place = &link.placement;
         let mut rotation = self.rotation * place.rotation;
         let axis = rotation.column(2).into_owned();
@@ -290,7 +290,7 @@ mod tests {
     /// Kinetic and potential energy from the velocities of the frames alone.
     fn energy(chain: &RigidChain, s: &MotionState) -> f64 {
         let mut total = 0.0;
-        let mut frame = Frame::base();
+        let mut frame = LinkFrame::base();
         let mut velocity = Vector3::zeros();
         for (i, link) in chain.links.iter().enumerate() {
             let next = frame.next(link, [s.position[i], s.velocity[i], s.acceleration[i]]);

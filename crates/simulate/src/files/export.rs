@@ -11,7 +11,7 @@ use flate2::write::GzEncoder;
 use super::fixed_point::{push_fixed, push_whole};
 use super::format::ExportFormat;
 use crate::plan::motion::PerJoint;
-use crate::run::recording::Row;
+use crate::run::recording::RecordedRow;
 use crate::run::temperatures::TemperatureColumns;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
@@ -122,7 +122,7 @@ impl ExportWriter {
     ///
     /// # Errors
     /// Whatever writing fails with.
-    pub fn push(&mut self, row: &Row) -> io::Result<()> {
+    pub fn push(&mut self, row: &RecordedRow) -> io::Result<()> {
         match &self.format {
             Some(format) => format.push_row(&mut self.text, row),
             None => push_row(&mut self.text, row, self.joint_count, self.temperatures),
@@ -170,7 +170,7 @@ impl ExportWriter {
     }
 }
 
-fn push_row(text: &mut Vec<u8>, row: &Row, joint_count: usize, temperatures: TemperatureColumns) {
+fn push_row(text: &mut Vec<u8>, row: &RecordedRow, joint_count: usize, temperatures: TemperatureColumns) {
     push_fixed(text, row.time, TIME_DECIMALS);
     push_channel(text, &row.position, joint_count, MOTION_DECIMALS);
     push_channel(text, &row.velocity, joint_count, MOTION_DECIMALS);
@@ -245,10 +245,10 @@ mod tests {
     use armwatch_model::run::FrictionSignal;
     use armwatch_model::run::Stage;
 
-    fn row() -> Row {
+    fn row() -> RecordedRow {
         let mut position = [0.0; MAX_JOINTS];
         position[1] = -1.234_567_8;
-        Row {
+        RecordedRow {
             time: 12.34,
             position,
             velocity: [0.5; MAX_JOINTS],

@@ -3,7 +3,7 @@
 
 use std::io::Write;
 
-use crate::run::recording::Row;
+use crate::run::recording::RecordedRow;
 use armwatch_model::run::Stage;
 
 /// Columns of an export in their order. Numbers are written with all their digits, so that the same run
@@ -24,12 +24,12 @@ pub struct ExportColumn {
     /// Name in the header.
     pub name: String,
     /// What stands in it.
-    pub cell: Cell,
+    pub cell: ColumnContent,
 }
 
 /// What stands in a column.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cell {
+pub enum ColumnContent {
     /// Time since the start of the run, in units of which a second has this many.
     Time(f64),
     /// Positions of the joints.
@@ -112,31 +112,35 @@ impl ExportFormat {
     }
 
     /// Appends a row.
-    pub(super) fn push_row(&self, text: &mut Vec<u8>, row: &Row) {
+    pub(super) fn push_row(&self, text: &mut Vec<u8>, row: &RecordedRow) {
         for (place, column) in self.columns.iter().enumerate() {
             if place > 0 {
                 text.push(self.delimiter);
             }
             // Writing to memory does not fail.
             let _ = match &column.cell {
-                Cell::Time(per_second) => write!(text, "{}", row.time * per_second),
-                Cell::Position(sum) => write!(text, "{}", sum.of(&row.position)),
-                Cell::Velocity(sum) => write!(text, "{}", sum.of(&row.velocity)),
-                Cell::Torque(sum) => write!(text, "{}", sum.of(&row.torque)),
-                Cell::Stage(values) => write!(text, "{}", values[stage_index(row.stage)]),
-                Cell::StageWord(words) => write!(text, "{}", words[stage_index(row.stage)]),
-                Cell::StageFlag(stage) => write!(text, "{}", u8::from(row.stage == *stage)),
-                Cell::StageLevel { levels, noise } => {
+                ColumnContent::Time(per_second) => write!(text, "{}", row.time * per_second),
+                ColumnContent::Position(sum) => write!(text, "{}", sum.of(&row.position)),
+                ColumnContent::Velocity(sum) => write!(text, "{}", sum.of(&row.velocity)),
+                ColumnContent::Torque(sum) => write!(text, "{}", sum.of(&row.torque)),
+                ColumnContent::Stage(values) => write!(text, "{}", values[stage_index(row.stage)]),
+                ColumnContent::StageWord(words) => write!(text, "{}", words[stage_index(row.stage)]),
+                ColumnContent::StageFlag(stage) => write!(text, "{}", u8::from(row.stage == *stage)),
+                ColumnContent::StageLevel { levels, noise } => {
                     write!(text, "{:.4}", level(levels, *noise, stage_index(row.stage), row.time))
                 }
-                Cell::Cycle => write!(text, "{}", row.cycle),
-                Cell::FrictionJoint => write!(text, "{}", row.signal.map_or(0, |s| s.joint.number())),
-                Cell::FrictionLevel => write!(text, "{}", row.signal.map_or(0, |s| s.level)),
-                Cell::MotorTemperature { joint, scale } => {
+                ColumnContent::Cycle => write!(text, "{}", row.cycle),
+                ColumnContent::FrictionJoint => {
+                    write!(text, "{}", row.signal.map_or(0, |s| s.joint.number()))
+                }
+                ColumnContent::FrictionLevel => write!(text, "{}", row.signal.map_or(0, |s| s.level)),
+                ColumnContent::MotorTemperature { joint, scale } => {
                     write!(text, "{:.2}", scale.of(row.motor_temperature[*joint]))
                 }
-                Cell::AmbientTemperature(scale) => write!(text, "{:.2}", scale.of(row.ambient_temperature)),
-                Cell::Unused => write!(text, "0"),
+                ColumnContent::AmbientTemperature(scale) => {
+                    write!(text, "{:.2}", scale.of(row.ambient_temperature))
+                }
+                ColumnContent::Unused => write!(text, "0"),
             };
         }
         text.push(b'\n');

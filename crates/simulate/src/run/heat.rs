@@ -62,12 +62,12 @@ pub(super) struct Heat {
     ambient: f64,
     rng: ChaCha8Rng,
     next_reading: f64,
-    reading: Reading,
+    reading: SensorReading,
 }
 
 /// What the sensors say, K.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Reading {
+pub(super) struct SensorReading {
     pub motor: PerJoint,
     pub ambient: f64,
 }
@@ -93,12 +93,12 @@ impl Heat {
             ambient: USUAL_AMBIENT + recording.initial.ambient_offset_k,
             rng,
             next_reading: 0.0,
-            reading: Reading::default(),
+            reading: SensorReading::default(),
         }
     }
 
     /// What the sensors say at `time`, s, before the losses of `dt`, s: torque of each joint, Nm, and friction, W.
-    pub fn step(&mut self, time: f64, dt: f64, torque: &PerJoint, friction: &PerJoint) -> Reading {
+    pub fn step(&mut self, time: f64, dt: f64, torque: &PerJoint, friction: &PerJoint) -> SensorReading {
         // half a row is none
         if time >= self.next_reading - 0.5 * dt {
             self.next_reading += READING_S;

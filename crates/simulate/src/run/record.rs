@@ -6,8 +6,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-use super::heat::{Heat, Reading, friction_power};
-use super::recording::{Recording, Row};
+use super::heat::{Heat, SensorReading, friction_power};
+use super::recording::{RecordedRow, Recording};
 use super::truth::{CycleTruth, FrictionLevelTruth, JointThermalTruth};
 use super::warmth::Warmth;
 use crate::arm::dynamics::joint_torque;
@@ -35,7 +35,7 @@ pub fn record<E>(
     recording: &Recording,
     seed: u64,
     stream: u64,
-    mut sink: impl FnMut(&Row) -> Result<(), E>,
+    mut sink: impl FnMut(&RecordedRow) -> Result<(), E>,
 ) -> Result<Vec<CycleTruth>, E> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream);
@@ -55,7 +55,7 @@ pub fn record<E>(
         faults.begin_cycle(cycle);
         let first = u64::from(cycle - 1) * u64::from(rows_per_cycle);
         let start_s = first as f64 / recording.sample_rate_hz;
-        let mut tally = Tally::new(&recording.plan);
+        let mut tally = PlateauTally::new(&recording.plan);
         let at_start = warmth.multipliers(recording, start_s);
         for k in 0..rows_per_cycle {
             // a cycle begins with its first row
@@ -90,8 +90,8 @@ pub fn record<E>(
             faults.distort(time, &mut row.position, &mut row.torque);
             row.torque = row.torque.map(|torque| stepped(torque, recording.sensors.torque_step));
             let reading = heat.as_mut().map(|heat| heat.step(time, dt, &torque, &power));
-            let Reading { motor, ambient } = reading.unwrap_or_default();
-            sink(&Row { motor_temperature: motor, ambient_temperature: ambient, ..row })?;
+            let SensorReading { motor, ambient } = reading.unwrap_or_default();
+            sink(&RecordedRow { motor_temperature: motor, ambient_temperature: ambient, ..row })?;
         }
         truths.push(tally.into_truth(recording, cycle, start_s, &at_start));
     }
@@ -107,7 +107,7 @@ fn true_torque(
     time: f64,
     segment: &Segment,
     t: f64,
-    tally: &mut Tally,
+    tally: &mut PlateauTally,
 ) -> (PerJoint, PerJoint) {
     let settled = recording.servo.settled_after();
     let plateau = match &segment.motion {
@@ -170,7 +170,7 @@ pub(super) fn measured(
     (time, cycle, segment): (f64, u32, &Segment),
     state: &MotionState,
     mut torque: PerJoint,
-) -> Row {
+) -> RecordedRow {
     let sensors = &recording.sensors;
     let (mut position, mut velocity) = ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS]);
     for (j, noise) in recording.torque_noise.iter().enumerate() {
@@ -185,7 +185,7 @@ pub(super) fn measured(
             torque[j] += amplitude * (TAU * hertz * time + HUM_PHASE * j as f64).sin();
         }
     }
-    Row {
+    RecordedRow {
         time,
         position,
         velocity,
@@ -203,14 +203,14 @@ fn stepped(value: f64, step: f64) -> f64 {
 }
 
 /// Sums over the plateaus of one cycle, and where in the plan the rows are.
-pub(super) struct Tally {
+pub(super) struct PlateauTally {
     pub(super) current: usize,
     /// One entry a friction segment of the plan, by its index in the plan.
-    pub(crate) levels: Vec<(usize, LevelSums)>,
+    pub(crate) levels: Vec<(usize, PlateauSums)>,
 }
 
 #[derive(Default)]
-pub(super) struct LevelSums {
+pub(super) struct PlateauSums {
     pub(crate) rows: u32,
     pub(crate) time: f64,
     pub(crate) speed: f64,
@@ -218,10 +218,10 @@ pub(super) struct LevelSums {
     pub(crate) direction: [(u32, f64); 2],
 }
 
-impl Tally {
+impl PlateauTally {
     pub(crate) fn new(plan: &CyclePlan) -> Self {
         let friction = plan.segments.iter().enumerate().filter(|(_, s)| s.signal.is_some());
-        Self { current: 0, levels: friction.map(|(i, _)| (i, LevelSums::default())).collect() }
+        Self { current: 0, levels: friction.map(|(i, _)| (i, PlateauSums::default())).collect() }
     }
 
     /// The segment at `t`; times may only rise. The last one holds after its end.
@@ -261,7 +261,7 @@ fn thermal_truth(friction: &JointFriction, multiplier: f64) -> JointThermalTruth
     JointThermalTruth { multiplier, friction_f1_f4: coefficients }
 }
 
-fn level_truth(segment: &Segment, sums: &LevelSums) -> Option<FrictionLevelTruth> {
+fn level_truth(segment: &Segment, sums: &PlateauSums) -> Option<FrictionLevelTruth> {
     let signal = segment.signal?;
     let mean = |sum: f64, rows: u32| (rows > 0).then(|| sum / f64::from(rows));
     let [(rows_down, down), (rows_up, up)] = sums.direction;

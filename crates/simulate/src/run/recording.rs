@@ -125,7 +125,7 @@ pub struct Recording {
 
 /// One row as recorded; arrays are zero beyond the arm's joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
+pub struct RecordedRow {
     /// Time since the start of the run, s.
     pub time: f64,
     /// Position signals, rad.

@@ -11,7 +11,7 @@ use super::routes::{Held, RouteEntry};
 use crate::engine::{EngineConnection, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::ledger::attempts::{self, Attempt, Work};
+use crate::ledger::attempts::{self, Attempt, AttemptKind};
 use crate::values::time;
 
 /// Most alarms of one digest: a mail of some pages.
@@ -47,7 +47,7 @@ pub struct RouteState {
 
 /// Whether a message is sent now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Sending {
+pub enum SendDecision {
     /// It is: the attempt is written down.
     Begun,
     /// Something of it does not wait any more.
@@ -188,7 +188,7 @@ impl Store {
         route: RouteEntry,
         message: &DueMessage,
         now: Timestamp,
-    ) -> Result<Sending, StoreError> {
+    ) -> Result<SendDecision, StoreError> {
         let mut transaction = self.begin_on(route).await?;
         let mut is_spent = false;
         for (delivery_id, alarm) in message.delivery_ids.iter().zip(&message.alarms) {
@@ -205,15 +205,15 @@ impl Store {
             .bind(delivery_id);
             if self.checked(begun.execute(&mut *transaction).await)?.rows_affected() == 0 {
                 self.checked(transaction.rollback().await)?;
-                return Ok(Sending::NotWaiting);
+                return Ok(SendDecision::NotWaiting);
             }
             let attempt = attempts::begin_delivery(&mut transaction, *delivery_id).await;
             is_spent |= self.checked(attempt)?.is_spent();
         }
         let sending = match (is_spent, message.digest) {
-            (false, _) => Sending::Begun,
-            (true, None) => Sending::GivenUp,
-            (true, Some(_)) => Sending::TakenApart,
+            (false, _) => SendDecision::Begun,
+            (true, None) => SendDecision::GivenUp,
+            (true, Some(_)) => SendDecision::TakenApart,
         };
         if is_spent {
             let set_aside = sqlx::query(
@@ -236,7 +236,7 @@ impl Store {
     pub async fn is_last_attempt(&self, message: &DueMessage) -> Result<bool, StoreError> {
         let mut failed = 0;
         for delivery_id in &message.delivery_ids {
-            let of = self.failed_attempts(Work::Delivery, &delivery_id.to_string()).await?;
+            let of = self.failed_attempts(AttemptKind::Delivery, &delivery_id.to_string()).await?;
             failed = failed.max(of);
         }
         Ok(Attempt { number: failed + 1 }.is_last())

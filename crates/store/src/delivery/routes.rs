@@ -38,7 +38,7 @@ impl Held {
 
 /// What becomes of an event on a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
+pub enum EventFate {
     /// It goes to the receiver, not before a moment.
     Send {
         /// That moment.
@@ -73,7 +73,7 @@ impl Store {
         &self,
         name: &str,
         now: Timestamp,
-        judge: impl Fn(&AlarmEvent) -> Fate,
+        judge: impl Fn(&AlarmEvent) -> EventFate,
     ) -> Result<RouteEntry, StoreError> {
         let mut transaction = self.begin().await?;
         let entered = enter_route(&mut transaction, name, now, judge).await;
@@ -133,7 +133,7 @@ impl Store {
         &self,
         route_id: i64,
         now: Timestamp,
-        judge: impl Fn(&AlarmEvent) -> Fate,
+        judge: impl Fn(&AlarmEvent) -> EventFate,
     ) -> Result<bool, StoreError> {
         let unseen = sqlx::query_scalar(
             "SELECT EXISTS (
@@ -156,7 +156,7 @@ async fn enter_route(
     connection: &mut EngineConnection,
     name: &str,
     now: Timestamp,
-    judge: impl Fn(&AlarmEvent) -> Fate,
+    judge: impl Fn(&AlarmEvent) -> EventFate,
 ) -> Result<RouteEntry, sqlx::Error> {
     let known = sqlx::query("SELECT delivery_route_id, retired FROM delivery_route WHERE name = $1")
         .bind(name)
@@ -201,7 +201,7 @@ async fn hand_on(
     connection: &mut EngineConnection,
     route_id: i64,
     now: Timestamp,
-    judge: impl Fn(&AlarmEvent) -> Fate,
+    judge: impl Fn(&AlarmEvent) -> EventFate,
 ) -> Result<(), sqlx::Error> {
     // events of which nobody is told count as seen too
     let last: i64 = sqlx::query_scalar(
@@ -248,7 +248,7 @@ async fn settle(
     route_id: i64,
     now: Timestamp,
     event: &AlarmEvent,
-    fate: Fate,
+    fate: EventFate,
 ) -> Result<(), sqlx::Error> {
     if event.what.closes() {
         spare_untold(&mut *connection, route_id, event).await?;
@@ -257,9 +257,11 @@ async fn settle(
         }
     }
     let (state, due_at, held, error) = match fate {
-        Fate::Nothing => return Ok(()),
-        Fate::Suppress => ("suppressed", now, None, Some("the alarm is shelved, in maintenance or false")),
-        Fate::Send { due_at, held } => ("pending", due_at, held, None),
+        EventFate::Nothing => return Ok(()),
+        EventFate::Suppress => {
+            ("suppressed", now, None, Some("the alarm is shelved, in maintenance or false"))
+        }
+        EventFate::Send { due_at, held } => ("pending", due_at, held, None),
     };
     // a route that comes back has what it was spared of
     sqlx::query(

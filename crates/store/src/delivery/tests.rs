@@ -6,8 +6,8 @@ use jiff::{SignedDuration, Timestamp};
 use tempfile::TempDir;
 
 use super::alarm::AlarmEvent;
-use super::queue::{Again, DueMessage, RouteState, Sending};
-use super::routes::{Fate, Held, RouteEntry};
+use super::queue::{Again, DueMessage, RouteState, SendDecision};
+use super::routes::{EventFate, Held, RouteEntry};
 use crate::handle::Store;
 use crate::tests::support::{assert_sound, day, fresh};
 use armwatch_model::anomaly::Severity;
@@ -62,7 +62,7 @@ impl Outbox {
         self.store.enter_route(name, now, |_| now_(now)).await.expect("a route")
     }
 
-    async fn hand_on(&self, route: RouteEntry, now: Timestamp, judge: impl Fn(&AlarmEvent) -> Fate) {
+    async fn hand_on(&self, route: RouteEntry, now: Timestamp, judge: impl Fn(&AlarmEvent) -> EventFate) {
         while self.store.hand_on(route.route_id, now, &judge).await.expect("handed on") {}
     }
 
@@ -84,7 +84,7 @@ impl Outbox {
         while let Some(message) = self.next(route, now).await {
             assert_eq!(
                 self.store.begin_attempt(route, &message, now).await.expect("an attempt"),
-                Sending::Begun
+                SendDecision::Begun
             );
             self.store.mark_sent(route, &message, now).await.expect("a mark");
             taken.push(message.alarms.iter().map(|alarm| alarm.event_id).collect());
@@ -93,7 +93,10 @@ impl Outbox {
     }
 
     async fn fail(&self, route: RouteEntry, message: &DueMessage, again: Again, now: Timestamp) -> bool {
-        assert_eq!(self.store.begin_attempt(route, message, now).await.expect("an attempt"), Sending::Begun);
+        assert_eq!(
+            self.store.begin_attempt(route, message, now).await.expect("an attempt"),
+            SendDecision::Begun
+        );
         self.store.mark_failed(route, message, "no answer", again, (now, 3 * DAY)).await.expect("a mark")
     }
 
@@ -105,8 +108,8 @@ impl Outbox {
     }
 }
 
-fn now_(now: Timestamp) -> Fate {
-    Fate::Send { due_at: now, held: None }
+fn now_(now: Timestamp) -> EventFate {
+    EventFate::Send { due_at: now, held: None }
 }
 
 #[tokio::test]
@@ -145,7 +148,7 @@ async fn an_alarm_ends_once_and_only_where_it_was_told() {
     for (route, wants) in [(told, true), (other, false)] {
         // as routes do: they want every end, and the store knows whether there was a beginning
         let judge = |event: &AlarmEvent| {
-            if wants || event.what.closes() { now_(day(1)) } else { Fate::Nothing }
+            if wants || event.what.closes() { now_(day(1)) } else { EventFate::Nothing }
         };
         outbox.hand_on(route, day(1), judge).await;
     }
@@ -159,7 +162,7 @@ async fn what_is_taken_back_before_it_was_sent_is_not_sent() {
     let route = outbox.route("shift", day(0)).await;
     let anomaly = outbox.anomaly().await;
     outbox.event(anomaly, "opened", day(0)).await;
-    outbox.hand_on(route, day(0), |_| Fate::Send { due_at: day(1), held: Some(Held::Quiet) }).await;
+    outbox.hand_on(route, day(0), |_| EventFate::Send { due_at: day(1), held: Some(Held::Quiet) }).await;
     outbox.event(anomaly, "withdrawn", day(0)).await;
     outbox.hand_on(route, day(0), |_| now_(day(0))).await;
     assert_eq!(outbox.take(route, day(2)).await, [[0_i64; 0]; 0]);
@@ -228,7 +231,7 @@ async fn what_a_flood_holds_becomes_one_message_that_stays_the_same() {
     // one that comes later is not in it, whatever became of the first attempt
     assert_eq!(
         outbox.store.begin_attempt(route, &digest, day(0) + hour).await.expect("an attempt"),
-        Sending::Begun
+        SendDecision::Begun
     );
     let anomaly = outbox.anomaly().await;
     let late = outbox.event(anomaly, "opened", day(0)).await;
@@ -253,7 +256,7 @@ async fn a_digest_route_sends_one_message_a_day() {
         let anomaly = outbox.anomaly().await;
         events.push(outbox.event(anomaly, "opened", day(0)).await);
         outbox
-            .hand_on(route, day(0), |_| Fate::Send { due_at: day(0) + hour, held: Some(Held::Digest) })
+            .hand_on(route, day(0), |_| EventFate::Send { due_at: day(0) + hour, held: Some(Held::Digest) })
             .await;
     }
     assert_eq!(outbox.next(route, day(0)).await, None);
@@ -336,7 +339,7 @@ async fn a_message_that_waits_no_more_is_not_begun() {
     outbox.store.mark_sent(route, &message, day(0)).await.expect("a mark");
     assert_eq!(
         outbox.store.begin_attempt(route, &message, day(1)).await.expect("an answer"),
-        Sending::NotWaiting
+        SendDecision::NotWaiting
     );
     let attempts: i64 = sqlx::query_scalar("SELECT attempts FROM deliveries")
         .fetch_one(&outbox.store.readers)
@@ -356,7 +359,7 @@ async fn what_a_clock_that_was_ahead_put_off_is_due_now() {
         let anomaly = outbox.anomaly().await;
         events.push(outbox.event(anomaly, "opened", day(0)).await);
         let due_at = if held.is_some() { ahead + HOUR } else { ahead };
-        outbox.hand_on(route, ahead, |_| Fate::Send { due_at, held }).await;
+        outbox.hand_on(route, ahead, |_| EventFate::Send { due_at, held }).await;
     }
     let first = outbox.next(route, ahead).await.expect("a message");
     outbox.store.mark_sent(route, &first, ahead).await.expect("a mark");
@@ -392,7 +395,7 @@ async fn what_waits_as_long_as_anything_may_goes_on_waiting() {
     ] {
         let anomaly = outbox.anomaly().await;
         outbox.event(anomaly, "opened", day(0)).await;
-        outbox.hand_on(route, day(0), |_| Fate::Send { due_at: day(0) + wait, held }).await;
+        outbox.hand_on(route, day(0), |_| EventFate::Send { due_at: day(0) + wait, held }).await;
     }
     let limit = (day(0), longest.unsigned_abs());
     assert_eq!(outbox.store.mend_moments(route, limit).await.expect("a look"), None);
@@ -429,15 +432,18 @@ async fn a_message_that_ends_the_program_three_times_is_given_up_and_the_next_on
     for attempt in 1..=3 {
         assert_eq!(outbox.store.is_last_attempt(&poison).await.expect("a count"), attempt == 3);
         let sending = outbox.store.begin_attempt(route, &poison, day(0)).await.expect("an attempt");
-        assert_eq!(sending, Sending::Begun);
+        assert_eq!(sending, SendDecision::Begun);
         killed(&outbox).await;
     }
     let sending = outbox.store.begin_attempt(route, &poison, day(0)).await.expect("an attempt");
-    assert_eq!(sending, Sending::GivenUp);
+    assert_eq!(sending, SendDecision::GivenUp);
     assert_eq!(outbox.states().await, ["failed", "pending"]);
     let next = outbox.next(route, day(0)).await.expect("the next message");
     assert_ne!(next.delivery_ids, poison.delivery_ids);
-    assert_eq!(outbox.store.begin_attempt(route, &next, day(0)).await.expect("an attempt"), Sending::Begun);
+    assert_eq!(
+        outbox.store.begin_attempt(route, &next, day(0)).await.expect("an attempt"),
+        SendDecision::Begun
+    );
     outbox.store.mark_sent(route, &next, day(0)).await.expect("a mark");
     let left: i64 = sqlx::query_scalar("SELECT count(*) FROM attempt WHERE work = 'delivery'")
         .fetch_one(&outbox.store.readers)
@@ -493,7 +499,10 @@ mod sessions {
         outbox.hand_on(entered, day(0), |_| now_(day(0))).await;
         let route = first.claimed(entered);
         let message = outbox.next(route, day(0)).await.expect("a message");
-        assert_eq!(first.begin_attempt(route, &message, day(0)).await.expect("an attempt"), Sending::Begun);
+        assert_eq!(
+            first.begin_attempt(route, &message, day(0)).await.expect("an attempt"),
+            SendDecision::Begun
+        );
         first.mark_sent(route, &message, day(0)).await.expect("a mark");
         let message = outbox.next(route, day(0)).await.expect("the next message");
 
@@ -510,7 +519,10 @@ mod sessions {
         let same =
             second.next_message(of_second, day(0)).await.expect("the queue").expect("the same message");
         assert_eq!(same.delivery_ids, message.delivery_ids);
-        assert_eq!(second.begin_attempt(of_second, &same, day(0)).await.expect("an attempt"), Sending::Begun);
+        assert_eq!(
+            second.begin_attempt(of_second, &same, day(0)).await.expect("an attempt"),
+            SendDecision::Begun
+        );
 
         first.own_host.set_session(3);
         // what was begun under the first session, and what is begun without the claim

@@ -34,7 +34,7 @@ pub fn wait_for_quiet() -> Option<Duration> {
 
 /// A kind of work whose attempts are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Work {
+pub enum AttemptKind {
     /// The life of a daemon, by its host.
     Program,
     /// Reading an export, by its path in the ledger.
@@ -45,7 +45,7 @@ pub enum Work {
     Delivery,
 }
 
-impl Work {
+impl AttemptKind {
     fn name(self) -> &'static str {
         match self {
             Self::Program => "program",
@@ -94,7 +94,7 @@ impl Store {
     /// [`StoreError`] of the database; the attempt is not to be made then.
     pub async fn begin_attempt_at(
         &self,
-        work: Work,
+        work: AttemptKind,
         subject: &str,
         on: AttemptOn,
     ) -> Result<Attempt, StoreError> {
@@ -108,7 +108,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn failed_attempts(&self, work: Work, subject: &str) -> Result<u32, StoreError> {
+    pub async fn failed_attempts(&self, work: AttemptKind, subject: &str) -> Result<u32, StoreError> {
         let found: Result<Option<i64>, sqlx::Error> = sqlx::query_scalar(
             "SELECT attempts FROM attempt
              WHERE work = $1 AND subject = $2 AND version = $3 AND process IS DISTINCT FROM $4",
@@ -126,7 +126,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn end_attempt(&self, work: Work, subject: &str) -> Result<(), StoreError> {
+    pub async fn end_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let any =
             sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM attempt WHERE work = $1 AND subject = $2)");
         if !self.checked(any.bind(work.name()).bind(subject).fetch_one(&self.readers).await)? {
@@ -141,7 +141,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn break_off_attempt(&self, work: Work, subject: &str) -> Result<(), StoreError> {
+    pub async fn break_off_attempt(&self, work: AttemptKind, subject: &str) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(break_off(&mut transaction, Some((work, subject)), PROCESS.0).await)?;
         self.commit(transaction).await
@@ -183,7 +183,7 @@ impl Store {
 
 pub(crate) async fn begin(
     connection: &mut EngineConnection,
-    (work, subject): (Work, &str),
+    (work, subject): (AttemptKind, &str),
     on: AttemptOn,
     process: i64,
 ) -> Result<Attempt, sqlx::Error> {
@@ -220,12 +220,13 @@ pub(crate) async fn begin_delivery(
     connection: &mut EngineConnection,
     delivery_id: i64,
 ) -> Result<Attempt, sqlx::Error> {
-    begin(connection, (Work::Delivery, &delivery_id.to_string()), AttemptOn::default(), PROCESS.0).await
+    begin(connection, (AttemptKind::Delivery, &delivery_id.to_string()), AttemptOn::default(), PROCESS.0)
+        .await
 }
 
 pub(crate) async fn end(
     executor: impl EngineExecutor<'_>,
-    work: Work,
+    work: AttemptKind,
     subject: &str,
 ) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM attempt WHERE work = $1 AND subject = $2")
@@ -254,7 +255,7 @@ pub(crate) async fn end_deliveries(
 /// Takes back that a process was at some work, or at any.
 async fn break_off(
     connection: &mut EngineConnection,
-    of: Option<(Work, &str)>,
+    of: Option<(AttemptKind, &str)>,
     process: i64,
 ) -> Result<(), sqlx::Error> {
     for sql in [
@@ -275,7 +276,7 @@ async fn break_off(
 }
 
 async fn take_over(connection: &mut EngineConnection, host: &str, process: i64) -> Result<(), sqlx::Error> {
-    let life = begin(&mut *connection, (Work::Program, host), AttemptOn::default(), process).await?;
+    let life = begin(&mut *connection, (AttemptKind::Program, host), AttemptOn::default(), process).await?;
     if life.number > 1 {
         sqlx::query(
             "DELETE FROM attempt
@@ -351,7 +352,9 @@ mod tests {
 
         async fn begin(&self, subject: &str, on: AttemptOn) -> Attempt {
             let mut connection = self.store.writer.acquire().await.expect("a connection");
-            begin(&mut connection, (Work::Export, subject), on, self.process).await.expect("an attempt")
+            begin(&mut connection, (AttemptKind::Export, subject), on, self.process)
+                .await
+                .expect("an attempt")
         }
 
         async fn suspects(&self) -> Vec<(String, i64)> {

@@ -14,7 +14,7 @@ use jiff::Timestamp;
 
 /// Why a growing file cannot be read on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block<'a> {
+pub struct BlockReason<'a> {
     /// Its path in the ledger.
     pub path: &'a str,
     /// The robot that its name says.
@@ -58,7 +58,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError`] of the database.
-    pub async fn block_file(&self, block: Block<'_>) -> Result<bool, StoreError> {
+    pub async fn block_file(&self, block: BlockReason<'_>) -> Result<bool, StoreError> {
         let mut transaction = self.begin().await?;
         let is_new = self.checked(block_file(&mut transaction, block).await)?;
         self.commit(transaction).await?;
@@ -101,8 +101,8 @@ impl Store {
     }
 }
 
-async fn block_file(connection: &mut EngineConnection, block: Block<'_>) -> Result<bool, sqlx::Error> {
-    let Block { path, robot, source_name, line, problem, remedy } = block;
+async fn block_file(connection: &mut EngineConnection, block: BlockReason<'_>) -> Result<bool, sqlx::Error> {
+    let BlockReason { path, robot, source_name, line, problem, remedy } = block;
     let known = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM blocked_file
                         WHERE path = $1 AND problem = $2 AND line IS NOT DISTINCT FROM $3)",

@@ -96,14 +96,14 @@ pub struct Dismissal {
 /// The columns of the view `quarantine` that are NULL without a dismissal.
 fn dismissal_columns<S: Serializer>(of: &Option<Dismissal>, serializer: S) -> Result<S::Ok, S::Error> {
     #[derive(Serialize)]
-    struct Columns<'a> {
+    struct DismissalColumns<'a> {
         #[serde(serialize_with = "known_in_views")]
         dismissed_at: Option<Timestamp>,
         dismissed_by: Option<&'a str>,
         dismissal_reason: Option<&'a str>,
     }
     let of = of.as_ref();
-    Columns {
+    DismissalColumns {
         dismissed_at: of.map(|of| of.at),
         dismissed_by: of.map(|of| of.by.as_str()),
         dismissal_reason: of.map(|of| of.reason.as_str()),

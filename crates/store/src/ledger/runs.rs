@@ -57,7 +57,7 @@ pub struct RunStart {
 
 /// A run that has begun.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Begun {
+pub struct BegunRun {
     /// The run.
     pub run: KnownRun,
     /// Whether cycles were taken away that were made with something else.
@@ -215,7 +215,7 @@ pub(crate) async fn begin(
     header: &RunHeader,
     identity: Identity,
     beginning: RunStart,
-) -> Result<Begun, sqlx::Error> {
+) -> Result<BegunRun, sqlx::Error> {
     let mut afresh_instead = false;
     let run = match (beginning.continues, &beginning.made_with) {
         (Some(run_id), _) if beginning.afresh => afresh(&mut *connection, run_id, header).await?,
@@ -241,7 +241,7 @@ pub(crate) async fn begin(
         }
         Identity::Growing(prefix) => identify_growing(connection, run_id, &prefix).await?,
     }
-    Ok(Begun { run, afresh: afresh_instead })
+    Ok(BegunRun { run, afresh: afresh_instead })
 }
 
 async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> Result<KnownRun, sqlx::Error> {

@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::attempts::Work;
-use super::runs::{Begun, Identity, KnownRun, RunStart, known_run};
+use super::attempts::AttemptKind;
+use super::runs::{BegunRun, Identity, KnownRun, RunStart, known_run};
 use super::{attempts, blocked, runs};
 use crate::engine::{EngineExecutor, EngineRow};
 use crate::error::StoreError;
@@ -50,7 +50,7 @@ pub struct EarlierRun {
 
 /// What the name of a file says of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Recording<'n> {
+pub struct RecordingName<'n> {
     /// The individual robot.
     pub robot: &'n str,
     /// Start.
@@ -111,7 +111,7 @@ impl Store {
         identity: Identity,
         beginning: RunStart,
         source: SourceState,
-    ) -> Result<Begun, StoreError> {
+    ) -> Result<BegunRun, StoreError> {
         let mut transaction = self.begin().await?;
         let begun = self.checked(runs::begin(&mut transaction, header, identity, beginning).await)?;
         let run_id = begun.run.run_id;
@@ -154,7 +154,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
         self.checked(remember(&mut *transaction, path, state, run_id).await)?;
-        self.checked(attempts::end(&mut *transaction, Work::Export, path).await)?;
+        self.checked(attempts::end(&mut *transaction, AttemptKind::Export, path).await)?;
         self.checked(blocked::forget(&mut *transaction, path).await)?;
         self.commit(transaction).await
     }
@@ -168,7 +168,7 @@ impl Store {
         &self,
         path: &str,
         file: FileId,
-        recording: Option<Recording<'_>>,
+        recording: Option<RecordingName<'_>>,
     ) -> Result<Vec<EarlierRun>, StoreError> {
         self.checked(earlier_runs(&self.readers, path, self.numbered(file), recording).await)
     }
@@ -280,7 +280,7 @@ pub(crate) async fn earlier_runs(
     executor: impl EngineExecutor<'_>,
     path: &str,
     file: FileId,
-    recording: Option<Recording<'_>>,
+    recording: Option<RecordingName<'_>>,
 ) -> Result<Vec<EarlierRun>, sqlx::Error> {
     sqlx::query(
         "WITH earlier AS (

@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use crate::error::StoreError;
-use crate::table::Table;
+use crate::table::ResultTable;
 
 /// A statement with the values of its parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Question {
+pub struct SqlQuestion {
     /// One statement that reads.
     pub statement: String,
     /// Values by the name of the parameter, without its first character: null, numbers or texts. Parameters without one are NULL.
@@ -18,9 +18,9 @@ pub struct Question {
 
 /// What a question is answered with.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Answer {
+pub struct QuestionAnswer {
     /// Columns and rows.
-    pub table: Table,
+    pub table: ResultTable,
     /// Parameters of the statement that no value was given for, with their first character: they were NULL.
     pub null_parameters: Vec<String>,
 }
@@ -72,7 +72,7 @@ pub enum QuestionError {
     Store(#[from] StoreError),
 }
 
-impl Question {
+impl SqlQuestion {
     /// The values of the parameters `names` of the statement, in their order; NULL for those that have none, which come with
     /// them.
     pub(super) fn values_of(&self, names: &[String]) -> Result<(Vec<&Value>, Vec<String>), QuestionError> {

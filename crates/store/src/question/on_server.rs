@@ -3,13 +3,13 @@
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Executor, SqlSafeStr, Statement};
 
-use super::asked::{Answer, Question, QuestionError};
+use super::asked::{QuestionAnswer, QuestionError, SqlQuestion};
 use crate::engine::begin_reading;
 use crate::handle::Store;
-use crate::table::{AskError, Table, cells, names};
+use crate::table::{AskError, ResultTable, cells, names};
 
 /// The answer to one statement that reads.
-pub(super) async fn answer(store: &Store, question: &Question) -> Result<Answer, QuestionError> {
+pub(super) async fn answer(store: &Store, question: &SqlQuestion) -> Result<QuestionAnswer, QuestionError> {
     let (statement, null_parameters) = with_values(question)?;
     let text = || AssertSqlSafe(statement.clone()).into_sql_str();
     let failed = |error: sqlx::Error| match store.ask_error(&error) {
@@ -24,12 +24,12 @@ pub(super) async fn answer(store: &Store, question: &Question) -> Result<Answer,
     }
     let rows = sqlx::query(text()).fetch_all(&mut *transaction).await.map_err(failed)?;
     let rows = rows.iter().map(cells).collect::<Result<_, _>>().map_err(failed)?;
-    Ok(Answer { table: Table { columns, rows }, null_parameters })
+    Ok(QuestionAnswer { table: ResultTable { columns, rows }, null_parameters })
 }
 
 /// The statement with its parameters, `:name`, as literals. A literal takes the type of what it is compared with, as it does
 /// in psql (`:'name'`); a bound value would have to say its type. With it come those that are NULL.
-fn with_values(question: &Question) -> Result<(String, Vec<String>), QuestionError> {
+fn with_values(question: &SqlQuestion) -> Result<(String, Vec<String>), QuestionError> {
     let pieces = pieces(&question.statement)?;
     let mut names: Vec<String> = Vec::new();
     for piece in &pieces {
@@ -174,7 +174,7 @@ mod tests {
 
     fn filled(statement: &str, values: &[(&str, Value)]) -> Result<String, QuestionError> {
         let values = values.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-        with_values(&Question { statement: statement.into(), values }).map(|(filled, _)| filled)
+        with_values(&SqlQuestion { statement: statement.into(), values }).map(|(filled, _)| filled)
     }
 
     #[test]
@@ -196,7 +196,7 @@ mod tests {
         assert!(matches!(filled("SELECT 1; SELECT 2", &[]), Err(QuestionError::Several)));
         assert!(filled("; SELECT ';' ; -- x", &[]).is_ok());
         assert!(matches!(filled("SELECT $1", &[]), Err(QuestionError::Nameless(name)) if name == "$1"));
-        let without = Question { statement: "SELECT :a".into(), ..Question::default() };
+        let without = SqlQuestion { statement: "SELECT :a".into(), ..SqlQuestion::default() };
         assert_eq!(with_values(&without).unwrap(), ("SELECT NULL".to_owned(), vec![":a".to_owned()]));
     }
 }

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use sqlx::{FromRow, Row};
 
 use super::alarms::anomalies::{self, Reconciled};
-use super::figures::friction_series::{self, FrictionHistory};
+use super::figures::friction_series::{self, FrictionSeries};
 use super::{conclusion_faults, settled};
 use crate::engine::{EngineExecutor, EngineRow, EngineTransaction};
 use crate::error::StoreError;
@@ -67,7 +67,7 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn keep_friction_points(
         &mut self,
-        history: &FrictionHistory,
+        history: &FrictionSeries,
         method: u64,
     ) -> Result<(), StoreError> {
         let result = friction_series::keep(&mut self.transaction, self.robot_id, history, method).await;

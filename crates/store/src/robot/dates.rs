@@ -10,7 +10,7 @@ use super::settled;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::ledger::attempts::{self, Work};
+use crate::ledger::attempts::{self, AttemptKind};
 use crate::ledger::identity::move_start;
 use crate::values::{known_time, named, time, time_in_views};
 use armwatch_model::run::arrival::{Arrival, ImplausibleDate};
@@ -297,7 +297,7 @@ async fn decide(
     let stale = "UPDATE robot SET history = history + 1 WHERE name = $1";
     sqlx::query(stale).bind(&run.robot).execute(&mut *connection).await?;
     // what the program did not survive may be tried again, of a history that a person has changed
-    attempts::end(&mut *connection, Work::Conclusion, &run.robot).await?;
+    attempts::end(&mut *connection, AttemptKind::Conclusion, &run.robot).await?;
     Ok(Ok(run))
 }
 

@@ -13,7 +13,7 @@ use super::settled;
 use crate::engine::{EngineConnection, EngineExecutor, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::ledger::attempts::{self, Work};
+use crate::ledger::attempts::{self, AttemptKind};
 use crate::values::{joint, joint_number, json_list, time};
 use armwatch_model::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use armwatch_model::robot::JointIndex;
@@ -86,7 +86,7 @@ impl Store {
         let entered = self.checked(entered)?;
         if entered.is_ok() {
             // what the program did not survive may be tried again, of a history that a person has changed
-            let forgotten = attempts::end(&mut *transaction, Work::Conclusion, &of.robot).await;
+            let forgotten = attempts::end(&mut *transaction, AttemptKind::Conclusion, &of.robot).await;
             self.checked(forgotten)?;
             self.commit(transaction).await?;
         }

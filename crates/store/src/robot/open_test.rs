@@ -7,9 +7,9 @@
 use jiff::Timestamp;
 use sqlx::Row;
 
-use super::alarms::alarm_state::{AlarmState, EventKind, Life, Now, Told, go_on};
+use super::alarms::alarm_state::{AlarmState, Announcement, EventKind, Life, Now, go_on};
 use super::alarms::anomalies::{
-    Reconciled, Stored, episode, insert_anomaly, record, run_starts, stored_anomalies, update_anomaly,
+    Reconciled, StoredAnomaly, episode, insert_anomaly, record, run_starts, stored_anomalies, update_anomaly,
 };
 use super::alarms::episodes::{Episode, goes_on, is_another_fault, same};
 use super::conclude::ConclusionTransaction;
@@ -120,10 +120,10 @@ async fn reconcile_open(
     if open_test(&mut *connection, run_id).await?.is_none() {
         return Ok(None);
     }
-    let is_own = |of: &Stored| of.open_test.as_ref().is_some_and(|open| open.run_id == run_id);
+    let is_own = |of: &StoredAnomaly| of.open_test.as_ref().is_some_and(|open| open.run_id == run_id);
     let all = stored_anomalies(&mut *connection, test.robot_id).await?;
     let starts = run_starts(&mut *connection, test.robot_id, &all).await?;
-    let (own, others): (Vec<Stored>, Vec<Stored>) = all.into_iter().partition(is_own);
+    let (own, others): (Vec<StoredAnomaly>, Vec<StoredAnomaly>) = all.into_iter().partition(is_own);
     let mut events = Vec::new();
     let mut new = Vec::new();
     for anomaly in findings {
@@ -161,7 +161,7 @@ async fn reconcile_open(
 fn now(anomaly: &Anomaly, known: &Episode) -> Now {
     let kinds = (known.kind, anomaly.kind);
     Now {
-        shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
+        shown: Announcement { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
         ended: false,
         last_seen_at: anomaly.last_seen_at,
         corrected: kinds.0 != kinds.1,

@@ -6,7 +6,7 @@ use super::support::*;
 use crate::handle::Store;
 use crate::ledger::quarantine::ExportFault;
 use crate::ledger::runs::{Identity, Owner, RunStart};
-use crate::ledger::sources::{Recording, SourceState};
+use crate::ledger::sources::{RecordingName, SourceState};
 use crate::ledger::supersession::supersede;
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunStatus};
 use armwatch_testing::er3a;
@@ -86,8 +86,11 @@ async fn of_many_refused_runs_of_one_recording_few_are_compared() {
         };
         store.quarantine(&header, &fault).await.expect("a run");
     }
-    let recording =
-        Recording { robot: "R00", started_at: header("R00", 0).started_at, source_name: "R00_broken3.csv" };
+    let recording = RecordingName {
+        robot: "R00",
+        started_at: header("R00", 0).started_at,
+        source_name: "R00_broken3.csv",
+    };
     let earlier = store.earlier_runs("/exports/new.csv", FILE, Some(recording)).await.expect("runs");
     assert_eq!(earlier.len(), 16);
     let names: Vec<&str> = earlier.iter().map(|run| run.source_name.as_str()).collect();

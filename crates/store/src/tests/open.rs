@@ -89,7 +89,7 @@ async fn an_empty_file_becomes_a_database() {
     let path = folder.path().join("empty.db");
     std::fs::write(&path, b"").expect("a file");
     let store = Store::open(&path).await.expect("a store");
-    assert_eq!(store.counts().await.expect("counts"), crate::views::Counts::default());
+    assert_eq!(store.counts().await.expect("counts"), crate::views::StoredCounts::default());
 }
 
 #[tokio::test]

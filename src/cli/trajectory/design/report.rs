@@ -14,7 +14,7 @@ use armwatch_method::statistics::distributions::{normal_probability, normal_quan
 use armwatch_model::robot::{FourierExcitation, JointKind, Robot};
 use armwatch_trajectory::prediction::{Conditioning, Prediction, predict};
 use armwatch_trajectory::programme::Programme;
-use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::recorded_rows::RecordingPlan;
 
 /// Probability that a test with the smallest change shows it.
 const DETECTION: f64 = 0.9;
@@ -36,7 +36,7 @@ pub(super) struct DesignReport<'a> {
 
 /// What a recording of one period will tell.
 pub(super) struct PredictedRecording<'a> {
-    recording: &'a Recording,
+    recording: &'a RecordingPlan,
     found: Prediction,
     /// What a test may spend of the false alarms.
     budget: Budget,
@@ -49,7 +49,7 @@ impl<'a> PredictedRecording<'a> {
         robot: &Robot,
         base: &BaseParameters,
         series: &FourierExcitation,
-        recording: &'a Recording,
+        recording: &'a RecordingPlan,
         budget: Budget,
     ) -> Result<Self, CliError> {
         let found = predict(robot, base, series, recording)

@@ -15,7 +15,7 @@ use armwatch_trajectory::limits::{MotionLimits, Shares, TorqueLimits};
 use armwatch_trajectory::objective::Objective;
 use armwatch_trajectory::prediction::load_direction;
 use armwatch_trajectory::problem::SearchSettings;
-use armwatch_trajectory::recorded_rows::Recording;
+use armwatch_trajectory::recorded_rows::RecordingPlan;
 
 /// What stands for all parameters that a mass at the tool frame changes.
 const LOAD: &str = "load";
@@ -169,7 +169,7 @@ impl DesignArgs {
         robot.joints.iter().map(of_joint).collect()
     }
 
-    pub(super) fn recording(&self, robot: &Robot) -> Result<Option<Recording>, CliError> {
+    pub(super) fn recording(&self, robot: &Robot) -> Result<Option<RecordingPlan>, CliError> {
         let noise = self.noise(robot);
         if noise.is_none() {
             output::print_hint(
@@ -179,9 +179,9 @@ impl DesignArgs {
         Ok(noise.map(|noise| self.recording_of(noise)))
     }
 
-    fn recording_of(&self, noise: Vec<f64>) -> Recording {
+    fn recording_of(&self, noise: Vec<f64>) -> RecordingPlan {
         let cutoff_hz = AnalysisSettings::default().cutoff;
-        Recording { sample_rate_hz: self.rate_hz, periods: 1, cutoff_hz, noise }
+        RecordingPlan { sample_rate_hz: self.rate_hz, periods: 1, cutoff_hz, noise }
     }
 }
 

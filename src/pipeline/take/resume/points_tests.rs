@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::{decoded, encoded, settings_hash};
-use crate::pipeline::cycle_memory::{CycleMemory, Turn};
+use crate::pipeline::cycle_memory::{CycleMemory, RecordingTurn};
 use crate::pipeline::take::admitted::AdmittedExport;
 use crate::pipeline::take::cutting::{CutCycle, ReadEnd};
 use crate::pipeline::take::intake;
@@ -334,7 +334,7 @@ static EXPORTS: LazyLock<Exports> = LazyLock::new(|| {
             limits: WorkLimits::default(),
             memory: CycleMemory::new(usize::MAX),
             header_before: None,
-            turn: Turn::come(),
+            turn: RecordingTurn::come(),
         };
         (writing.name, intake)
     };

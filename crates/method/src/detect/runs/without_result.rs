@@ -38,14 +38,14 @@ pub(super) fn without_result(history: &[RunSummary]) -> Vec<Anomaly> {
 }
 
 /// What an anomaly is to say of a test without result.
-struct Shown {
+struct MissingResult {
     channel: Channel,
     joint: Option<JointIndex>,
     first_cycle: Option<u32>,
     words: String,
 }
 
-impl Shown {
+impl MissingResult {
     fn anomaly(self, run: &RunSummary) -> Anomaly {
         let (kind, quantity) = match self.channel {
             Channel::Position => (AnomalyKind::Sensor, Quantity::PositionSignal),
@@ -85,15 +85,15 @@ impl Shown {
 
 /// Causes that refused at least half of a run's cycles, or the first one. A check that fails for most joints
 /// alike is the whole arm's.
-fn causes_of(run: &RunSummary) -> Vec<Shown> {
+fn causes_of(run: &RunSummary) -> Vec<MissingResult> {
     let Some(first) = run.refusals.first() else {
         let words = format!("{}; check what the export holds", why(run));
-        return vec![Shown { channel: Channel::Motion, joint: None, first_cycle: None, words }];
+        return vec![MissingResult { channel: Channel::Motion, joint: None, first_cycle: None, words }];
     };
     let most: Vec<&RunRefusal> =
         run.refusals.iter().filter(|of| 2 * of.cycles >= run.cycles.max(1)).collect();
     let most = if most.is_empty() { vec![first] } else { most };
-    let mut shown: Vec<Shown> = Vec::new();
+    let mut shown: Vec<MissingResult> = Vec::new();
     for of in &most {
         let cause = &of.cause;
         let alike: Vec<&&RunRefusal> = most
@@ -109,7 +109,12 @@ fn causes_of(run: &RunSummary) -> Vec<Shown> {
                     true => format!("{} ({} joints alike)", cause.sentence, alike.len()),
                     false => cause.sentence.clone(),
                 };
-                shown.push(Shown { channel: cause.channel, joint, first_cycle: Some(of.first_cycle), words });
+                shown.push(MissingResult {
+                    channel: cause.channel,
+                    joint,
+                    first_cycle: Some(of.first_cycle),
+                    words,
+                });
             }
         }
     }

@@ -27,7 +27,7 @@ const LEAST_LENGTH: f64 = 0.02;
 
 /// A description that explains the torques better.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Alternative {
+pub struct DescriptionAlternative {
     /// What is different, to be read after "with".
     pub words: String,
     /// Its residual sum of squares, relative to that of the description.
@@ -58,9 +58,9 @@ struct Tried {
 #[derive(Debug, Clone, Default)]
 pub struct Alternatives {
     /// The base tilted by a small angle, where that explains a part.
-    pub tilt: Option<Alternative>,
+    pub tilt: Option<DescriptionAlternative>,
     /// The change of the description in one respect that leaves least of what is left.
-    pub change: Option<Alternative>,
+    pub change: Option<DescriptionAlternative>,
 }
 
 /// The tilt of the base, and the change of the description in one respect that leaves least of the torques unexplained
@@ -96,9 +96,14 @@ pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &Descript
     Alternatives { tilt, change }
 }
 
-fn compared(judged_rows: &JudgedRows<'_>, before: &Tried, after: &Tried, tilt: f64) -> Alternative {
+fn compared(
+    judged_rows: &JudgedRows<'_>,
+    before: &Tried,
+    after: &Tried,
+    tilt: f64,
+) -> DescriptionAlternative {
     let [squares, left] = [before, after].map(|of| judged_rows.residual_by_joint(&of.robot, &of.gains));
-    Alternative {
+    DescriptionAlternative {
         words: after.words.clone(),
         residual_ratio: after.residual / before.residual,
         gained: squares.iter().zip(&left).map(|(before, after)| (before - after).max(0.0).sqrt()).collect(),

@@ -10,10 +10,10 @@ use nalgebra::Vector3;
 
 use super::alternatives::{lowest, mistakes, words};
 use super::change::ModelChange;
-use super::channels::{COARSE_INSTANTS, Channels, Errors};
+use super::channels::{COARSE_INSTANTS, Channels, FitErrors};
 use super::joint_fit::JointFit;
 use super::level::{BaseTilt, INSTANTS};
-use super::readings::{Compared, MOUNTING, Reading, across, turned_about};
+use super::readings::{ChannelReading, MOUNTING, ReadingComparison, across, turned_about};
 use crate::least_squares::factor::TriangularFactor;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
@@ -129,8 +129,8 @@ pub(crate) fn turned_by_friction(
 
 /// A change with the tilt and the scale that suit it best, and the squares that it leaves.
 fn settled(
-    compared: &Compared<'_>,
-    coarse: &Compared<'_>,
+    compared: &ReadingComparison<'_>,
+    coarse: &ReadingComparison<'_>,
     level: &BaseTilt,
     change: ModelChange,
 ) -> (ModelChange, f64) {
@@ -153,7 +153,7 @@ fn settled(
 }
 
 /// The best change of signs, of order and of one scale, for the gravity of the `channels`.
-fn channel_changes(channels: &Channels<'_>, compared: &Compared<'_>) -> Vec<ModelChange> {
+fn channel_changes(channels: &Channels<'_>, compared: &ReadingComparison<'_>) -> Vec<ModelChange> {
     let n = channels.robot.joint_count();
     let factors = channels.factors(&compared.rows);
     let errors = channels.errors(&factors);
@@ -177,7 +177,10 @@ fn turned(fit: &JointFit, n: usize) -> Option<ModelChange> {
 }
 
 /// The two torques that explain most when they are swapped, among those that the other joint's columns explain better.
-fn swapped((channels, factors, sigma, bounds): AssignmentCase<'_>, errors: &Errors) -> Option<ModelChange> {
+fn swapped(
+    (channels, factors, sigma, bounds): AssignmentCase<'_>,
+    errors: &FitErrors,
+) -> Option<ModelChange> {
     let n = factors.len();
     let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
     let judged = pairs.filter(|&(a, b)| errors.are_swapped(a, b)).map(|(a, b)| {
@@ -250,9 +253,9 @@ fn is_other_unit(scale: f64) -> bool {
 }
 
 /// The mistake of a description with the least squares, and the best change of one number.
-fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<ModelChange> {
+fn described_changes(compared: &ReadingComparison<'_>, level: &ChannelReading) -> Vec<ModelChange> {
     let robot = &level.robot;
-    let misfit = |robot: &Robot| compared.misfit(&Reading::of(robot));
+    let misfit = |robot: &Robot| compared.misfit(&ChannelReading::of(robot));
     let least = |a: &(f64, ModelChange), b: &(f64, ModelChange)| a.0.total_cmp(&b.0);
     let mistaken = mistakes(robot)
         .into_iter()
@@ -267,7 +270,11 @@ fn described_changes(compared: &Compared<'_>, level: &Reading) -> Vec<ModelChang
 }
 
 /// The best direction of gravity, if it is another mounting.
-fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &BaseTilt) -> Option<(ModelChange, f64)> {
+fn mounted(
+    compared: &ReadingComparison<'_>,
+    coarse: &ReadingComparison<'_>,
+    level: &BaseTilt,
+) -> Option<(ModelChange, f64)> {
     let described = level.described;
     let reading = |gravity: Vector3<f64>| ModelChange::Mounted(gravity).reading(level.robot());
     let misfit = |gravity: &Vector3<f64>| coarse.misfit(&reading(*gravity));
@@ -300,9 +307,9 @@ fn mounted(compared: &Compared<'_>, coarse: &Compared<'_>, level: &BaseTilt) -> 
 pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();
-    let compared = Compared::new(*channels, rows, sigma);
+    let compared = ReadingComparison::new(*channels, rows, sigma);
     let [described, weightless] =
-        [Reading::of(channels.robot), ModelChange::Weightless.reading(channels.robot)]
+        [ChannelReading::of(channels.robot), ModelChange::Weightless.reading(channels.robot)]
             .map(|reading| compared.misfit(&reading));
     weightless <= AS_WELL * described
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::alternatives::gravity_text;
 use super::causes::named;
-use super::readings::Reading;
+use super::readings::ChannelReading;
 use super::unmeasured::without_gravity;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
@@ -30,8 +30,8 @@ pub(super) enum ModelChange {
 
 impl ModelChange {
     /// The recording of a robot with this change.
-    pub(super) fn reading(&self, robot: &Robot) -> Reading {
-        let mut reading = Reading::of(robot);
+    pub(super) fn reading(&self, robot: &Robot) -> ChannelReading {
+        let mut reading = ChannelReading::of(robot);
         match self {
             Self::Turned(joints) => joints.iter().for_each(|&joint| reading.scales[joint] = -1.0),
             Self::Swapped(a, b) => reading.order.swap(*a, *b),

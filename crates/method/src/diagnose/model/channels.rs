@@ -64,7 +64,7 @@ fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
 }
 
 /// Rows of one joint in a fit of all.
-struct Part<'a> {
+struct JointFitRows<'a> {
     factor: &'a TriangularFactor,
     /// Column of its torque.
     torque: usize,
@@ -75,9 +75,9 @@ struct Part<'a> {
 }
 
 /// Fits of each joint to each torque over rows with a moving joint, `[joints][torques]`.
-pub(super) struct Errors(Vec<Vec<Option<OwnFit>>>);
+pub(super) struct FitErrors(Vec<Vec<Option<OwnFit>>>);
 
-impl Errors {
+impl FitErrors {
     /// The error of each torque in the fit of the joint that explains it best.
     pub(super) fn least(&self) -> Vec<f64> {
         let n = self.0.len();
@@ -125,7 +125,12 @@ impl Channels<'_> {
     pub(super) fn stored_fit(&self, fits: &[Option<OwnFit>], bounds: &[Vec<f64>]) -> JointFit {
         let own = |joint: JointIndex| {
             let factor = self.factor(joint)?;
-            Some(Part { factor, torque: factor.columns(), sigma: fits[joint.index()]?.sigma, scale: 1.0 })
+            Some(JointFitRows {
+                factor,
+                torque: factor.columns(),
+                sigma: fits[joint.index()]?.sigma,
+                scale: 1.0,
+            })
         };
         self.stacked(&self.robot.joint_indices().map(own).collect::<Vec<_>>(), bounds)
     }
@@ -140,25 +145,25 @@ impl Channels<'_> {
         bounds: &[Vec<f64>],
     ) -> JointFit {
         let n = order.len();
-        let parts: Vec<Option<Part<'_>>> = factors
+        let parts: Vec<Option<JointFitRows<'_>>> = factors
             .iter()
             .zip(order)
             .zip(scales)
             .map(|((factor, &torque), &scale)| {
                 let column = factor.columns() + 1 - n + torque;
-                Some(Part { factor, torque: column, sigma: sigma[torque], scale })
+                Some(JointFitRows { factor, torque: column, sigma: sigma[torque], scale })
             })
             .collect();
         self.stacked(&parts, bounds)
     }
 
     /// Factors of single joints together, each with the column of its torque and the standard deviation of the error.
-    fn stacked(&self, parts: &[Option<Part<'_>>], bounds: &[Vec<f64>]) -> JointFit {
+    fn stacked(&self, parts: &[Option<JointFitRows<'_>>], bounds: &[Vec<f64>]) -> JointFit {
         let (b, n) = (self.kept_columns.len(), parts.len());
         let mut builder = FactorBuilder::new(b + n - 1);
         let mut row = vec![0.0; b + n];
         for (joint, part) in self.robot.joint_indices().zip(parts) {
-            let Some(Part { factor, torque, sigma, scale }) = part else { continue };
+            let Some(JointFitRows { factor, torque, sigma, scale }) = part else { continue };
             let (upper, places) = (factor.upper(), self.columns.places(joint));
             for i in 0..upper.nrows() {
                 row.fill(0.0);
@@ -196,7 +201,7 @@ impl Channels<'_> {
         };
         let mut bounds = vec![vec![0.0; columns.len()]; robot.joint_count()];
         let mut y = Regressor::new(robot);
-        let mut state = State::default();
+        let mut state = ChannelInstant::default();
         for &row in &self.rows(COARSE_INSTANTS) {
             self.regressor(robot, row, &mut state, &mut y);
             for (k, &column) in columns.iter().enumerate() {
@@ -214,7 +219,7 @@ impl Channels<'_> {
         let n = robot.joint_count();
         let mut bounds = vec![vec![0.0; columns.len()]; n];
         let (mut y, mut resting) = (Regressor::new(robot), Regressor::new(robot));
-        let mut state = State::default();
+        let mut state = ChannelInstant::default();
         let still = [0.0; MAX_JOINTS];
         for &row in &self.rows(POSTURES) {
             self.filtered.row(row, &mut state.q, &mut state.qd, &mut state.qdd, &mut state.tau);
@@ -232,10 +237,10 @@ impl Channels<'_> {
         bounds
     }
 
-    pub(super) fn regressor(&self, robot: &Robot, row: usize, state: &mut State, y: &mut Regressor) {
+    pub(super) fn regressor(&self, robot: &Robot, row: usize, state: &mut ChannelInstant, y: &mut Regressor) {
         let n = robot.joint_count();
         state.row = row;
-        let State { q, qd, qdd, tau, .. } = state;
+        let ChannelInstant { q, qd, qdd, tau, .. } = state;
         self.filtered.row(row, q, qd, qdd, tau);
         joint_torque_regressor(robot, &q[..n], &qd[..n], &qdd[..n], y);
         write_filtered_columns(self.filtered_coulomb_columns, row, y);
@@ -245,7 +250,7 @@ impl Channels<'_> {
     pub(super) fn factors(&self, rows: &[usize]) -> Vec<TriangularFactor> {
         let n = self.robot.joint_count();
         let mut y = Regressor::new(self.robot);
-        let mut state = State::default();
+        let mut state = ChannelInstant::default();
         let mut builders: Vec<(Vec<usize>, FactorBuilder)> = self
             .robot
             .joint_indices()
@@ -268,7 +273,7 @@ impl Channels<'_> {
         builders.iter_mut().map(|(_, builder)| builder.take()).collect()
     }
 
-    pub(super) fn errors(&self, factors: &[TriangularFactor]) -> Errors {
+    pub(super) fn errors(&self, factors: &[TriangularFactor]) -> FitErrors {
         let n = factors.len();
         let of_joint = |factor: &TriangularFactor| -> Vec<Option<OwnFit>> {
             let (upper, b) = (factor.upper(), factor.columns() + 1 - n);
@@ -278,13 +283,13 @@ impl Channels<'_> {
             let error = |torque| own_fit(squares(torque, b), squares(torque, 0), factor.rows() as f64, b);
             (0..n).map(error).collect()
         };
-        Errors(factors.iter().map(of_joint).collect())
+        FitErrors(factors.iter().map(of_joint).collect())
     }
 }
 
 /// One instant of all joints.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct State {
+pub(super) struct ChannelInstant {
     pub(super) row: usize,
     pub(super) q: [f64; MAX_JOINTS],
     pub(super) qd: [f64; MAX_JOINTS],

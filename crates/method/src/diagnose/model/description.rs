@@ -172,12 +172,12 @@ impl<'a> JudgedRows<'a> {
         robot: &Robot,
         filtered_coulomb_columns: &[FilteredColumn],
         y: &mut Regressor,
-        mut take: impl FnMut(usize, usize, &Regressor, &JointState),
+        mut take: impl FnMut(usize, usize, &Regressor, &DescribedInstant),
     ) {
         let n = robot.joint_count();
-        let mut state = JointState::default();
+        let mut state = DescribedInstant::default();
         for &row in &self.rows {
-            let JointState { q, qd, qdd, tau } = &mut state;
+            let DescribedInstant { q, qd, qdd, tau } = &mut state;
             self.filtered.row(row, q, qd, qdd, tau);
             joint_torque_regressor(robot, &state.q[..n], &state.qd[..n], &state.qdd[..n], y);
             write_filtered_columns(filtered_coulomb_columns, row, y);
@@ -192,7 +192,7 @@ impl<'a> JudgedRows<'a> {
 
 /// One instant of all joints.
 #[derive(Debug, Clone, Copy, Default)]
-struct JointState {
+struct DescribedInstant {
     q: [f64; MAX_JOINTS],
     qd: [f64; MAX_JOINTS],
     qdd: [f64; MAX_JOINTS],

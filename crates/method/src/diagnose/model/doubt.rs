@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::alternatives::{Alternative, Alternatives, alternatives};
+use super::alternatives::{Alternatives, DescriptionAlternative, alternatives};
 use super::channels::Channels;
 use super::delay::{JointDelay, TorqueDelay, torque_delays};
 use super::description::{DescriptionTest, JudgedRows, test_description};
@@ -207,7 +207,7 @@ fn far_joints(known: &[Finding]) -> usize {
 }
 
 /// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
-fn is_told(judged: &JudgedCycle<'_>, tilt: &Alternative, settings: &DoubtSettings) -> bool {
+fn is_told(judged: &JudgedCycle<'_>, tilt: &DescriptionAlternative, settings: &DoubtSettings) -> bool {
     let of_joint = |of: &TorqueRmsd| {
         let [gained, left] =
             [&tilt.gained, &tilt.left].map(|all| all.get(of.joint.index()).copied().unwrap_or(0.0));
@@ -242,7 +242,7 @@ fn poorest(judged: &JudgedCycle<'_>, settings: &DoubtSettings) -> f64 {
 }
 
 /// Whether a wrong description costs some joint torque that matters.
-fn costs(judged: &JudgedCycle<'_>, better: &Alternative, settings: &DoubtSettings) -> bool {
+fn costs(judged: &JudgedCycle<'_>, better: &DescriptionAlternative, settings: &DoubtSettings) -> bool {
     weighty(judged, settings).any(|(joint, rmsd, least)| {
         let gained = better.gained.get(joint.index()).copied().unwrap_or(0.0);
         gained * rmsd.relative > settings.cost && gained * rmsd.value > least
@@ -353,7 +353,7 @@ fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<F
 }
 
 /// The finding: a refusal where the error `matters`, and else a remark.
-fn doubted(test: &DescriptionTest, better: Option<Alternative>, matters: bool) -> Finding {
+fn doubted(test: &DescriptionTest, better: Option<DescriptionAlternative>, matters: bool) -> Finding {
     let severity = if matters { FindingSeverity::Refuse } else { FindingSeverity::Warn };
     let remedy = match &better {
         Some(better) => format!(

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 
 use super::alternatives::gravity_text;
 use super::channels::{COARSE_INSTANTS, Channels, OwnFit};
-use super::readings::{Compared, INDEPENDENT, Reading};
+use super::readings::{ChannelReading, INDEPENDENT, ReadingComparison};
 use crate::identify::joint_factors::FactorColumns;
 use crate::model::base_parameters::{BaseParameters, base_parameters};
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
@@ -27,7 +27,7 @@ const SHOWN: f64 = 12.0 / INDEPENDENT;
 #[derive(Debug, Clone)]
 pub(crate) struct BaseTilt {
     /// The recording with gravity in this direction.
-    pub(super) reading: Reading,
+    pub(super) reading: ChannelReading,
     /// Base parameters under it. The first moments of link 1 are among them.
     pub(crate) base: BaseParameters,
     /// The columns of each joint's factor.
@@ -52,8 +52,8 @@ impl BaseTilt {
         if sigma.iter().any(|sigma| !sigma.is_finite()) {
             return None;
         }
-        let described = Reading::of(channels.robot);
-        let first = Compared::new(*channels, rows.clone(), sigma);
+        let described = ChannelReading::of(channels.robot);
+        let first = ReadingComparison::new(*channels, rows.clone(), sigma);
         let (tilted, _) = first.thinned(COARSE_INSTANTS).levelled(&described, &channels.robot.gravity);
         let base = base_parameters(&tilted.robot).ok()?;
         let columns = FactorColumns::new(&tilted.robot, &base);
@@ -66,7 +66,7 @@ impl BaseTilt {
         // without the tilt, its own effect would take the weight from a joint about a vertical axis
         let errors = under.errors(&under.factors(&rows));
         let own: Vec<OwnFit> = errors.own()?;
-        let compared = Compared::new(*channels, rows, errors.least());
+        let compared = ReadingComparison::new(*channels, rows, errors.least());
         let (reading, misfit) = compared.levelled(&tilted, &channels.robot.gravity);
         let described_misfit = compared.misfit(&described);
         Some(Self {
@@ -94,14 +94,14 @@ impl BaseTilt {
     }
 
     /// Rows and weights to compare readings by.
-    pub(super) fn compared<'a>(&'a self, channels: &Channels<'a>) -> Compared<'a> {
+    pub(super) fn compared<'a>(&'a self, channels: &Channels<'a>) -> ReadingComparison<'a> {
         let channels = Channels {
             robot: self.robot(),
             columns: &self.columns,
             kept_columns: &self.base.kept_columns,
             ..*channels
         };
-        Compared::new(channels, self.rows.clone(), self.sigma.clone())
+        ReadingComparison::new(channels, self.rows.clone(), self.sigma.clone())
     }
 
     fn angle(&self) -> f64 {

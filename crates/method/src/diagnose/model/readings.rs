@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Rotation3, Unit, Vector2, Vector3};
 
-use super::channels::{Channels, State};
+use super::channels::{ChannelInstant, Channels};
 use super::joint_fit::JointFit;
 use super::numbers::DescribedNumber;
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
@@ -33,7 +33,7 @@ pub(super) const MOUNTING: f64 = 0.17;
 
 /// A description, and the order, signs and scales of the recorded torques.
 #[derive(Debug, Clone)]
-pub(super) struct Reading {
+pub(super) struct ChannelReading {
     pub(super) robot: Robot,
     /// Which recorded torque is each joint's.
     pub(super) order: Vec<usize>,
@@ -41,7 +41,7 @@ pub(super) struct Reading {
     pub(super) scales: Vec<f64>,
 }
 
-impl Reading {
+impl ChannelReading {
     /// The recording as it is, of a robot.
     pub(super) fn of(robot: &Robot) -> Self {
         let n = robot.joint_count();
@@ -55,7 +55,7 @@ impl Reading {
 
 /// Rows and weights for the comparison of readings.
 #[derive(Debug, Clone)]
-pub(super) struct Compared<'a> {
+pub(super) struct ReadingComparison<'a> {
     pub(super) channels: Channels<'a>,
     pub(super) rows: Vec<usize>,
     /// Standard deviation of the error of each recorded torque, Nm (N).
@@ -64,7 +64,7 @@ pub(super) struct Compared<'a> {
     friction: Vec<Vec<f64>>,
 }
 
-impl<'a> Compared<'a> {
+impl<'a> ReadingComparison<'a> {
     pub(super) fn new(channels: Channels<'a>, rows: Vec<usize>, sigma: Vec<f64>) -> Self {
         let whole: Vec<usize> = (0..channels.robot.parameter_count()).collect();
         Self { channels, rows, sigma, friction: channels.friction_bounds(&whole) }
@@ -77,7 +77,7 @@ impl<'a> Compared<'a> {
     }
 
     /// Weighted squares that the best arm of a reading leaves of its torques.
-    pub(super) fn misfit(&self, reading: &Reading) -> f64 {
+    pub(super) fn misfit(&self, reading: &ChannelReading) -> f64 {
         let (n, b) = (reading.robot.joint_count(), reading.robot.parameter_count());
         let whole: Vec<usize> = (0..b).collect();
         let bounds = [&self.friction[..], &self.channels.inertia_bounds(&reading.robot, &whole)].concat();
@@ -91,7 +91,7 @@ impl<'a> Compared<'a> {
 
     /// The reading with the likeliest direction of gravity at most [`MOUNTING`] away from `from`, m/s², and the squares that it
     /// leaves.
-    pub(super) fn levelled(&self, reading: &Reading, from: &Vector3<f64>) -> (Reading, f64) {
+    pub(super) fn levelled(&self, reading: &ChannelReading, from: &Vector3<f64>) -> (ChannelReading, f64) {
         let price = self.rows.len() as f64 / INDEPENDENT / USUAL_TILT.powi(2);
         let cost = |misfit: f64, gravity: &Vector3<f64>| misfit + price * gravity.angle(from).powi(2);
         let (mut best, mut least) = (reading.clone(), self.misfit(reading));
@@ -116,7 +116,12 @@ impl<'a> Compared<'a> {
 
     /// The best change of gravity, m/s², across its direction, to first order. `price` is that of the squared angle from
     /// `from`.
-    fn gravity_step(&self, reading: &Reading, from: &Vector3<f64>, price: f64) -> Option<Vector3<f64>> {
+    fn gravity_step(
+        &self,
+        reading: &ChannelReading,
+        from: &Vector3<f64>,
+        price: f64,
+    ) -> Option<Vector3<f64>> {
         let gravity = reading.robot.gravity;
         let side = gravity.cross(&across(&gravity)).try_normalize(f64::MIN_POSITIVE)?;
         let sides = [side, gravity.normalize().cross(&side)];
@@ -134,7 +139,7 @@ impl<'a> Compared<'a> {
 
     /// Numbers of the description, each with its best change to first order if it were the only wrong one. The number that
     /// explains most is the first.
-    pub(super) fn asked_for(&self, reading: &Reading) -> Vec<(DescribedNumber, f64)> {
+    pub(super) fn asked_for(&self, reading: &ChannelReading) -> Vec<(DescribedNumber, f64)> {
         let numbers: Vec<DescribedNumber> = DescribedNumber::all(&reading.robot)
             .into_iter()
             .filter(|number| matches!(number, DescribedNumber::Place(..)))
@@ -156,7 +161,7 @@ impl<'a> Compared<'a> {
     }
 
     /// The parts that parameters leave of the torque, and of its derivatives by descriptions that are one [`STEP`] away.
-    fn lacking(&self, reading: &Reading, changed: &[Robot]) -> Lacking {
+    fn lacking(&self, reading: &ChannelReading, changed: &[Robot]) -> Lacking {
         let robot = &reading.robot;
         let (n, b, m) = (robot.joint_count(), robot.parameter_count(), changed.len());
         let mut builder = FactorBuilder::new(b);
@@ -195,10 +200,14 @@ impl<'a> Compared<'a> {
 
     /// Calls `take(joint, regressor, state, [weight of its columns, weighted torque])` for each joint that moves in each
     /// row.
-    fn each(&self, reading: &Reading, mut take: impl FnMut(usize, &Regressor, &State, [f64; 2])) {
+    fn each(
+        &self,
+        reading: &ChannelReading,
+        mut take: impl FnMut(usize, &Regressor, &ChannelInstant, [f64; 2]),
+    ) {
         let robot = &reading.robot;
         let mut y = Regressor::new(robot);
-        let mut state = State::default();
+        let mut state = ChannelInstant::default();
         for &row in &self.rows {
             self.channels.regressor(robot, row, &mut state, &mut y);
             for (j, (&torque, scale)) in reading.order.iter().zip(&reading.scales).enumerate() {

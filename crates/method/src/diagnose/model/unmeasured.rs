@@ -2,7 +2,7 @@
 //! of which the controller has subtracted gravity or friction. Models fit all of them well, and none shows wear.
 
 use super::nominal::median_inertia;
-use super::weigh::Weighed;
+use super::weigh::ModelWeights;
 use crate::model::dynamics::{DynamicModel, inverse_dynamics};
 use crate::signal::filter::FilteredSignals;
 use crate::signal::noise::white_noise;
@@ -68,7 +68,7 @@ const NAME: &str = "name the columns of the measured torque or of the motor curr
                     layout";
 
 /// One joint's torque over the excitation.
-struct Shown {
+struct ExcitationTorque {
     /// RMS of friction relative to that of the torque.
     friction: f64,
     /// Power of friction over RMS torque times RMS speed.
@@ -82,12 +82,12 @@ struct Shown {
 /// A torque without friction, without the noise of a sensor or without gravity. `weightless` says whether an arm without
 /// gravity explains the torques as well.
 #[must_use]
-pub(crate) fn unmeasured(weighed: &Weighed<'_>, weightless: impl Fn() -> bool) -> Option<Finding> {
+pub(crate) fn unmeasured(weighed: &ModelWeights<'_>, weightless: impl Fn() -> bool) -> Option<Finding> {
     let shown = shown(weighed);
     if shown.is_empty() {
         return None;
     }
-    let most = |of: fn(&Shown) -> f64| shown.iter().map(of).fold(0.0, f64::max);
+    let most = |of: fn(&ExcitationTorque) -> f64| shown.iter().map(of).fold(0.0, f64::max);
     let (friction, noise) = (most(|of| of.friction), most(|of| of.noise));
     if friction < NO_FRICTION && noise < SENSOR_NOISE {
         return Some(finding(
@@ -130,8 +130,8 @@ pub(super) fn without_gravity(words: &str, evidence: (&'static str, f64)) -> Fin
     )
 }
 
-fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
-    let Weighed { robot, filtered, samples, excitation, identified, verification, .. } = weighed;
+fn shown(weighed: &ModelWeights<'_>) -> Vec<ExcitationTorque> {
+    let ModelWeights { robot, filtered, samples, excitation, identified, verification, .. } = weighed;
     let model = DynamicModel::from_parameters(robot, identified.parameters.iter().map(|p| (p.id, p.value)));
     let stride = excitation.len().div_ceil(INSTANTS).max(1);
     let rows: Vec<usize> = excitation.iter().copied().step_by(stride).collect();
@@ -156,7 +156,7 @@ fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
         let square = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>() / count;
         let power = speeds.iter().zip(&friction).map(|(qd, tau)| qd * tau).sum::<f64>() / count;
         let noise = white_noise(&samples.torque[j], &filtered.tau[j], excitation)?;
-        Some(Shown {
+        Some(ExcitationTorque {
             friction: square(&friction).sqrt() / torque,
             power: power / (torque * square(&speeds).sqrt()),
             noise: noise / torque,
@@ -167,7 +167,7 @@ fn shown(weighed: &Weighed<'_>) -> Vec<Shown> {
 }
 
 /// Friction of a joint at a speed, without an offset of the signal, Nm (N).
-pub(super) fn friction_torque(weighed: &Weighed<'_>, joint: JointIndex, qd: f64) -> f64 {
+pub(super) fn friction_torque(weighed: &ModelWeights<'_>, joint: JointIndex, qd: f64) -> f64 {
     let law = weighed.robot.friction_of(joint);
     let of_term = |(term, column): (&FrictionTerm, f64)| {
         let own = weighed.identified.parameters.iter().find(|p| {

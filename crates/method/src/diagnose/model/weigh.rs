@@ -42,7 +42,7 @@ impl Default for WeighSettings {
 
 /// What findings about a model are weighed by.
 #[derive(Debug, Clone, Copy)]
-pub struct Weighed<'a> {
+pub struct ModelWeights<'a> {
     /// The description.
     pub robot: &'a Robot,
     /// Its base parameters.
@@ -63,7 +63,7 @@ pub struct Weighed<'a> {
 
 /// The findings that survive, some of them as a doubt or a remark.
 #[must_use]
-pub fn weigh(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSettings) -> Vec<Finding> {
+pub fn weigh(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Vec<Finding> {
     let (inertias, others): (Vec<Finding>, Vec<Finding>) =
         findings.into_iter().partition(|finding| finding.kind == FindingKind::NegativeInertia);
     let mut kept = priced(inertias, weighed, settings);
@@ -77,7 +77,7 @@ pub fn weigh(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSett
 }
 
 /// Negative inertias by what bodies that can exist would cost.
-fn priced(findings: Vec<Finding>, weighed: &Weighed<'_>, settings: &WeighSettings) -> Vec<Finding> {
+fn priced(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Vec<Finding> {
     if findings.is_empty() {
         return findings;
     }
@@ -131,7 +131,7 @@ fn cost_of_physics(price: &[ConstraintCost]) -> f64 {
 
 /// An unexplained torque by its size: nothing where it is noise or next to no torque, a doubt where it is within the
 /// joint's friction.
-fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings) -> Option<Finding> {
+fn of_friction(finding: Finding, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Option<Finding> {
     let Some(joint) = finding.joint else { return Some(finding) };
     let of_excitation = |of: &&TorqueRmsd| of.scope == RmsdScope::Stage(Stage::Excitation);
     let error = weighed.verification.iter().filter(of_excitation).find(|of| of.joint == joint)?.moving_rows;
@@ -164,8 +164,8 @@ fn of_friction(finding: Finding, weighed: &Weighed<'_>, settings: &WeighSettings
 }
 
 /// RMS of a joint's identified friction over the moving rows of the excitation, Nm (N).
-fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
-    let Weighed { robot, filtered, excitation, .. } = weighed;
+fn friction_rms(weighed: &ModelWeights<'_>, joint: JointIndex) -> f64 {
+    let ModelWeights { robot, filtered, excitation, .. } = weighed;
     let low = robot.joints[joint.index()].counted_speed();
     let torque = |qd: f64| friction_torque(weighed, joint, qd);
     let speeds = excitation.iter().map(|&row| filtered.qd[joint.index()][row]);
@@ -176,7 +176,7 @@ fn friction_rms(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
 }
 
 /// Standard deviation of white noise of the torque channel after the low-pass, from what the low-pass took away, Nm.
-fn noise(weighed: &Weighed<'_>, joint: JointIndex) -> f64 {
+fn noise(weighed: &ModelWeights<'_>, joint: JointIndex) -> f64 {
     let (raw, smooth) = (&weighed.samples.torque[joint.index()], &weighed.filtered.tau[joint.index()]);
     let squares: f64 = weighed.excitation.iter().map(|&row| (raw[row] - smooth[row]).powi(2)).sum();
     let passed = (2.0 * weighed.filtered.cutoff / weighed.filtered.sample_rate).min(0.9);

@@ -1,6 +1,6 @@
 //! Torque in steps: whole newton metres, whole per cent or permille of the rated torque.
 
-use super::view::{View, finding};
+use super::view::{ChannelView, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 
 /// Most values that a coarse channel has: beyond, its step is far below what a model explains.
@@ -41,7 +41,7 @@ pub(super) fn counted(rows: usize) -> usize {
 }
 
 /// Torques whose step is large beside them.
-pub(super) fn torque_steps(view: &View<'_>) -> Vec<Finding> {
+pub(super) fn torque_steps(view: &ChannelView<'_>) -> Vec<Finding> {
     let of_joint = |(joint, step): (armwatch_model::robot::JointIndex, &Option<f64>)| {
         let step = (*step)?;
         let torque = &view.samples.torque[joint.index()];

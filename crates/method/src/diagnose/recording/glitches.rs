@@ -1,6 +1,6 @@
 //! Rows that the logger made up: single values beyond all measure, and rows written twice.
 
-use super::view::{View, finding};
+use super::view::{ChannelView, finding};
 use crate::lanes::largest_step;
 use crate::signal::fold::LEAP;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
@@ -24,7 +24,7 @@ const RESOLUTION: f64 = 0.01;
 const LEAPING: f64 = 0.002;
 
 /// Values that stand far outside what a channel shows otherwise: markers such as -9999, lost digits.
-pub(super) fn spikes(view: &View<'_>) -> Vec<Finding> {
+pub(super) fn spikes(view: &ChannelView<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     for joint in view.robot.joint_indices() {
         let j = joint.index();
@@ -60,7 +60,7 @@ pub(super) fn spikes(view: &View<'_>) -> Vec<Finding> {
 /// The worst value of one channel with its name and extent, if it is beyond all measure. `least` is a range that the
 /// channel may always have.
 fn spike(
-    view: &View<'_>,
+    view: &ChannelView<'_>,
     joint: JointIndex,
     (name, channel, [lowest, highest]): (&'static str, &[f64], [f64; 2]),
     least: f64,
@@ -101,7 +101,7 @@ fn spike(
 /// Positions that the joint cannot have reached since the row before: folded into one turn, lost digits, rows
 /// that were cut out. Joints of `known` findings are left out.
 /// Where rows are `repeated`, the first row of the next value holds the way of all of them.
-pub(super) fn leaps(view: &View<'_>, known: &[Finding], repeated: Option<&Finding>) -> Vec<Finding> {
+pub(super) fn leaps(view: &ChannelView<'_>, known: &[Finding], repeated: Option<&Finding>) -> Vec<Finding> {
     let judged = |joint: &JointIndex| known.iter().all(|finding| finding.joint != Some(*joint));
     let times = repeated.map_or(1.0, |repeated| times_there(repeated).ceil());
     view.robot.joint_indices().filter(judged).filter_map(|joint| leap(view, joint, times)).collect()
@@ -113,7 +113,7 @@ fn times_there(repeated: &Finding) -> f64 {
     1.0 / (1.0 - share.min(0.99))
 }
 
-fn leap(view: &View<'_>, joint: JointIndex, times: f64) -> Option<Finding> {
+fn leap(view: &ChannelView<'_>, joint: JointIndex, times: f64) -> Option<Finding> {
     let channel = &view.samples.position[joint.index()];
     let [low, high] = view.position_extents[joint.index()];
     let time = &view.samples.time;
@@ -163,7 +163,7 @@ fn leap(view: &View<'_>, joint: JointIndex, times: f64) -> Option<Finding> {
 }
 
 /// Rows that repeat the row before in every channel while the arm moves.
-pub(super) fn repeats(view: &View<'_>) -> Option<Finding> {
+pub(super) fn repeats(view: &ChannelView<'_>) -> Option<Finding> {
     let joints = || view.robot.joint_indices().map(JointIndex::index);
     let moves = |row: usize| joints().any(|j| view.dq[j][row].abs() > 2.0 * view.robot.joints[j].low_speed);
     let same = |row: &usize| {

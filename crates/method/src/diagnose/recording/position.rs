@@ -1,11 +1,11 @@
 //! Positions and speeds against the description: limits, units, hardly any motion.
 
-use super::view::{DEGREES, DiagnoseSettings, View, finding};
+use super::view::{ChannelView, DEGREES, DiagnoseSettings, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, JointKind};
 
 /// Positions and speeds against the description's limits.
-pub(super) fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
+pub(super) fn positions(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
     let mut found: Vec<Finding> =
         view.robot.joint_indices().filter_map(|joint| outside_limits(view, joint, settings)).collect();
     for joint in view.robot.joint_indices() {
@@ -32,7 +32,7 @@ pub(super) fn positions(view: &View<'_>, settings: &DiagnoseSettings) -> Vec<Fin
 
 /// All turning joints hardly leave their place: degrees were divided once too often, or nothing that
 /// a recording is made for was moved.
-pub(super) fn small_motion(view: &View<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
+pub(super) fn small_motion(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
     let share = |joint: JointIndex| {
         let limits = &view.joint(joint).limits;
         let [min, max] = view.q_extents[joint.index()];
@@ -57,7 +57,7 @@ pub(super) fn small_motion(view: &View<'_>, settings: &DiagnoseSettings) -> Opti
     })
 }
 
-fn outside_limits(view: &View<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
+fn outside_limits(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let described = view.joint(joint);
     let (low, high) = (described.limits.position_min, described.limits.position_max);
     let range = high - low;

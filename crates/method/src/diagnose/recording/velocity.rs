@@ -1,6 +1,6 @@
 //! Velocity against the derivative of position: swapped columns, wrong units, signs and time.
 
-use super::view::{BELONGS, DEGREES, DiagnoseSettings, View, finding};
+use super::view::{BELONGS, ChannelView, DEGREES, DiagnoseSettings, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 
@@ -11,7 +11,7 @@ const RPM: f64 = 30.0 / std::f64::consts::PI;
 
 /// Swapped columns, wrong units and signs between velocity and position.
 pub(super) fn velocity_against_position(
-    view: &View<'_>,
+    view: &ChannelView<'_>,
     settings: &DiagnoseSettings,
     broken: &[bool],
 ) -> Vec<Finding> {
@@ -77,7 +77,11 @@ fn unrelated(joint: JointIndex, own: f64) -> Finding {
     )
 }
 
-fn gain_findings(view: &View<'_>, gains: &[(JointIndex, f64)], settings: &DiagnoseSettings) -> Vec<Finding> {
+fn gain_findings(
+    view: &ChannelView<'_>,
+    gains: &[(JointIndex, f64)],
+    settings: &DiagnoseSettings,
+) -> Vec<Finding> {
     let off = |gain: f64| (gain.abs() - 1.0).abs() > settings.velocity_gain;
     let mut found: Vec<Finding> = gains
         .iter()

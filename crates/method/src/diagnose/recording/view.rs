@@ -51,7 +51,7 @@ pub(super) const BELONGS: [f64; 2] = [0.95, 0.7];
 pub(super) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
 /// Channels with what several checks need.
-pub(super) struct View<'a> {
+pub(super) struct ChannelView<'a> {
     pub(super) robot: &'a Robot,
     pub(super) samples: &'a Samples,
     pub(super) filtered: &'a FilteredSignals,
@@ -78,7 +78,7 @@ pub(super) struct View<'a> {
     pub(super) shortest_step: f64,
 }
 
-impl<'a> View<'a> {
+impl<'a> ChannelView<'a> {
     pub(super) fn new(robot: &'a Robot, samples: &'a Samples, filtered: &'a FilteredSignals) -> Self {
         let usable = || filtered.usable.iter().flat_map(Clone::clone);
         let excitation: Vec<usize> =

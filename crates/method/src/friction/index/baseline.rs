@@ -73,7 +73,8 @@ pub fn fit_maps(
             held.push(Some(&companion.scales));
         }
     }
-    let (zeros, scales) = fit_in_turn(&mut records, &mut fits, &starts, &Turn { own, baseline_runs, held });
+    let (zeros, scales) =
+        fit_in_turn(&mut records, &mut fits, &starts, &BaselineFit { own, baseline_runs, held });
     for (at, record) in records.iter().take(own).enumerate() {
         let Some(map) = published(record, &fits[at], runs.len()) else {
             let words = "has no friction map: the runs of its baseline do not determine one";
@@ -102,7 +103,7 @@ struct JointEffects {
 }
 
 /// Which records are fitted and what they are counted from.
-struct Turn<'a> {
+struct BaselineFit<'a> {
     /// The first records are the joints' own; the others are companions, whose maps and scales hold.
     own: usize,
     /// The first runs are the baseline.
@@ -116,9 +117,9 @@ fn fit_in_turn(
     records: &mut [JointRecord],
     fits: &mut [FittedMap],
     starts: &[f64],
-    turn: &Turn<'_>,
+    turn: &BaselineFit<'_>,
 ) -> (Vec<Zero>, PriorScales) {
-    let Turn { own, baseline_runs, held } = turn;
+    let BaselineFit { own, baseline_runs, held } = turn;
     let (own, alone) = (*own, *own == records.len());
     let of_joint = |effects: Vec<RunEffect>| {
         let zero = Zero::of(&effects[..(*baseline_runs).min(effects.len())]);

@@ -3,7 +3,7 @@
 use super::baseline::fit_maps;
 use super::held_map::HeldMap;
 use super::simulated_arm::{Arm, BASELINE, HOUR, JOINTS};
-use super::{Reference, run_indices};
+use super::{ReferenceMap, run_indices};
 use armwatch_model::anomaly::baseline_runs::learnt_runs;
 use armwatch_model::robot::JointIndex;
 
@@ -34,8 +34,8 @@ fn last_changes(arm: &Arm, with_companions: bool) -> (f64, Vec<f64>) {
     let after: Vec<usize> = (BEFORE..BEFORE + BASELINE).collect();
     let runs = &arm.runs[..BEFORE + BASELINE];
     let new = fit_maps(&[JointIndex::new(REPAIRED)], &companions, runs, &after, BASELINE).maps;
-    let references: Vec<Reference<'_>> =
-        held.iter().chain(&new).map(|held| Reference { held, in_baseline: false }).collect();
+    let references: Vec<ReferenceMap<'_>> =
+        held.iter().chain(&new).map(|held| ReferenceMap { held, in_baseline: false }).collect();
     let last = arm.runs.len() - 1;
     let found = run_indices(&references, &arm.runs[..last], &arm.runs[last]);
     let change = |j: JointIndex| found.iter().find(|of| of.joint == j).expect("an index").index.value - 1.0;

@@ -31,14 +31,14 @@ const NEIGHBOURS: usize = 4;
 
 /// A jump of a joint's friction inside a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Jump {
+pub(super) struct FrictionJump {
     /// Points at this time and later are after the jump, s since the start of the run.
     at: f64,
     /// Friction after the jump as a multiple of that before it.
     factor: f64,
 }
 
-impl Jump {
+impl FrictionJump {
     /// Factor that scales friction at `time`, s since the start of the run, to that after the jump.
     pub(in crate::friction) fn factor(&self, time: f64) -> f64 {
         if time < self.at { self.factor } else { 1.0 }
@@ -50,7 +50,7 @@ impl Jump {
 ///
 /// The change between two cycles is the mean over the levels of that of the logarithm of friction, and what counts is
 /// its difference from the median of its neighbours.
-pub(in crate::friction) fn jump(run: &MapRun, joint: JointIndex, levels: &[f64]) -> Option<Jump> {
+pub(in crate::friction) fn jump(run: &MapRun, joint: JointIndex, levels: &[f64]) -> Option<FrictionJump> {
     let passes: Vec<Vec<(f64, f64)>> = levels.iter().map(|level| logarithms(run, joint, *level)).collect();
     let cycles = passes.iter().map(Vec::len).max()?;
     let whole: Vec<&Vec<(f64, f64)>> = passes.iter().filter(|of| of.len() == cycles).collect();
@@ -69,7 +69,8 @@ pub(in crate::friction) fn jump(run: &MapRun, joint: JointIndex, levels: &[f64])
         (0..beyond.len()).filter(|other| *other != at).map(|other| share(other) * beyond[other].abs());
     let least = (STANDS_OUT * others.fold(0.0, f64::max)).max(LEAST_JUMP);
     let rested = rests[at] > LONGEST_REST * median(&rests)?;
-    (beyond[at].abs() >= least && !rested).then(|| Jump { at: means[at + 1].2, factor: beyond[at].exp() })
+    (beyond[at].abs() >= least && !rested)
+        .then(|| FrictionJump { at: means[at + 1].2, factor: beyond[at].exp() })
 }
 
 /// Time, s since the start of the run, and logarithm of friction of each pass of a joint at one speed.
@@ -124,7 +125,7 @@ mod tests {
         MapRun { started_at: 0.0, spans: Vec::<CycleMotion>::new(), points }
     }
 
-    fn found(factors: &[f64]) -> Option<Jump> {
+    fn found(factors: &[f64]) -> Option<FrictionJump> {
         jump(&run(factors, &[]), JointIndex::new(0), &LEVELS)
     }
 

@@ -7,7 +7,7 @@ use rand_distr::StandardNormal;
 
 use super::baseline::{FormedMaps, fit_maps};
 use super::run_record::coverage;
-use super::{Reference, run_indices};
+use super::{ReferenceMap, run_indices};
 use armwatch_model::analysis::friction::{FrictionIndex, FrictionMap};
 use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::analysis::{CycleTemperatures, FrictionPoint, GravityRemoval};
@@ -42,8 +42,8 @@ pub(super) fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFric
         let held = by_stage.iter().rev().find(|(last, _)| *last <= run).or(by_stage.first());
         let Some((_, formed)) = held else { continue };
         let in_baseline = full[..baseline_runs].contains(&run);
-        let references: Vec<Reference<'_>> =
-            formed.maps.iter().map(|held| Reference { held, in_baseline }).collect();
+        let references: Vec<ReferenceMap<'_>> =
+            formed.maps.iter().map(|held| ReferenceMap { held, in_baseline }).collect();
         let from = runs[run].started_at - REMEMBERED_S;
         let first = runs.partition_point(|before| before.started_at < from);
         *indices = run_indices(&references, &runs[first..run], &runs[run]);

@@ -4,7 +4,7 @@ use faer::Mat;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-use super::{PhysicalSettings, Problem};
+use super::{ConvexProblem, PhysicalSettings};
 use crate::NumericsError;
 use crate::least_squares::factor::TriangularFactor;
 use crate::least_squares::weighted::{WeightRule, joined};
@@ -196,7 +196,7 @@ proptest! {
             rule.sigma[price.joint.index()] = NOISE_FLOOR * price.torque_rms;
         }
         let (factor, settings) = (joined(&factors, &rule, base.kept.len()), PhysicalSettings::default());
-        let problem = Problem::new(&robot, &base, &factor, &fit.start.nominal, &settings).expect("a problem");
+        let problem = ConvexProblem::new(&robot, &base, &factor, &fit.start.nominal, &settings).expect("a problem");
         let [found, true_cost] = [&fit.estimate.phi, &truth(&robot)].map(|phi| problem.cost(phi));
         prop_assert!(found <= true_cost, "{found} {true_cost}");
     }

@@ -7,7 +7,7 @@ use super::{ErrorBasis, PooledEstimate, StackedEstimator, estimate, estimate_ess
 use crate::identify::joint_factors::{FactorColumns, JointFactor};
 use crate::least_squares::essential::EssentialSettings;
 use crate::least_squares::factor::TriangularFactor;
-use crate::least_squares::prior::{Prior, PriorStrength};
+use crate::least_squares::prior::{ParameterPrior, PriorStrength};
 use crate::least_squares::rows::{RowSource, SampleRows};
 use crate::pooled::per_joint::per_joint_estimates;
 use crate::pooled::pool::PooledFactors;
@@ -230,7 +230,7 @@ fn errors_between_cycles_are_those_of_leaving_cycles_out() {
 fn a_prior_is_further_rows_and_its_share_is_said() {
     let test = Test::plain(3, 200, 5);
     let id = test.union().columns().kept()[2];
-    let priors = vec![(id, Prior { value: 0.7, std: 0.02 })];
+    let priors = vec![(id, ParameterPrior { value: 0.7, std: 0.02 })];
     let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
     let found = estimate(&test.union(), &estimator).expect("parameters");
     let by_joint = &found.weights.by_joint;
@@ -260,7 +260,7 @@ fn a_prior_carries_what_the_motion_does_not_show() {
     let without = estimate(&union, &StackedEstimator::Weighted).expect("the others");
     let shown: Vec<bool> = without.identification.parameters.iter().map(|of| of.is_shown()).collect();
     assert_eq!(shown, [true, true, true, true, false]);
-    let priors = vec![(columns.kept()[4], Prior { value: 1.4, std: 0.25 })];
+    let priors = vec![(columns.kept()[4], ParameterPrior { value: 1.4, std: 0.25 })];
     let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
     let found = estimate(&union, &estimator).expect("parameters");
     assert!((values(&found)[4] - 1.4).abs() < EQUAL && (sigma(&found)[4] - 0.25).abs() < EQUAL);

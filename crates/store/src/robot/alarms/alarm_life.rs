@@ -316,7 +316,7 @@ async fn act(
         if known.withdrawn {
             return Ok(Err(NotDone::Withdrawn(anomaly_id)));
         }
-        let Known { state, ended, .. } = known;
+        let KnownAnomaly { state, ended, .. } = known;
         if !action.is_possible(state, ended) {
             return Ok(Err(NotDone::NotFrom { anomaly_id, state, ended }));
         }
@@ -363,7 +363,7 @@ async fn note(
     record(connection, anomaly_id, what, Some(by)).await.map(Ok)
 }
 
-struct Known {
+struct KnownAnomaly {
     state: AlarmState,
     ended: bool,
     withdrawn: bool,
@@ -371,11 +371,14 @@ struct Known {
     last_seen_at: Timestamp,
 }
 
-async fn find(executor: impl EngineExecutor<'_>, anomaly_id: i64) -> Result<Option<Known>, sqlx::Error> {
+async fn find(
+    executor: impl EngineExecutor<'_>,
+    anomaly_id: i64,
+) -> Result<Option<KnownAnomaly>, sqlx::Error> {
     sqlx::query("SELECT state, ended, withdrawn, severity, last_seen_at FROM anomaly WHERE anomaly_id = $1")
         .bind(anomaly_id)
         .try_map(|row: EngineRow| {
-            Ok(Known {
+            Ok(KnownAnomaly {
                 state: named(&row, "state", &AlarmState::ALL, AlarmState::name)?,
                 ended: row.try_get("ended")?,
                 withdrawn: row.try_get("withdrawn")?,
@@ -487,7 +490,7 @@ pub(in crate::robot) async fn open_again(
     set_life(&mut *connection, anomaly_id, &Life::of(AlarmState::Open)).await?;
     let known = find(&mut *connection, anomaly_id).await?;
     match known {
-        Some(Known { withdrawn: false, .. }) => {
+        Some(KnownAnomaly { withdrawn: false, .. }) => {
             record(connection, anomaly_id, EventKind::Reopened, None).await.map(Some)
         }
         _ => Ok(None),

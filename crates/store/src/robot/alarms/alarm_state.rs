@@ -146,13 +146,13 @@ const WORSE_BY: f64 = 1.5;
 
 /// What people were told of an anomaly since it was opened last.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::robot) struct Told {
+pub(in crate::robot) struct Announcement {
     pub(in crate::robot) severity: Severity,
     /// Magnitude of the score; `None` without any.
     pub(in crate::robot) score: Option<f64>,
 }
 
-impl Told {
+impl Announcement {
     /// Takes what was told later into account.
     pub(in crate::robot) fn and(&mut self, later: Self) {
         self.severity = self.severity.max(later.severity);
@@ -192,7 +192,7 @@ pub(in crate::robot) struct Before {
     pub(in crate::robot) life: Life,
     pub(in crate::robot) withdrawn: bool,
     /// Since it was opened last; `None` if nobody was told of it.
-    pub(super) told: Option<Told>,
+    pub(super) told: Option<Announcement>,
     /// Severity when it was shelved last.
     pub(super) shelved_severity: Option<Severity>,
 }
@@ -200,7 +200,7 @@ pub(in crate::robot) struct Before {
 /// What the history says of it now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Now {
-    pub(in crate::robot) shown: Told,
+    pub(in crate::robot) shown: Announcement,
     pub(in crate::robot) ended: bool,
     pub(in crate::robot) last_seen_at: Timestamp,
     /// Whether it has another kind than before.
@@ -257,8 +257,8 @@ mod tests {
         Timestamp::from_second(second).expect("a time")
     }
 
-    fn shown(severity: Severity, score: f64) -> Told {
-        Told { severity, score: Some(score) }
+    fn shown(severity: Severity, score: f64) -> Announcement {
+        Announcement { severity, score: Some(score) }
     }
 
     fn before(state: AlarmState) -> Before {

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use jiff::Timestamp;
 use sqlx::{QueryBuilder, Row};
 
-use super::alarm_state::{AlarmState, Before, EventKind, Life, Now, Told, go_on};
+use super::alarm_state::{AlarmState, Announcement, Before, EventKind, Life, Now, go_on};
 use super::episodes::{Episode, RUNS_APART, Starts, is_another_fault, is_told_of_arm, same};
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow};
 use crate::robot::{settled as settled_history, windows};
@@ -51,7 +51,7 @@ impl Reconciled {
     }
 }
 
-pub(in crate::robot) struct Stored {
+pub(in crate::robot) struct StoredAnomaly {
     pub(in crate::robot) anomaly_id: i64,
     pub(in crate::robot) episode: Episode,
     pub(in crate::robot) before: Before,
@@ -66,7 +66,7 @@ pub(in crate::robot) struct OpenTestOf {
     is_complete: bool,
 }
 
-impl Stored {
+impl StoredAnomaly {
     /// Whether it is of a test that is still being written.
     fn is_provisional(&self) -> bool {
         self.open_test.as_ref().is_some_and(|test| test.is_streaming)
@@ -132,7 +132,7 @@ pub(crate) async fn reconcile(
         };
         let kinds = (known.episode.kind, anomaly.kind);
         let now = Now {
-            shown: Told { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
+            shown: Announcement { severity: anomaly.severity, score: finite(anomaly.score).map(f64::abs) },
             ended: anomaly.ended,
             last_seen_at: anomaly.last_seen_at,
             corrected: kinds.0 != kinds.1,
@@ -167,7 +167,7 @@ pub(in crate::robot) fn episode(of: &Anomaly) -> Episode {
 pub(in crate::robot) async fn stored_anomalies(
     connection: &mut EngineConnection,
     robot_id: i64,
-) -> Result<Vec<Stored>, sqlx::Error> {
+) -> Result<Vec<StoredAnomaly>, sqlx::Error> {
     let mut said = told(&mut *connection, robot_id).await?;
     sqlx::query(
         "SELECT anomaly_id, joint, anomaly.kind, quantity, severity, score, first_seen_at, last_seen_at, onset_at, state,
@@ -199,7 +199,7 @@ pub(in crate::robot) async fn stored_anomalies(
             // stored by a version that wrote no events
             told = Some(shown(&row)?);
         }
-        Ok(Stored {
+        Ok(StoredAnomaly {
             anomaly_id,
             episode: Episode {
                 joint: row.try_get("joint")?,
@@ -228,11 +228,14 @@ pub(in crate::robot) async fn stored_anomalies(
 }
 
 /// What people were told of an anomaly since it was opened last, and its severity when it was shelved last.
-type Said = (Option<Told>, Option<Severity>);
+type ShelvedAnnouncement = (Option<Announcement>, Option<Severity>);
 
 /// What people were told of the robot's anomalies that are not settled, by key.
-async fn told(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<HashMap<i64, Said>, sqlx::Error> {
-    let rows: Vec<(i64, EventKind, Told)> = sqlx::query(
+async fn told(
+    executor: impl EngineExecutor<'_>,
+    robot_id: i64,
+) -> Result<HashMap<i64, ShelvedAnnouncement>, sqlx::Error> {
+    let rows: Vec<(i64, EventKind, Announcement)> = sqlx::query(
         "SELECT anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.severity, anomaly_event.score
          FROM anomaly_event JOIN anomaly USING (anomaly_id)
          WHERE robot_id = $1 AND settled_history_id IS NULL
@@ -245,7 +248,7 @@ async fn told(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<HashMa
     })
     .fetch_all(executor)
     .await?;
-    let mut said: HashMap<i64, Said> = HashMap::new();
+    let mut said: HashMap<i64, ShelvedAnnouncement> = HashMap::new();
     for (anomaly_id, what, now) in rows {
         let (told, shelved) = said.entry(anomaly_id).or_default();
         if matches!(what, EventKind::Opened | EventKind::Reopened) {
@@ -262,9 +265,12 @@ async fn told(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<HashMa
     Ok(said)
 }
 
-fn shown(row: &EngineRow) -> Result<Told, sqlx::Error> {
+fn shown(row: &EngineRow) -> Result<Announcement, sqlx::Error> {
     let score: Option<f64> = row.try_get("score")?;
-    Ok(Told { severity: named(row, "severity", &Severity::ALL, Severity::name)?, score: score.map(f64::abs) })
+    Ok(Announcement {
+        severity: named(row, "severity", &Severity::ALL, Severity::name)?,
+        score: score.map(f64::abs),
+    })
 }
 
 /// Starts of the robot's complete runs that say whether something goes on with one of these anomalies: of those behind each
@@ -272,7 +278,7 @@ fn shown(row: &EngineRow) -> Result<Told, sqlx::Error> {
 pub(in crate::robot) async fn run_starts(
     connection: &mut EngineConnection,
     robot_id: i64,
-    stored: &[Stored],
+    stored: &[StoredAnomaly],
 ) -> Result<Starts, sqlx::Error> {
     let mut starts = Starts::default();
     for of in stored.iter().filter(|of| !of.episode.ended) {

@@ -12,7 +12,7 @@ use armwatch_model::analysis::FrictionPoint;
 
 /// Friction points that fits over the tests of a robot stand on.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct FrictionHistory {
+pub struct FrictionSeries {
     /// Speed level, as a fraction of the largest speed.
     pub speed_fraction: f64,
     /// Points of each test, oldest test first; times count from the start of the test.
@@ -32,7 +32,7 @@ pub struct TestPoints {
     pub is_stored: bool,
 }
 
-impl FrictionHistory {
+impl FrictionSeries {
     /// The points of all tests.
     #[must_use]
     pub fn points(&self) -> Vec<FrictionPoint> {
@@ -67,7 +67,7 @@ pub(in crate::robot) async fn of_robot(
 pub(in crate::robot) async fn keep(
     connection: &mut EngineConnection,
     robot_id: i64,
-    history: &FrictionHistory,
+    history: &FrictionSeries,
     method: u64,
 ) -> Result<(), sqlx::Error> {
     let stored: Vec<(i64, f64)> =

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 pub mod known;
 
-use super::baselines::{Basis, FrictionTest, FrictionTests};
+use super::baselines::{FrictionTest, FrictionTests, IndexBasis};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::anomaly::baseline_runs::REMEMBERED_S;
 use armwatch_model::anomaly::baseline_runs::learnt_runs;
@@ -44,7 +44,7 @@ pub struct PlannedMap {
     /// Maps of other joints that hold over all learnt tests: position of the map, and the joint.
     pub companions: Vec<(usize, JointIndex)>,
     /// Hash of all of this.
-    pub basis: Basis,
+    pub basis: IndexBasis,
 }
 
 impl PlannedMap {
@@ -63,7 +63,7 @@ pub struct PlannedTest {
     /// Position of the first test whose motion has an effect on it.
     pub first_motion: usize,
     /// Hash of all of this; `None` without references.
-    pub basis: Option<Basis>,
+    pub basis: Option<IndexBasis>,
 }
 
 /// A map of one joint.
@@ -159,7 +159,7 @@ fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest], method: u64) -> Vec<Plan
         let companions = companions(&found, &joints, &learnt);
         let motion = motion(tests, &learnt);
         let mut planned =
-            PlannedMap { joints, baseline, learnt, motion, companions, basis: Basis::default() };
+            PlannedMap { joints, baseline, learnt, motion, companions, basis: IndexBasis::default() };
         planned.basis = map_basis(tests, &planned, &found, method);
         found.push(planned);
     }
@@ -211,7 +211,7 @@ fn add_joint(hasher: &mut blake3::Hasher, joint: JointIndex) {
     hasher.update(&(joint.number() as u64).to_le_bytes());
 }
 
-fn map_basis(tests: &[FrictionTest], map: &PlannedMap, earlier: &[PlannedMap], method: u64) -> Basis {
+fn map_basis(tests: &[FrictionTest], map: &PlannedMap, earlier: &[PlannedMap], method: u64) -> IndexBasis {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&method.to_le_bytes());
     map.joints.iter().for_each(|(joint, ..)| add_joint(&mut hasher, *joint));
@@ -231,7 +231,7 @@ fn test_basis(
     planned: &PlannedTest,
     maps: &[PlannedMap],
     method: u64,
-) -> Option<Basis> {
+) -> Option<IndexBasis> {
     if planned.references.is_empty() {
         return None;
     }

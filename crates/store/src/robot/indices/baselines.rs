@@ -24,7 +24,7 @@ use armwatch_model::robot::JointIndex;
 const MOST_EPOCHS: i64 = 1_000_000;
 
 /// Hash of what figures were computed from.
-pub type Basis = [u8; 32];
+pub type IndexBasis = [u8; 32];
 
 /// What is known of one complete test for its friction index.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +36,7 @@ pub struct FrictionTest {
     /// Usable friction points of the best level of each joint; `None` where nobody has looked yet.
     pub points: Option<Vec<(JointIndex, usize)>>,
     /// What its stored indices were computed from.
-    pub basis: Option<Basis>,
+    pub basis: Option<IndexBasis>,
 }
 
 /// A robot's tests, oldest first, and what changed between them.
@@ -49,7 +49,7 @@ pub struct FrictionTests {
     /// The baselines in force.
     pub baselines: Vec<StoredBaseline>,
     /// The basis of each joint's stored map.
-    pub maps: HashMap<JointIndex, Basis>,
+    pub maps: HashMap<JointIndex, IndexBasis>,
 }
 
 /// A stored baseline in force.
@@ -62,7 +62,7 @@ pub struct StoredBaseline {
     /// Ordinal of the epoch.
     pub epoch: u32,
     /// What its map was fitted on.
-    pub basis: Basis,
+    pub basis: IndexBasis,
     /// Its runs, rising.
     pub run_ids: Vec<i64>,
 }
@@ -79,7 +79,7 @@ pub struct NewBaseline {
     /// When it began, microseconds since 1970.
     pub begins_at: i64,
     /// What its map is fitted on.
-    pub basis: Basis,
+    pub basis: IndexBasis,
     /// Its runs.
     pub run_ids: Vec<i64>,
     /// Its map by level, and why there is none; `None` where it is stored already.
@@ -94,7 +94,7 @@ pub struct NewIndices {
     /// Usable friction points of the best level of each joint.
     pub points: Vec<(JointIndex, usize)>,
     /// What the indices were computed from; `None` without any baseline.
-    pub basis: Option<Basis>,
+    pub basis: Option<IndexBasis>,
     /// The indices.
     pub indices: Vec<FrictionIndex>,
 }
@@ -120,7 +120,7 @@ pub struct FrictionConclusion {
     /// Tests whose indices are new.
     pub indices: Vec<NewIndices>,
     /// The map of the latest epoch of each joint that has one, with its basis; without the map where it is stored.
-    pub maps: Vec<(JointIndex, Basis, Option<FrictionMap>)>,
+    pub maps: Vec<(JointIndex, IndexBasis, Option<FrictionMap>)>,
     /// Why joints have no map, in sentences.
     pub remarks: Vec<String>,
     /// Whether it stands on all tests. Otherwise on the latest ones, which change no baseline and no map.
@@ -234,7 +234,7 @@ impl ConclusionTransaction {
 }
 
 /// Reads the column `basis`; `None` also for one of another length, which stands for nothing.
-pub(in crate::robot) fn basis(row: &EngineRow) -> Result<Option<Basis>, sqlx::Error> {
+pub(in crate::robot) fn basis(row: &EngineRow) -> Result<Option<IndexBasis>, sqlx::Error> {
     let stored: Option<&[u8]> = row.try_get("basis")?;
     Ok(stored.and_then(|bytes| bytes.try_into().ok()))
 }
@@ -327,7 +327,7 @@ async fn replace(
 async fn replace_basis(
     connection: &mut EngineConnection,
     run_id: i64,
-    basis: Option<Basis>,
+    basis: Option<IndexBasis>,
 ) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM run_friction WHERE run_id = $1").bind(run_id).execute(&mut *connection).await?;
     sqlx::query("INSERT INTO run_friction (run_id, basis) VALUES ($1, $2)")

@@ -8,7 +8,7 @@ use sqlx::{QueryBuilder, Row};
 use crate::engine::{Engine, EngineConnection, EngineExecutor, EngineRow, begin_reading};
 use crate::error::StoreError;
 use crate::handle::Store;
-use crate::robot::figures::friction_series::{self, FrictionHistory, TestPoints};
+use crate::robot::figures::friction_series::{self, FrictionSeries, TestPoints};
 use crate::robot::history;
 use crate::values::{ROWS_PER_STATEMENT, count, finite, joint, joint_number, json_numbers, size, time};
 use armwatch_model::analysis::friction::{
@@ -47,7 +47,7 @@ impl Store {
         robot_id: i64,
         speed_fraction: f64,
         method: u64,
-    ) -> Result<FrictionHistory, StoreError> {
+    ) -> Result<FrictionSeries, StoreError> {
         let mut snapshot = self.checked(begin_reading(&self.readers).await)?;
         self.checked(friction_history(&mut snapshot, robot_id, speed_fraction, method).await)
     }
@@ -84,7 +84,7 @@ pub(crate) async fn friction_history(
     robot_id: i64,
     speed_fraction: f64,
     method: u64,
-) -> Result<FrictionHistory, sqlx::Error> {
+) -> Result<FrictionSeries, sqlx::Error> {
     let mut series = friction_series::of_robot(&mut *connection, robot_id, speed_fraction, method).await?;
     let mut tests = Vec::new();
     for (run_id, _, revision) in first_and_latest_runs(&mut *connection, robot_id).await? {
@@ -96,7 +96,7 @@ pub(crate) async fn friction_history(
         };
         tests.push(TestPoints { run_id, revision, points, is_stored });
     }
-    Ok(FrictionHistory { speed_fraction, tests })
+    Ok(FrictionSeries { speed_fraction, tests })
 }
 
 /// Key, start in microseconds and revision of the first and latest complete runs of a robot, oldest first.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use sqlx::Row;
 
-use super::baselines::{Basis, FrictionTest, FrictionTests, basis, in_force};
+use super::baselines::{FrictionTest, FrictionTests, IndexBasis, basis, in_force};
 use crate::engine::{EngineConnection, EngineRow};
 use crate::error::StoreError;
 use crate::handle::Store;
@@ -64,7 +64,7 @@ async fn of_moments(
     })
 }
 
-type KnownPoints = (Option<Basis>, Vec<(JointIndex, usize)>);
+type KnownPoints = (Option<IndexBasis>, Vec<(JointIndex, usize)>);
 
 async fn points_by_run(
     connection: &mut EngineConnection,

@@ -31,7 +31,7 @@ pub(in crate::detect::runs) fn arm_changes(
     joints: usize,
     runs: &[(i64, Timestamp)],
 ) -> Vec<Anomaly> {
-    let verdicts = |least: f64, judge: &dyn Fn(ArmCause) -> Option<Figure>| -> Vec<Verdict> {
+    let verdicts = |least: f64, judge: &dyn Fn(ArmCause) -> Option<ArmFigure>| -> Vec<Verdict> {
         let mut before = false;
         let one = |(of, fault): (&Option<ArmEvidence>, &Option<ArmCause>)| match (of, fault) {
             (Some(of), Some(fault)) => {
@@ -87,7 +87,7 @@ pub(in crate::detect::runs) fn arm_changes(
 /// Quantity of a change of no known cause.
 pub(in crate::detect::runs) const UNKNOWN_CHANGE: Quantity = Quantity::InertialParameters;
 
-struct Figure {
+struct ArmFigure {
     /// The quantity, if the cause decides which it is.
     quantity: Option<Quantity>,
     score: f64,
@@ -97,7 +97,7 @@ struct Figure {
     message: String,
 }
 
-impl Figure {
+impl ArmFigure {
     /// Of a change that no figure measures.
     fn without_value() -> Self {
         Self {
@@ -134,14 +134,14 @@ impl Figure {
     }
 }
 
-fn of_load(load: &Load) -> Figure {
+fn of_load(load: &Load) -> ArmFigure {
     if !load.has_seen_mass() {
-        return Figure {
+        return ArmFigure {
             message: "the arm's parameters have changed as a body at the last link changes them, more or less than in \
                       its first tests; these motions do not show its mass. Let it carry in tests what it carried in the \
                       first ones, or record the new tool as maintenance"
                 .into(),
-            ..Figure::without_value()
+            ..ArmFigure::without_value()
         };
     }
     // to the millimetre, without the sign of a zero
@@ -150,7 +150,7 @@ fn of_load(load: &Load) -> Figure {
         true => (load.mass, "more", "take the tool or workpiece off for tests"),
         false => (-load.mass, "less", "look for a tool or part that was lost or taken off"),
     };
-    Figure {
+    ArmFigure {
         quantity: None,
         score: amount / load.std_error,
         threshold: 5.0,
@@ -164,9 +164,9 @@ fn of_load(load: &Load) -> Figure {
     }
 }
 
-fn of_signal(fault: SignalFault) -> Figure {
+fn of_signal(fault: SignalFault) -> ArmFigure {
     match fault {
-        SignalFault::Offset(torque) => Figure {
+        SignalFault::Offset(torque) => ArmFigure {
             quantity: Some(Quantity::TorqueOffset),
             score: torque.abs(),
             threshold: 0.0,
@@ -178,7 +178,7 @@ fn of_signal(fault: SignalFault) -> Figure {
                  the motor current, and look for a cable, a hose or a seal that pulls to one side"
             ),
         },
-        SignalFault::Noise(ratio) => Figure {
+        SignalFault::Noise(ratio) => ArmFigure {
             quantity: Some(Quantity::TorqueNoiseRatio),
             score: ratio,
             threshold: LEAST_NOISE_RATIO,
@@ -188,7 +188,7 @@ fn of_signal(fault: SignalFault) -> Figure {
                 "the torque signal has {ratio:.1} times the usual noise; check sensor, cable and shield"
             ),
         },
-        SignalFault::Gain(part) => Figure {
+        SignalFault::Gain(part) => ArmFigure {
             quantity: Some(Quantity::TorqueGainRatio),
             score: part.abs(),
             threshold: LEAST_GAIN,
@@ -204,8 +204,8 @@ fn of_signal(fault: SignalFault) -> Figure {
     }
 }
 
-fn of_noise_of_all(ratio: f64) -> Figure {
-    Figure {
+fn of_noise_of_all(ratio: f64) -> ArmFigure {
+    ArmFigure {
         quantity: None,
         score: ratio,
         threshold: LEAST_NOISE_RATIO,
@@ -218,8 +218,8 @@ fn of_noise_of_all(ratio: f64) -> Figure {
     }
 }
 
-fn of_rest(ratio: f64) -> Figure {
-    Figure {
+fn of_rest(ratio: f64) -> ArmFigure {
+    ArmFigure {
         quantity: None,
         score: ratio,
         threshold: LEAST_RMSD_RATIO,
@@ -232,8 +232,8 @@ fn of_rest(ratio: f64) -> Figure {
     }
 }
 
-fn of_position(offset: f64) -> Figure {
-    Figure {
+fn of_position(offset: f64) -> ArmFigure {
+    ArmFigure {
         quantity: None,
         score: offset.abs(),
         threshold: LEAST_POSITION_OFFSET,
@@ -248,11 +248,11 @@ fn of_position(offset: f64) -> Figure {
     }
 }
 
-fn of_unknown() -> Figure {
-    Figure {
+fn of_unknown() -> ArmFigure {
+    ArmFigure {
         message: "the arm's inertial parameters have changed, and neither a load nor one torque signal explains it; \
                   check the mounting, the zero positions and the robot's description"
             .into(),
-        ..Figure::without_value()
+        ..ArmFigure::without_value()
     }
 }

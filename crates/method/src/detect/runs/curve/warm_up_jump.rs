@@ -26,7 +26,7 @@ use armwatch_model::analysis::Estimate;
 pub(in crate::detect::runs) const LEAST_FACTOR: f64 = 1.25;
 /// What a jump must exceed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::detect::runs) struct Limits {
+pub(in crate::detect::runs) struct JumpLimits {
     /// Least factor.
     least_factor: f64,
     /// What chance does, as a multiple of what it does where the scatter of the tests shows all of it.
@@ -35,7 +35,7 @@ pub(in crate::detect::runs) struct Limits {
     with_common: f64,
 }
 
-impl Limits {
+impl JumpLimits {
     /// Of a joint. A hall that is colder makes the warm-up another one.
     pub(in crate::detect::runs) const OF_JOINT: Self =
         Self { least_factor: LEAST_FACTOR, chance: 1.0, with_common: 10.0 };
@@ -81,7 +81,7 @@ pub(in crate::detect::runs) struct Jump {
 /// The tests of a joint as they come.
 pub(in crate::detect::runs) struct WarmUpJump {
     alpha: f64,
-    limits: Limits,
+    limits: JumpLimits,
     tests: Vec<Estimate>,
     /// Places of their runs.
     runs: Vec<usize>,
@@ -92,7 +92,7 @@ pub(in crate::detect::runs) struct WarmUpJump {
 
 impl WarmUpJump {
     /// Before the first test. `alpha` is the probability of a false alarm that the channel has with each test.
-    pub(in crate::detect::runs) fn new(alpha: f64, limits: Limits) -> Self {
+    pub(in crate::detect::runs) fn new(alpha: f64, limits: JumpLimits) -> Self {
         Self { alpha, limits, tests: Vec::new(), runs: Vec::new(), beside: Vec::new(), jump: None }
     }
 
@@ -232,7 +232,7 @@ mod tests {
         let (mut state, deviation) = (0.0, 0.2);
         // what the usual curve has wrong is alike in all tests
         let usual = 0.1 * rng.sample::<f64, _>(StandardNormal);
-        let mut of = WarmUpJump::new(ALPHA, Limits::OF_JOINT);
+        let mut of = WarmUpJump::new(ALPHA, JumpLimits::OF_JOINT);
         (0..count).find_map(|test| {
             let fresh = deviation * rng.sample::<f64, _>(StandardNormal);
             state = correlation * state + fresh * f64::sqrt(1.0 - correlation * correlation);

@@ -21,7 +21,7 @@ const BY_CHANCE: f64 = 1e-3;
 
 /// What two joints have in common in the cycles of the tests in which both oscillate.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Coupling {
+struct SwingCoupling {
     correlation: f64,
     cycles: usize,
     tests: usize,
@@ -47,7 +47,7 @@ pub(in crate::detect::runs) fn joined(
     let mut joined = Vec::new();
     while let Some(first) = free.pop() {
         let mut group = vec![first];
-        let mut couplings: Vec<Coupling> = Vec::new();
+        let mut couplings: Vec<SwingCoupling> = Vec::new();
         // whatever swings with one of the group belongs to it
         while let Some((at, coupling)) = free.iter().enumerate().find_map(|(at, &other)| {
             let with = |&one: &usize| coupled(&found[one], &found[other], &residuals, &span);
@@ -88,7 +88,7 @@ fn coupled(
     other: &Anomaly,
     residuals: &[Vec<Vec<(u32, f64)>>],
     span: &dyn Fn(&Anomaly) -> (usize, usize),
-) -> Option<Coupling> {
+) -> Option<SwingCoupling> {
     let (a, b) = (one.joint?, other.joint?);
     let ((from, to), (from_other, to_other)) = (span(one), span(other));
     let (first, last) = (from.max(from_other), to.min(to_other));
@@ -124,7 +124,7 @@ fn coupled(
     let pairs = 0.5 * joints * (joints - 1.0);
     let is_coupled = correlation.abs() >= LEAST_CORRELATION
         && z >= normal_quantile(1.0 - 0.5 * BY_CHANCE / pairs.max(1.0));
-    is_coupled.then_some(Coupling { correlation, cycles, tests })
+    is_coupled.then_some(SwingCoupling { correlation, cycles, tests })
 }
 
 /// What the friction of each cycle of a joint differs by from a smooth course of its test, by test.
@@ -137,7 +137,7 @@ fn residuals(runs: &[RunSummary], joint: JointIndex) -> Vec<Vec<(u32, f64)>> {
 }
 
 /// The alarm of the arm for the oscillations of joints that swing together; `same` are further ones of these joints.
-fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: Coupling) -> Anomaly {
+fn one_alarm(group: &[&Anomaly], same: &[&Anomaly], coupling: SwingCoupling) -> Anomaly {
     let mut by_joint: Vec<&Anomaly> = group.to_vec();
     by_joint.sort_by_key(|of| of.joint);
     by_joint.dedup_by_key(|of| of.joint);

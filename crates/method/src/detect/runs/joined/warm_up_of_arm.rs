@@ -29,7 +29,7 @@ const APART: usize = 2;
 const TOGETHER: usize = 10;
 
 /// An alarm of a warm-up with the places of its tests.
-struct Seen {
+struct WarmUpAlarm {
     alarm: Anomaly,
     /// Of its onset and of its last test.
     span: (usize, usize),
@@ -45,7 +45,7 @@ pub(in crate::detect::runs) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> V
         let is_warm_up = of.kind == AnomalyKind::Thermal && [OF_JOINT, OF_ARM].contains(&of.quantity);
         let span = is_warm_up.then(|| Some((place(of.onset.run_id)?, place(of.last_run_id)?)))??;
         let is_shared = of.joint.is_none() || all_jumped_with(of, span, &part.common_causes);
-        Some(Seen { alarm: of.clone(), span, is_longer: of.value > 1.0, is_shared })
+        Some(WarmUpAlarm { alarm: of.clone(), span, is_longer: of.value > 1.0, is_shared })
     };
     let (mut warm_ups, mut rest) = (Vec::new(), Vec::new());
     for of in found {
@@ -55,9 +55,9 @@ pub(in crate::detect::runs) fn joined(found: Vec<Anomaly>, part: &Part<'_>) -> V
         }
     }
     warm_ups.sort_by_key(|of| (of.span.0, of.alarm.joint));
-    let mut groups: Vec<Vec<Seen>> = Vec::new();
+    let mut groups: Vec<Vec<WarmUpAlarm>> = Vec::new();
     for of in warm_ups {
-        let meets = |other: &Seen| {
+        let meets = |other: &WarmUpAlarm| {
             let is_soon = of.span.0 <= (other.span.1 + APART).min(other.span.0 + TOGETHER);
             is_soon && of.is_longer == other.is_longer
         };

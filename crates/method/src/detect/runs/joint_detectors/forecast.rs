@@ -126,7 +126,7 @@ pub(super) fn forecast(tests: &[Test], limits: &Limits) -> Option<Forecast> {
 struct Member {
     weight: f64,
     dynamics: Dynamics,
-    state: State,
+    state: TrendState,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -138,7 +138,7 @@ struct Dynamics {
 
 /// Level and slope after a test, with their covariance; the slope is that of one span.
 #[derive(Debug, Clone, Copy)]
-struct State {
+struct TrendState {
     level: f64,
     slope: f64,
     level_variance: f64,
@@ -146,7 +146,7 @@ struct State {
     slope_variance: f64,
 }
 
-impl State {
+impl TrendState {
     /// Probability that the slope is above zero.
     fn is_rising(&self) -> f64 {
         normal_probability(self.slope / self.slope_variance.sqrt())
@@ -202,7 +202,7 @@ fn members(tests: &[Test], first: Timestamp, span_days: f64) -> Vec<Member> {
         .map(|test| test.at.duration_since(first).as_secs_f64() / SECONDS_PER_DAY / span_days)
         .collect();
     let begin: Vec<f64> = tests.iter().take(3).map(|test| test.ratio).collect();
-    let start = State {
+    let start = TrendState {
         level: median(&begin).unwrap_or(1.0),
         slope: 0.0,
         level_variance: FIRST_LEVEL * FIRST_LEVEL,

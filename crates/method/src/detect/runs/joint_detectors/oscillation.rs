@@ -53,13 +53,13 @@ impl Detector<JointSeries<'_>> for Oscillation {
         let levels = series.figures(|summary| summary.relative_rmsd);
         let first = |of: &[Option<f64>]| baseline(of.iter().flatten().copied(), settings.baseline_runs);
         let peers = series.of_peers(|summary| summary.rmsd_swing.map(|swing| swing.value));
-        let own = first(&swings).map(|swing| Usual { swing, level: first(&levels), peers: 0 });
-        let of_peers = median(&peers).map(|swing| Usual {
+        let own = first(&swings).map(|swing| UsualSwing { swing, level: first(&levels), peers: 0 });
+        let of_peers = median(&peers).map(|swing| UsualSwing {
             swing,
             level: median(&series.of_peers(|summary| summary.relative_rmsd)),
             peers: peers.len(),
         });
-        let compared: Vec<Usual> = own.into_iter().chain(of_peers).collect();
+        let compared: Vec<UsualSwing> = own.into_iter().chain(of_peers).collect();
         let mut before = false;
         let one = |(run, swing): (usize, &Option<f64>)| {
             // what a wrong signal says of a joint is the signal's
@@ -104,7 +104,7 @@ impl Detector<JointSeries<'_>> for Oscillation {
 }
 
 /// What the swing of a test is compared with.
-struct Usual {
+struct UsualSwing {
     swing: f64,
     /// Relative RMSD about which it swings.
     level: Option<f64>,
@@ -112,7 +112,7 @@ struct Usual {
     peers: usize,
 }
 
-impl Usual {
+impl UsualSwing {
     /// Swing from which on a test of this relative RMSD is out.
     fn limit(&self, ratio: f64, level: Option<f64>) -> f64 {
         let level = level.zip(self.level).map_or(1.0, |(now, usual)| (now / usual).max(1.0));

@@ -19,7 +19,7 @@ use crate::detect::rate::budget::Budget;
 use crate::detect::runs::arm::cause::ArmCause;
 use crate::detect::runs::curve::hypothesis::Cause;
 use crate::detect::runs::curve::run_cause::RunCause;
-use crate::detect::runs::curve::warm_up_jump::{LEAST_FACTOR, Limits, WarmUpJump};
+use crate::detect::runs::curve::warm_up_jump::{JumpLimits, LEAST_FACTOR, WarmUpJump};
 use crate::detect::runs::series::JointSeries;
 use crate::detect::verdict::{Verdict, Why};
 use armwatch_model::anomaly::quantity::Quantity;
@@ -46,7 +46,7 @@ impl Detector<JointSeries<'_>> for WarmUp {
             of_arm: &|run: usize| series.warm_up_of_arm(run),
             is_known: &is_known,
             alpha: alpha(series.settings, series.joints, &series.starts),
-            limits: Limits::OF_JOINT,
+            limits: JumpLimits::OF_JOINT,
             least_lead: 0.0,
             whose: "the joint's",
             remedy: "cold and warm friction fit; check the lubricant and what cools the joint",
@@ -70,7 +70,7 @@ pub(in crate::detect::runs) fn common_warm_up(
         of_arm: &|_| 0.0,
         is_known: &|run: usize| !matches!(faults.get(run), Some(Some(ArmCause::Load(_)))),
         alpha: alpha(settings, joints, &starts),
-        limits: Limits::OF_ARM,
+        limits: JumpLimits::OF_ARM,
         least_lead: LEAST_LEAD_OF_ARM,
         whose: "the arm's",
         remedy: "friction of the first cycle fits; all joints do so, as with another or an aged lubricant",
@@ -99,7 +99,7 @@ struct WarmUps<'a> {
     of_arm: &'a dyn Fn(usize) -> f64,
     /// Probability of a false alarm of each run.
     alpha: f64,
-    limits: Limits,
+    limits: JumpLimits,
     /// Least lead, in logarithms, of this cause over the next one in a run that shows it by itself.
     least_lead: f64,
     /// Whose first tests are meant, and what else fits and is to be done, for the message.

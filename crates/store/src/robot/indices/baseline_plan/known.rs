@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use serde::{Deserialize, Serialize};
 
 use super::{FrictionPlan, MIN_BASELINE_RUNS, PlannedMap, PlannedTest, first_motion, is_full, test_basis};
-use crate::robot::indices::baselines::{Basis, FrictionTest, FrictionTests};
+use crate::robot::indices::baselines::{FrictionTest, FrictionTests, IndexBasis};
 use crate::robot::maintenance::DescriptionKey;
 use armwatch_model::anomaly::baseline_runs::{REMEMBERED_S, stages};
 use armwatch_model::anomaly::epoch::{Epoch, EpochCause, epochs};
@@ -44,7 +44,7 @@ pub struct KnownMap {
     /// Maps of other joints that help it: position of the map, and the joint.
     pub companions: Vec<(usize, JointIndex)>,
     /// Hash of all of this.
-    pub basis: Basis,
+    pub basis: IndexBasis,
 }
 
 impl KnownPlan {

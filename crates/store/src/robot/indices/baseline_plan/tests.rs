@@ -51,7 +51,7 @@ fn baselines(found: &FrictionTests, needed: usize, of: JointIndex) -> Vec<(u32, 
 }
 
 /// The basis of each run's indices.
-fn bases(found: &FrictionTests) -> HashMap<i64, Option<Basis>> {
+fn bases(found: &FrictionTests) -> HashMap<i64, Option<IndexBasis>> {
     let plan = plan(found, NEEDED, 7);
     found.tests.iter().zip(plan.tests).map(|(test, planned)| (test.run_id, planned.basis)).collect()
 }

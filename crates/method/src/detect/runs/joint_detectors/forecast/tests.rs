@@ -282,11 +282,12 @@ fn one_odd_test_moves_no_date_by_much() {
 #[test]
 fn two_steps_are_one() {
     let start =
-        State { level: 1.02, slope: 0.1, level_variance: 1e-4, covariance: 2e-5, slope_variance: 4e-3 };
+        TrendState { level: 1.02, slope: 0.1, level_variance: 1e-4, covariance: 2e-5, slope_variance: 4e-3 };
     for growth in [-4.0, 0.0, 1e-9, 1e-3, 3.0] {
         let dynamics = Dynamics { growth, slope_noise: 0.3, level_noise: 0.1 };
         let (once, twice) = (start.after(0.5, &dynamics), start.after(0.2, &dynamics).after(0.3, &dynamics));
-        let figures = |of: State| [of.level, of.slope, of.level_variance, of.covariance, of.slope_variance];
+        let figures =
+            |of: TrendState| [of.level, of.slope, of.level_variance, of.covariance, of.slope_variance];
         for (a, b) in figures(once).into_iter().zip(figures(twice)) {
             assert!((a - b).abs() <= 1e-6 * a.abs(), "{growth}: {a} {b}");
         }
