@@ -17,7 +17,8 @@
 //! ```
 //!
 //! Intervals are quantiles of the mixture over `c`. The prior of the ratios is a normal distribution with the
-//! variance of the uniform one, so that intervals are rather too wide than too narrow.
+//! variance of the uniform one, which makes intervals too wide for gains that differ by chance. The gains count as independent,
+//! which makes the interval of the mass too narrow if one error is common to all of them.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
