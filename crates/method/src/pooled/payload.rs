@@ -399,10 +399,11 @@ fn shown(all: [Interval; LOAD], gain_bound: f64, cycles: [usize; 2]) -> Payload 
     }
 }
 
-/// Distribution of the common factor `c` of the gains.
+/// Distributions of the common factor `c` of the gains: of gains that are off by errors of their own, and of gains with one
+/// error in common, if their ratios allow it.
 struct CommonFactor {
     /// Places with their probabilities, which add up to one.
-    places: Vec<(f64, f64)>,
+    distributions: Vec<Vec<(f64, f64)>>,
     /// Largest logarithm of the probability that all gains are within their bounds.
     agreement: f64,
 }
@@ -435,21 +436,46 @@ impl CommonFactor {
         let weights: Vec<(f64, f64)> =
             rows.iter().map(|(c, of)| (*c, (of - best + power * c.ln()).exp())).collect();
         let sum: f64 = weights.iter().map(|(_, weight)| weight).sum();
-        let places = weights.into_iter().map(|(c, weight)| (c, weight / sum)).collect();
-        Self { places, agreement: best }
+        let own = weights.into_iter().map(|(c, weight)| (c, weight / sum)).collect();
+        let mut distributions = vec![own];
+        distributions.extend(Self::in_common(gains, errors, bound));
+        Self { distributions, agreement: best }
     }
 
-    /// Interval of a quantity with the value `value` and the error `error` where the factor is one.
+    /// Any factor that leaves the mean gain within its bounds; `None` if the gains differ by more than their errors.
+    fn in_common(gains: &[f64], errors: &[f64], bound: f64) -> Option<Vec<(f64, f64)>> {
+        let weights = || errors.iter().map(|error| error.max(LEAST_BOUND * bound).powi(-2));
+        let mean = gains.iter().zip(weights()).map(|(gain, weight)| weight * gain).sum::<f64>()
+            / weights().sum::<f64>();
+        let squares: f64 =
+            gains.iter().zip(weights()).map(|(gain, weight)| weight * (gain - mean).powi(2)).sum();
+        let n = gains.len() as f64;
+        // three standard deviations of the sum of squares
+        (squares <= n + 3.0 * (2.0 * n).sqrt()).then(|| {
+            let at = |place: u32| 1.0 - bound + 2.0 * bound * (f64::from(place) + 0.5) / f64::from(PLACES);
+            (0..PLACES).map(|place| (at(place) / mean, f64::from(PLACES).recip())).collect()
+        })
+    }
+
+    /// Interval of a quantity with the value `value` and the error `error` where the factor is one: the one that contains
+    /// those of all distributions.
     fn interval(&self, value: f64, error: f64, scales: bool) -> Interval {
+        let all = self.distributions.iter().map(|places| Self::interval_of(places, value, error, scales));
+        let joined =
+            all.reduce(|all, of| Interval { low: all.low.min(of.low), high: all.high.max(of.high), ..all });
+        joined.unwrap_or(Interval { value, low: value, high: value, is_shown: false })
+    }
+
+    fn interval_of(places: &[(f64, f64)], value: f64, error: f64, scales: bool) -> Interval {
         let error = error.max(1e-12 * value.abs()).max(f64::MIN_POSITIVE);
         let below = |x: f64| -> f64 {
             let one = |(c, weight): &(f64, f64)| {
                 let x = if scales { x * c } else { x };
                 weight * normal_probability((x - value) / error)
             };
-            self.places.iter().map(one).sum()
+            places.iter().map(one).sum()
         };
-        let ends = self.places.iter().flat_map(|(c, _)| {
+        let ends = places.iter().flat_map(|(c, _)| {
             let by = if scales { 1.0 / c } else { 1.0 };
             [by * (value - 9.0 * error), by * (value + 9.0 * error)]
         });
