@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use jiff::{SignedDuration, Timestamp};
 use serde_json::{Value, json};
 
 use crate::api::{Served, TOKEN, small_alarm};
@@ -39,6 +40,11 @@ impl Description {
     }
 }
 
+/// A time some hours from now, as bodies of requests have it.
+fn hours_ahead(hours: i64) -> String {
+    (Timestamp::now() + SignedDuration::from_hours(hours)).to_string()
+}
+
 /// Lets no object have a property that is not described.
 fn closed(schema: &mut Value) {
     if let Some(object) = schema.as_object_mut() {
@@ -70,6 +76,9 @@ fn answers_are_as_the_description_of_the_api_says() {
     let json_type = "Content-Type: application/json\r\n";
     let login = format!(r#"{{"token": "{TOKEN}"}}"#);
     let work: &[u8] = br#"{"who": "Lena", "what": "gearbox changed", "joint": 2}"#;
+    let corrected: &[u8] = br#"{"who": "Lena", "what": "gearbox of joint 2 changed", "joint": 2}"#;
+    let plan = format!(r#"{{"who": "Lena", "what": "gearbox", "until": "{}"}}"#, hours_ahead(24));
+    let (entry, windows) = ("/v1/maintenance/{id}", "/v1/robots/{robot}/windows");
     let (view, name) = ("/v1/views/{view}", "/v1/exports/{name}");
     let answer = "/v1/anomalies/{id}/{action}";
     let torque = "/v1/runs/{run_id}/cycles/{cycle}/torque";
@@ -98,14 +107,26 @@ fn answers_are_as_the_description_of_the_api_says() {
         ("GET /v1/payload?empty=1", "/v1/payload", &token, b"", 400),
         ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 200),
         ("POST /v1/anomalies/1/acknowledge", answer, &json_body, deed, 409),
+        ("POST /v1/anomalies/1/comment", answer, &json_body, answered, 200),
+        ("POST /v1/anomalies/1/comment", answer, &json_body, deed, 400),
+        ("POST /v1/anomalies/1/assign", answer, &json_body, br#"{"who": "Lena", "to": "Ada"}"#, 200),
         ("POST /v1/anomalies/9/acknowledge", answer, &json_body, deed, 404),
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 201),
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, work, 409),
         ("POST /v1/robots/A/maintenance", "/v1/robots/{robot}/maintenance", &json_body, b"{}", 400),
         ("POST /v1/quarantine/1/retry", "/v1/quarantine/{run_id}/retry", &token, b"", 409),
-        ("DELETE /v1/maintenance/1", "/v1/maintenance/{id}", &token, b"", 200),
-        ("DELETE /v1/maintenance/1", "/v1/maintenance/{id}", &token, b"", 404),
-        ("DELETE /v1/maintenance/one", "/v1/maintenance/{id}", &token, b"", 400),
+        ("PUT /v1/maintenance/1", entry, &json_body, corrected, 200),
+        ("PUT /v1/maintenance/1", entry, &json_body, b"{}", 400),
+        ("PUT /v1/maintenance/9", entry, &json_body, corrected, 404),
+        ("DELETE /v1/maintenance/1", entry, &token, b"", 200),
+        ("DELETE /v1/maintenance/1", entry, &token, b"", 404),
+        ("DELETE /v1/maintenance/one", entry, &token, b"", 400),
+        ("POST /v1/robots/A/windows", windows, &json_body, plan.as_bytes(), 201),
+        ("POST /v1/robots/A/windows", windows, &json_body, deed, 400),
+        ("POST /v1/robots/none/windows", windows, &json_body, plan.as_bytes(), 404),
+        ("DELETE /v1/windows/1", "/v1/windows/{id}", &token, b"", 204),
+        ("DELETE /v1/windows/1", "/v1/windows/{id}", &token, b"", 404),
+        ("DELETE /v1/windows/one", "/v1/windows/{id}", &token, b"", 400),
         ("POST /v1/quarantine/1/dismiss", "/v1/quarantine/{run_id}/dismiss", &json_body, answered, 409),
         ("POST /v1/quarantine/1/dismiss", "/v1/quarantine/{run_id}/dismiss", &json_body, deed, 400),
         ("POST /v1/session", "/v1/session", json_type, login.as_bytes(), 204),

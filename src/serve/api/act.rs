@@ -212,7 +212,7 @@ pub async fn maintenance(
 /// Correct an entry of work
 ///
 /// If place or time change, baselines and anomalies are as if the old entry had never been there, and the entry has
-/// another number.
+/// another number. Without `at` the time stays as it is.
 #[utoipa::path(
     put, path = "/v1/maintenance/{id}", tag = "Actions", operation_id = "correctWork",
     params(("id" = i64, Path, description = "Its maintenance_id")),
@@ -237,8 +237,10 @@ pub async fn edit_maintenance(
     let failed = |error| Refusal::internal(&error);
     let all = shared.store.maintenance(None).await.map_err(failed)?;
     let old = all.into_iter().find(|row| row.work.maintenance_id == maintenance_id);
-    let robot = old.ok_or_else(|| no_entry(maintenance_id))?.robot;
-    let new = checked_work(&shared, robot, body(work, WORK_EXAMPLE)?).await?;
+    let old = old.ok_or_else(|| no_entry(maintenance_id))?;
+    let mut work = body(work, WORK_EXAMPLE)?;
+    work.at.get_or_insert(old.work.at);
+    let new = checked_work(&shared, old.robot, work).await?;
     let edited = shared.store.edit_maintenance(maintenance_id, &new).await.map_err(failed)?;
     let edited = edited.ok_or_else(|| no_entry(maintenance_id))?;
     let number = edited.map_err(|reason| not_entered(&reason, &new.robot))?;
