@@ -51,6 +51,7 @@ CREATE INDEX friction_baseline_by_run ON friction_baseline_run (run_id);
 CREATE INDEX run_friction_series_by_robot ON run_friction_series (robot_id);
 CREATE INDEX settled_history_by_time ON settled_history (robot_id, follows_until);
 CREATE INDEX maintenance_by_robot ON maintenance (robot_id, at);
+CREATE INDEX maintenance_window_by_robot ON maintenance_window (robot_id);
 CREATE INDEX joint_health_by_last_result ON joint_health (last_result_run_id);
 CREATE INDEX anomaly_by_robot ON anomaly (robot_id, kind, joint);
 CREATE INDEX anomaly_by_first_run ON anomaly (first_run_id);
