@@ -29,7 +29,7 @@ const MOST_PASSES: usize = 8;
 pub enum LoadIteration {
     /// After this many passes behind the linear one.
     Settled(usize),
-    /// Not within [`MOST_PASSES`]: largest relative change of a column in the last pass.
+    /// The columns still change after the last pass. Holds the largest relative change of a column in it.
     Unsettled(f64),
     /// The rows identify no parameters.
     Failed(NumericsError),
