@@ -51,8 +51,8 @@ pub struct CycleAnalysis {
     pub estimator: Estimator,
     /// Parameters, or the reason why there are none.
     pub identification: Result<Identification, String>,
-    /// Findings for which the cycle was refused, the likeliest first; empty if it has parameters, or lacked motion for
-    /// identifying them.
+    /// Findings that caused the refusal of the cycle, the likeliest first; empty if it has parameters, or lacked motion
+    /// for identifying them.
     pub refusal_causes: Vec<RefusalCause>,
     /// Self-verification by joint and stage; empty without parameters.
     pub verification: Vec<TorqueRmsd>,
@@ -103,7 +103,7 @@ impl CycleAnalysis {
 /// Mean temperatures of a cycle, K.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CycleTemperatures {
-    /// Of each joint's motor `[n]`; `None` if not recorded or not plausible. Empty if no motor is recorded.
+    /// Temperature of each joint's motor `[n]`; `None` if not recorded or not plausible. Empty if no motor is recorded.
     pub motor: Vec<Option<f64>>,
     /// Ambient temperature.
     pub ambient: Option<f64>,
@@ -127,7 +127,7 @@ pub struct ProductionCheck {
 pub struct JointCheck {
     /// The joint.
     pub joint: JointIndex,
-    /// Deviation over all rows, and over those in which the joint moves.
+    /// Deviation over all rows, and over the moving ones.
     pub rmsd: RmsdPair,
     /// Part of the deviation that is proportional to friction; `None` if the joint does not move.
     pub friction: Option<FrictionExcess>,
@@ -143,7 +143,7 @@ pub struct FrictionExcess {
     pub share: f64,
 }
 
-/// Windows of one recording of production against one test, medians over those in which the joint moves.
+/// Windows of one production recording compared with one test: medians over the windows with motion of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProductionJoint {
     /// The joint.
@@ -462,7 +462,7 @@ pub struct Decay {
 pub enum StatisticsWindow {
     /// All cycles.
     All,
-    /// All except the first five, in which the arm warms up.
+    /// All except the first five: the arm warms up in these.
     AfterFive,
 }
 

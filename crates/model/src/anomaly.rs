@@ -180,7 +180,7 @@ impl RunSummary {
     }
 }
 
-/// One cause for which cycles of a run were refused.
+/// One cause of refused cycles of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunRefusal {
     /// The cause, with the sentence of the first of these cycles.
@@ -228,7 +228,7 @@ pub struct Alternative {
 }
 
 /// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
-/// identified by its joint, its cause and the time in which it is seen.
+/// identified by its joint, its cause and the time of its runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Anomaly {
     /// The joint; `None` if the cause affects the whole arm.
@@ -249,7 +249,7 @@ pub struct Anomaly {
     pub baseline: f64,
     /// The value of the run with the largest score of the episode.
     pub peak_value: f64,
-    /// That score.
+    /// Largest score of the episode.
     pub peak_score: f64,
     /// Largest severity of a run that showed it.
     pub peak_severity: Severity,
@@ -338,7 +338,7 @@ pub struct JointHealth {
     /// Friction of the latest test relative to the baseline, 1 = unchanged; `None` while learning, and if that test
     /// gave no comparable value.
     pub friction_index: Option<f64>,
-    /// The quantity that `friction_index` comes from.
+    /// The quantity behind `friction_index`.
     pub friction_quantity: Option<Quantity>,
     /// State of knowledge.
     pub knowledge: Knowledge,
@@ -346,8 +346,7 @@ pub struct JointHealth {
     pub reason: Option<String>,
     /// The latest run that gave a result for this joint.
     pub last_result_run_id: Option<i64>,
-    /// Expected times at which friction reaches its limits; `None` with too few tests since the baseline or the last
-    /// jump.
+    /// Forecast of friction reaching its limits; `None` with too few tests since the baseline or the last jump.
     pub forecast: Option<Forecast>,
 }
 
@@ -358,7 +357,7 @@ pub struct Findings {
     pub anomalies: Vec<Anomaly>,
     /// Health of each joint.
     pub health: Vec<JointHealth>,
-    /// Latest time at which the next test should have begun, from the robot's own usual interval; `None` with too few
-    /// tests for an interval.
+    /// Latest time for the next test to begin, from the robot's own usual interval; `None` with too few tests for an
+    /// interval.
     pub expected_by: Option<Timestamp>,
 }

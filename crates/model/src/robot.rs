@@ -169,7 +169,7 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// Speed from which on a row of its torque counts as moving, rad/s (m/s); infinite if its torque is not recorded.
+    /// Least speed of a moving row of its torque, rad/s (m/s); infinite if its torque is not recorded.
     #[must_use]
     pub fn counted_speed(&self) -> f64 {
         if self.has_torque { self.low_speed } else { f64::INFINITY }

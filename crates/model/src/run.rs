@@ -402,7 +402,7 @@ pub struct RunHeader {
 /// Kind of a run's recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub enum RunKind {
-    /// The test: stages from which parameters and friction are identified.
+    /// The test: its stages serve to identify parameters and friction.
     #[default]
     Test,
     /// Production, compared with the parameters of tests.
@@ -433,7 +433,8 @@ pub enum RunStatus {
     Quarantined,
     /// A corrected export superseded it; its stored results are kept, but take no part in conclusions.
     Superseded,
-    /// It was read completely, but takes no part in conclusions: a person has excluded it, or its start is implausible.
+    /// It was read completely, but takes no part in conclusions: a person has set it aside, or its start is
+    /// implausible.
     SetAside,
 }
 

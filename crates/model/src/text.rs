@@ -1,8 +1,8 @@
 //! Text from outside, such as names of files and robots, cells, notes and answers of servers, made safe to show.
 //!
-//! [`shown`] is for people: logs, terminals, messages, comments. [`json`] is for JSON, in which the text stays the
-//! same. [`distinct`] and [`percent`] are for names that identify: different names stay different. [`of_bytes`] makes
-//! text of names that are not UTF-8, and [`to_bytes`] gives their bytes back.
+//! [`shown`] is for people: logs, terminals, messages, comments. [`json`] is for JSON and keeps the text the same.
+//! [`distinct`] and [`percent`] are for names that identify: different names stay different. [`of_bytes`] makes text of
+//! names that are not UTF-8, and [`to_bytes`] gives their bytes back.
 
 use std::borrow::Cow;
 use std::ffi::OsString;

@@ -270,7 +270,7 @@ pub enum StoreError {
     Certificate {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What is wrong with the certificate.
+        /// Fault of the certificate.
         detail: String,
     },
     /// The server has no such database.
@@ -312,10 +312,10 @@ pub enum StoreError {
     Address {
         /// The address, without a password.
         path: PathBuf,
-        /// What is wrong with the address.
+        /// Fault of the address.
         detail: String,
     },
-    /// The operation is left to the programs of the server.
+    /// Only the programs of the server perform the operation.
     #[error("{what} of database {} is left to its server; {instead}", .path.display())]
     OnServer {
         /// Address of the database, without a password.
@@ -338,7 +338,7 @@ pub enum StoreError {
     Other {
         /// Database file.
         path: PathBuf,
-        /// What happened.
+        /// Message of the driver.
         detail: String,
     },
 }

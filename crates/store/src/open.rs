@@ -23,7 +23,7 @@ use super::{descriptor, server, small_blocks, view_columns, write_ahead_log};
 use armwatch_config::{ClusterSettings, foreign_scheme, is_on_server, shown_database};
 use armwatch_model::run::FileId;
 
-/// Time for which a write waits for another process: longer than any transaction of this program, shorter than a person
+/// Longest wait of a write for another process: longer than any transaction of this program, shorter than a person
 /// waits for an answer.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -37,7 +37,7 @@ const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
 /// page cache of about 2 MB.
 const READERS: u32 = 4;
 
-/// Size to which the write-ahead log shrinks after a burst.
+/// Size of the write-ahead log after a burst: it shrinks to this.
 const LOG_LIMIT_BYTES: &str = "67108864";
 
 impl Store {
@@ -273,8 +273,8 @@ fn reading(path: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
 }
 
-/// The writer. Converting a new file's journal to a write-ahead log needs an exclusive lock, for which SQLite does not
-/// wait: if two programs start on a new file, one has to try again.
+/// The writer. Converting a new file's journal to a write-ahead log needs an exclusive lock, and SQLite does not wait
+/// for it: if two programs start on a new file, one has to try again.
 async fn writer_pool(
     path: &Path,
     options: SqliteConnectOptions,

@@ -23,7 +23,7 @@ const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 /// Age after which a copy is removed although its writer is unknown: one on another machine, or before a restart.
 const ABANDONED: Duration = Duration::from_secs(86_400);
 
-/// Time at which this process first used a copy, ns since 1970.
+/// Time of this process's first use of a copy, ns since 1970.
 static STARTED: LazyLock<i128> = LazyLock::new(|| Timestamp::now().as_nanosecond());
 
 /// Identity of this machine since its start, and of the name space of its process numbers.

@@ -28,10 +28,10 @@ use super::table::{ResultTable, hexadecimal};
 const LONGEST_STATEMENT: usize = 16 << 10;
 
 /// Most tokens of a statement after expansion of the tables of WITH. For a longer one, SQLite uses memory and time
-/// before its first step that none of its own limits bounds.
+/// before its first step, and none of its limits bounds that.
 const MOST_TOKENS: usize = 4000;
 
-/// Time for which a statement waits for a locked database. With a write-ahead log, readers hardly ever wait.
+/// Longest wait of a statement for a locked database. Readers hardly ever wait if there is a write-ahead log.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Instructions of SQLite's virtual machine between two checks of the clock, some ten microseconds.
@@ -79,7 +79,7 @@ pub enum SqlError {
     /// SQLite does not understand it; with the place, if SQLite names one.
     #[error("{}{sentence}", at.map_or_else(String::new, |(line, column)| format!("line {line}, column {column}: ")))]
     Statement {
-        /// What is wrong.
+        /// The fault.
         sentence: String,
         /// Line and column, counted from 1, in characters.
         at: Option<(usize, usize)>,
@@ -321,7 +321,7 @@ impl KnownSchema {
                 let within = asked.accessor.map(str::to_ascii_lowercase);
                 let is_in_view =
                     within.is_some_and(|name| self.views.contains(&name) || self.inside.contains(&name));
-                // for a joined table of which the statement uses no column, SQLite does not name the view
+                // if the statement uses no column of a joined table, SQLite does not name the view
                 let reads_no_column =
                     column_name.is_empty() && (self.is_taken(&table) || with.contains(&table));
                 if is_public(&table) || is_in_view || reads_no_column {

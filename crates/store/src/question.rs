@@ -21,7 +21,7 @@ use super::public_sql::{Parameter, cell, place};
 use super::table::ResultTable;
 use super::write_ahead_log;
 
-/// Time for which a statement waits for a locked database, as for other readers.
+/// Longest wait of a statement for a locked database, as for other readers.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 impl Store {

@@ -18,7 +18,7 @@ use armwatch_model::run::RunKind;
 /// keep their factors, whatever their age.
 pub const MOST_REFERENCES: usize = 8;
 
-/// Time from which on factors of single cycles are kept; `None` keeps them forever.
+/// Earliest time of factors of single cycles that are kept; `None` keeps all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct KeptSince {
     /// Tests.
@@ -64,8 +64,8 @@ impl FreeSpace {
 }
 
 impl Store {
-    /// Runs with factors that are due, oldest first. The age of a run is counted from its last cycle, or from the time
-    /// it was stored if that was later.
+    /// Runs with factors that are due, oldest first. The age of a run begins at its last cycle, or when it was stored
+    /// if that was later.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

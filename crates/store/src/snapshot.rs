@@ -2,7 +2,7 @@
 //! does.
 //!
 //! It omits data that only further processing needs: the factors of cycles, which are most of a database, and the
-//! places at which reading resumes. Its views show the same as those of the database at one moment.
+//! places for resuming the reading. Its views show the same as those of the database at one moment.
 
 use std::path::Path;
 

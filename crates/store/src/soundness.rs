@@ -40,7 +40,7 @@ impl Store {
         self.checked(found.fetch_all(&self.readers).await)
     }
 
-    /// Time at which the latest run was entered, by the clock of the machine that entered it.
+    /// Time of the latest run's entry, by the clock of the machine that entered it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

@@ -41,7 +41,7 @@ impl SyntheticSize {
     }
 }
 
-/// Evidence of a log in which six joints move differently and that favours no cause.
+/// Evidence of a log with six joints that move differently; it favours no cause.
 fn evidence() -> Vec<JointEvidence> {
     let rows = 400;
     let of_joint = |joint: usize| {

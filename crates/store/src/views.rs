@@ -69,10 +69,10 @@ pub struct FleetHealthRow {
     pub last_result_at: Option<Timestamp>,
     /// Reason for the status, if there is one.
     pub reason: Option<String>,
-    /// Latest time at which the next test should have begun.
+    /// Latest time for the next test to begin.
     #[serde(serialize_with = "known_in_views")]
     pub expected_by: Option<Timestamp>,
-    /// The quantity that `friction_index` comes from.
+    /// The quantity behind `friction_index`.
     #[serde(skip)]
     pub friction_quantity: Option<Quantity>,
     /// When friction is expected to reach its limits.
@@ -173,12 +173,12 @@ pub struct AnomalyRow {
     pub peak_value: Option<f64>,
     /// The score that deviated most.
     pub peak_score: Option<f64>,
-    /// Most likely time at which the change began.
+    /// Most likely beginning of the change.
     #[serde(serialize_with = "known_in_views")]
     pub onset_at: Option<Timestamp>,
-    /// Run in which it began.
+    /// Run of the onset.
     pub onset_run_id: Option<i64>,
-    /// Cycle of that run, if known.
+    /// Cycle of the onset in that run, if known.
     pub onset_cycle: Option<u32>,
     /// Odds of the named cause against all others together, if causes were compared.
     pub odds: Option<f64>,
@@ -237,7 +237,7 @@ impl Store {
         self.checked(fleet_health(&self.readers).await)
     }
 
-    /// Anomalies found after the one with key `after` (0 for all), in the order in which they were found.
+    /// Anomalies found after the one with key `after` (0 for all), oldest finding first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -313,7 +313,7 @@ pub(crate) async fn fleet_health(
     .await
 }
 
-/// Anomalies with a key above `after`, in the order in which they were found.
+/// Anomalies with a key above `after`, oldest finding first.
 pub(crate) async fn anomalies_after(
     executor: impl EngineExecutor<'_>,
     after: i64,

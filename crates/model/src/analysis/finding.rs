@@ -71,7 +71,7 @@ pub enum FindingKind {
     Description,
     /// Torques of the motors are read as those of the joints.
     MotorTorque,
-    /// Torque that is computed, or from which gravity or friction was subtracted.
+    /// Torque that is computed, or measured minus gravity or friction.
     ComputedTorque,
     /// The resolution of the recorded torque is coarse relative to the torque.
     CoarseTorque,

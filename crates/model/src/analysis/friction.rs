@@ -134,14 +134,14 @@ pub enum ThermalSource {
     /// The slow part is computed from the motor's temperature `T`: `(exp(k x) - 1) / (exp(k) - 1)` with `x = (warm - T)
     /// / (warm - cold)`. The fast part, which the sensor does not show, is computed from motion.
     MotorTemperature {
-        /// Temperature at which the slow part is zero, K.
+        /// Temperature of a slow part of zero, K.
         warm: f64,
-        /// Temperature at which it is one, K.
+        /// Temperature of a slow part of one, K.
         cold: f64,
         /// The curvature `k`; 0 is a line.
         curvature: Estimate,
     },
-    /// Motion and rest, plus `coldness` per kelvin by which the ambient temperature is below the usual one.
+    /// Motion and rest, plus `coldness` for each kelvin of an ambient temperature below the usual one.
     AmbientAndMotion {
         /// The usual ambient temperature, K.
         usual: f64,
@@ -178,8 +178,8 @@ pub struct MapLevel {
 pub struct FrictionMap {
     /// The joint.
     pub joint: JointIndex,
-    /// Warming and cooling. With a motor's temperature only `fast_s` and `slow_share` are fitted and used; the others
-    /// keep their assumed values.
+    /// Warming and cooling. Only `fast_s` and `slow_share` are fitted and used if the source is a motor's temperature;
+    /// the others keep their assumed values.
     pub law: ThermalLaw,
     /// Source of the thermal state.
     pub source: ThermalSource,

@@ -7,7 +7,7 @@ use super::IdentifiedParameter;
 /// Probability that stated intervals contain the true value.
 pub const LEVEL: f64 = 0.95;
 
-/// Degrees of freedom from which on the normal distribution replaces Student's: the relative difference of the
+/// Least degrees of freedom for replacing Student's distribution by the normal one: the relative difference of the
 /// quantiles of 95 % is below 1e-6.
 const NORMAL_FROM: f64 = 1e6;
 

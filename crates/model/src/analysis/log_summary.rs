@@ -5,13 +5,13 @@ use super::work_evidence::{DEVIATION, JointEvidence, PRODUCTS};
 use super::{FrictionExcess, JointCheck, ProductionJoint};
 use crate::robot::JointIndex;
 
-/// Ratio of a window's mean squared deviation to the median one above which the window is omitted: it contains a
-/// contact or a stop.
+/// Largest ratio of a window's mean squared deviation to the median one. A window above it contains a contact or a stop
+/// and is omitted.
 const ODD_WINDOW: f64 = 4.0;
 /// Fewest windows among which one may be omitted.
 const FEWEST_WINDOWS: usize = 3;
 
-/// The windows of one recording compared with one test, by joint: medians over the windows in which the joint moves.
+/// The windows of one recording compared with one test, by joint: medians over the windows with motion of the joint.
 /// The windows do not contain the test's own error.
 ///
 /// Medians are used because single windows may contain a contact or a wait.

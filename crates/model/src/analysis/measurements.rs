@@ -49,7 +49,7 @@ pub struct CycleRmsd {
     pub cycle: u32,
     /// The joint.
     pub joint: JointIndex,
-    /// As a fraction of the measured torque's RMS.
+    /// RMSD as a fraction of the measured torque's RMS.
     pub relative_rmsd: f64,
 }
 
@@ -60,7 +60,7 @@ pub struct CycleNoise {
     pub cycle: u32,
     /// The joint.
     pub joint: JointIndex,
-    /// As a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
+    /// Noise as a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
     pub relative_noise: f64,
     /// That RMS, Nm (N).
     pub torque_rms: f64,

@@ -8,8 +8,8 @@ use super::finding::FindingKinds;
 pub struct AnalysisSettings {
     /// Cut-off of the zero-phase low-pass on position, velocity and torque, Hz.
     pub cutoff: f64,
-    /// Speed at which friction is compared over runs, as a fraction of the largest speed; the nearest measured level is
-    /// used. The thesis uses 0.6.
+    /// Speed for comparing friction over runs, as a fraction of the largest speed; the nearest measured level is used.
+    /// The thesis uses 0.6.
     pub reference_speed_fraction: f64,
     /// Method that turns rows into parameters.
     pub estimator: Estimator,

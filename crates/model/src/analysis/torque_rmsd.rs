@@ -35,7 +35,7 @@ pub struct TorqueRmsd {
     pub scope: RmsdScope,
     /// Over all rows.
     pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves; zero samples if it never does.
+    /// Over the moving rows; zero samples if the joint never moves.
     pub moving_rows: Rmsd,
 }
 
@@ -81,7 +81,7 @@ pub struct WarmingContrast {
 pub struct RmsdPair {
     /// Over all rows.
     pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves.
+    /// Over the moving rows.
     pub moving_rows: Rmsd,
 }
 

@@ -8,7 +8,7 @@
 
 use crate::robot::JointIndex;
 
-/// A direction in which the torque of a joint may deviate, for a change of size 1.
+/// A direction of a joint's torque deviation, for a change of size 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorkDirection {
     /// The part of its friction that does not depend on speed; size 1 doubles it.
@@ -57,8 +57,8 @@ pub const DEVIATION: usize = WorkDirection::ALL.len();
 /// Number of products of each two of the directions and the deviation.
 pub const PRODUCTS: usize = (DEVIATION + 1) * (DEVIATION + 2) / 2;
 
-/// One joint in a window or a log: mean products, over the rows in which it moves, of the torque along each two
-/// directions. The last direction is the deviation: the measured torque minus that of the test's parameters.
+/// One joint in a window or a log: mean products, over its moving rows, of the torque along each two directions. The
+/// last direction is the deviation: the measured torque minus that of the test's parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointEvidence {
     /// The joint.

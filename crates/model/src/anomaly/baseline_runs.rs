@@ -4,7 +4,7 @@
 /// determine its thermal state.
 pub const FULL_RUN_POINTS: usize = 6;
 
-/// Time for which motion affects the thermal state, s: a week. The slowest gearboxes cool within half a day.
+/// Duration of an effect of motion on the thermal state, s: a week. The slowest gearboxes cool within half a day.
 pub const REMEMBERED_S: f64 = 7.0 * 86_400.0;
 
 /// Most runs of a baseline.
@@ -13,8 +13,8 @@ pub const MOST_BASELINE_RUNS: usize = 40;
 /// Most runs that a map is learnt from unless the baseline has more, which bounds the work of a fit.
 const MOST_LEARNT: usize = 36;
 
-/// Numbers of full runs of a joint at which its map is fitted: at the baseline, and again each time the number has
-/// doubled. `full` is the present number.
+/// Numbers of a joint's full runs that cause a fit of its map: that of the baseline, and each doubling of it. `full` is
+/// the present number.
 pub fn stages(baseline_runs: usize, full: usize) -> impl Iterator<Item = usize> {
     std::iter::successors(Some(baseline_runs.max(1)), |runs| runs.checked_mul(2))
         .take_while(move |runs| *runs <= full)

@@ -1,4 +1,4 @@
-//! Expected times at which a joint's friction reaches its limits.
+//! Forecasts of a joint's friction reaching its limits.
 
 use jiff::civil::Date;
 use serde::Serialize;
@@ -8,8 +8,8 @@ use serde::Serialize;
 pub struct Forecast {
     /// Trend of friction.
     pub trend: Trend,
-    /// Expected time at which it reaches the limit of a warning; `None` without a trend, if the limit is already
-    /// exceeded, and if it is not expected within the horizon.
+    /// Forecast of reaching the limit of a warning; `None` without a trend, if the limit is already exceeded, and if it
+    /// is not expected within the horizon.
     #[serde(rename = "warning")]
     pub warning_at: Option<Crossing>,
     /// The same for the critical limit.
@@ -46,7 +46,7 @@ impl Trend {
     }
 }
 
-/// Expected time at which a limit is reached, UTC.
+/// Expected day of reaching a limit, UTC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Crossing {
     /// Day before and after which reaching it is equally likely.

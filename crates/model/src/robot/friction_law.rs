@@ -27,7 +27,7 @@ pub enum FrictionLaw {
     None,
     /// `fs tanh(v / speed) + fv v + off`.
     Smooth {
-        /// Speed at which three quarters of the Coulomb friction act, rad/s (m/s).
+        /// Speed with three quarters of the Coulomb friction, rad/s (m/s).
         speed: f64,
     },
 }
@@ -146,7 +146,6 @@ impl FrictionModel {
 
     /// Factors of a joint's friction coefficients at the speed `qd` (rad/s or m/s), in the order of
     /// [`FrictionModel::terms`]; zero beyond them. `sign(0) = 0`.
-    ///
     ///
     /// - polynomial [3.10]: `sign(qd), qd, qd² sign(qd), qd³`;
     /// - viscous and Coulomb: `sign(qd), qd, 1`; smooth: `tanh(qd / speed), qd, 1`;

@@ -130,7 +130,7 @@ pub struct UrdfOrigin {
     pub axis: [f64; 3],
 }
 
-/// Form in which a description gives the place of a joint.
+/// Form of a joint's place in a description.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GeometrySource {
     /// Modified Denavit-Hartenberg (Craig): `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2]. `a` and `alpha`
@@ -206,7 +206,7 @@ impl JointGeometry {
         }
     }
 
-    /// Form in which the description gives it.
+    /// Its form in the description.
     #[must_use]
     pub fn source(&self) -> &GeometrySource {
         &self.source

@@ -19,7 +19,7 @@ pub enum LoadFriction {
     Directional,
     /// `(mu + mu_s exp(-(v / speed)²)) |L| s`.
     Stribeck {
-        /// Speed at which `mu_s` has fallen to 1/e, rad/s (m/s).
+        /// Speed where `mu_s` has fallen to 1/e, rad/s (m/s).
         speed: f64,
     },
 }

@@ -47,7 +47,7 @@ pub enum ObstacleForm {
     Plane {
         /// A point of the plane.
         point: Vector3<f64>,
-        /// Unit vector to the side where the arm may be.
+        /// Unit vector to the arm's side.
         normal: Vector3<f64>,
     },
     /// A box.

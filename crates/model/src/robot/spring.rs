@@ -23,7 +23,7 @@ pub enum SpringForm {
     Cylinder {
         /// Distances of the two pins from the joint's axis, m; they differ.
         pins: [f64; 2],
-        /// Position at which both pins are on the same side of the axis, rad.
+        /// Position with both pins on the same side of the axis, rad.
         aligned: f64,
     },
 }

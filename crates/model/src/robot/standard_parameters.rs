@@ -65,7 +65,7 @@ impl StandardParameters {
         self.inertia() - shift * self.mass()
     }
 
-    /// The same body about another frame, in which this one has the pose `frame`.
+    /// The same body about another frame; `frame` is the pose of this frame in the other one.
     ///
     /// With the second moment `S = tr(I)/2 1 - I` and the first moment `h`:
     /// `S' = R S R' + R h t' + t (R h)' + m t t'`; nothing divides by the mass.

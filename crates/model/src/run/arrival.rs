@@ -30,10 +30,10 @@ const EARLIEST_ARRIVAL: Timestamp = Timestamp::constant(1_767_225_600, 0);
 /// Clocks that lost their battery begin in 1970, 1980 or 2000, and so do the times of files that they write.
 const EARLIEST_FILE: Timestamp = Timestamp::constant(978_307_200, 0);
 
-/// Number of recordings from which on an order of arrival is meaningful.
+/// Least number of recordings for a meaningful order of arrival.
 const ORDERED: usize = 5;
 
-/// Number of recordings from which on a jump ahead is meaningful.
+/// Least number of recordings for a meaningful jump ahead.
 const KNOWN_RHYTHM: usize = 3;
 
 /// Number of usual steps that a jump ahead exceeds.
@@ -55,7 +55,7 @@ const SAME_FULL_HOUR: usize = 5;
 pub struct Arrival<'a> {
     /// Start of the recording, from its name, its rows or its file.
     pub started_at: Timestamp,
-    /// Time at which the program first read it, by the clock of its machine.
+    /// Time of its first reading, by the clock of the program's machine.
     pub arrived_at: Timestamp,
     /// Modification time of its file.
     pub file_time: Option<Timestamp>,
@@ -341,7 +341,7 @@ fn isolated(arrivals: &[Arrival<'_>]) -> Vec<Option<usize>> {
     groups
 }
 
-/// Folders in which recordings mostly arrive in the order of their starts. In other folders, such as an archive read in
+/// Folders whose recordings mostly arrive in the order of their starts. In other folders, such as an archive read in
 /// any order, the order of arrival has no meaning.
 fn ordered_folders<'a>(arrivals: &'a [Arrival<'a>]) -> HashSet<&'a str> {
     let mut folders: HashMap<&str, (usize, usize, Timestamp)> = HashMap::new();

@@ -3,9 +3,9 @@
 /// Delay of a channel's values relative to the positions of the same row, s, `[n]`; empty for no delay.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ChannelDelays {
-    /// Of torques.
+    /// Delays of torques.
     pub torque: Vec<f64>,
-    /// Of velocities.
+    /// Delays of velocities.
     pub velocity: Vec<f64>,
 }
 

@@ -26,9 +26,9 @@ pub enum StageRule {
 pub struct LevelSettings {
     /// Stages and their ranges, lower and upper end included; ranges do not overlap.
     pub ranges: Vec<(Stage, [f64; 2])>,
-    /// Distance by which the signal may leave the range of the present stage.
+    /// Tolerance of the signal outside the range of the present stage.
     pub hysteresis: f64,
-    /// Time for which another level must last to be another stage, s. The stage then begins at its first row.
+    /// Least duration of another level that is another stage, s. The stage then begins at its first row.
     pub debounce: f64,
 }
 

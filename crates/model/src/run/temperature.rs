@@ -88,9 +88,9 @@ impl TemperatureTrack {
 /// Temperatures of a recording, if it has any.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Temperatures {
-    /// Of each joint's motor `[n]`; `None` for a joint whose temperature is not recorded.
+    /// Temperature of each joint's motor `[n]`; `None` for a joint whose temperature is not recorded.
     pub motor: Vec<Option<TemperatureTrack>>,
-    /// Of the air around the robot.
+    /// Ambient temperature.
     pub ambient: Option<TemperatureTrack>,
 }
 

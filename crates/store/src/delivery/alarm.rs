@@ -22,7 +22,7 @@ pub struct AlarmEvent {
     pub event_id: i64,
     /// Number of the anomaly.
     pub anomaly_id: i64,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
     /// When.
     pub at: Timestamp,
@@ -50,7 +50,7 @@ pub struct AlarmEvent {
     pub peak_value: Option<f64>,
     /// Its score.
     pub peak_score: Option<f64>,
-    /// Most likely time at which the change began.
+    /// Most likely beginning of the change.
     pub onset_at: Option<Timestamp>,
     /// The run of that moment.
     pub onset_run_id: Option<i64>,

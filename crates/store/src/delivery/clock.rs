@@ -14,8 +14,8 @@ use crate::values::known_time;
 /// Tolerance for clocks that are corrected while they run.
 pub(super) const NOT_AHEAD: SignedDuration = SignedDuration::from_mins(1);
 
-/// Longest time for which quiet hours and digests hold a message: a day, which has 25 hours when clocks are set back,
-/// and one more hour.
+/// Longest delay of a message by quiet hours and digests: a day, which has 25 hours when clocks are set back, and one
+/// more hour.
 const LONGEST_HOLD: SignedDuration = SignedDuration::from_hours(26);
 
 /// Messages on a route that are due later than any delay of their kind allows.

@@ -37,11 +37,11 @@ pub struct RouteState {
     pub failures: u32,
     /// Time of the next attempt; `None`: now.
     pub retry_at: Option<Timestamp>,
-    /// Time at which the next message is due; `None`: no message waits.
+    /// Due time of the next message; `None`: no message waits.
     pub next_due_at: Option<Timestamp>,
     /// Messages sent within the requested time.
     pub sent: u32,
-    /// Time at which the first of these was sent.
+    /// Sending time of the first of these.
     pub first_sent_at: Option<Timestamp>,
 }
 
@@ -380,7 +380,7 @@ async fn next_message(
     Ok(Some(message))
 }
 
-/// Makes one message of everything that is due, if part of it was held for one.
+/// Makes one message of everything that is due, if part of it waited for a digest.
 async fn compose_digest(
     connection: &mut EngineConnection,
     route_id: i64,

@@ -41,7 +41,7 @@ impl Held {
 pub enum EventFate {
     /// The receiver gets it, not before a given time.
     Send {
-        /// That time.
+        /// The time.
         due_at: Timestamp,
         /// Reason for the delay.
         held: Option<Held>,

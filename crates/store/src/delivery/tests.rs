@@ -228,7 +228,7 @@ async fn what_a_flood_holds_becomes_one_message_that_stays_the_same() {
     let digest = outbox.next(route, day(0) + hour).await.expect("a digest");
     let of = |message: &DueMessage| message.alarms.iter().map(|alarm| alarm.event_id).collect::<Vec<_>>();
     assert_eq!((of(&digest), digest.digest), (events[2..].to_vec(), Some(events[4])));
-    // a later one is not in it, even if the first attempt had an outcome
+    // a later one is not in it, whatever the outcome of the first attempt
     assert_eq!(
         outbox.store.begin_attempt(route, &digest, day(0) + hour).await.expect("an attempt"),
         SendDecision::Begun
@@ -462,7 +462,7 @@ mod sessions {
             sqlx::query(statement).execute(&self.store.writer).await.expect(statement);
         }
 
-        /// With sessions 1, which has the route, 2 and 3.
+        /// An outbox with sessions 1, which has the route, 2 and 3.
         async fn with_sessions() -> Self {
             let outbox = Self::new().await;
             outbox

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use super::{EngineConnection, EnginePool, EnginePoolOptions};
 
-/// Time for which a claim waits: the server needs a moment to notice that the previous daemon was killed.
+/// Longest wait of a claim: the server needs a moment to notice that the previous daemon was killed.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 const BETWEEN_TRIES: Duration = Duration::from_millis(50);
@@ -28,8 +28,8 @@ impl HostLock {
         Self { host: host.into(), is_held: Arc::default() }
     }
 
-    /// Connections of a writer that take the lock when they are opened, once it was taken for the first time. A
-    /// connection that cannot get it is closed, and opened again until the timeout of the pool.
+    /// Connections of a writer that take the lock when they are opened, after the first claim. A connection that cannot
+    /// get it is closed, and opened again until the timeout of the pool.
     pub(crate) fn of_writer(&self, options: EnginePoolOptions) -> EnginePoolOptions {
         let lock = self.clone();
         options.after_connect(move |connection, _| {

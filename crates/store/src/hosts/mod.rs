@@ -1,5 +1,5 @@
 //! Several daemons on one database of a server: sessions with a lease, their claims, and the places of their files. A
-//! database in a file has one daemon, for which every claim succeeds at once.
+//! database in a file has one daemon, and every claim of it succeeds at once.
 
 pub(super) mod claims;
 pub(super) mod folders;

@@ -23,7 +23,7 @@ pub struct ParameterSet {
     pub model: StoredModel,
     /// Values with standard errors, condition numbers and residual.
     pub identification: Identification,
-    /// The cycles that they come from.
+    /// Their source cycles.
     pub sources: Vec<SourceCycle>,
     /// Method that turned their rows into parameters.
     pub estimator: EstimatorKind,

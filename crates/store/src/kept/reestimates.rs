@@ -44,7 +44,7 @@ pub struct ReestimatedCycle {
 /// Parameters of a cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleView {
-    /// The joint whose rows they come from; `None` for all joints stacked.
+    /// The joint that supplied the rows; `None` for all joints stacked.
     pub seen_by: Option<JointIndex>,
     /// Values with standard errors.
     pub identification: Identification,
@@ -78,12 +78,12 @@ pub struct KeptEstimate {
     pub model: String,
     /// Method of the estimate.
     pub estimator: EstimatorKind,
-    /// Robots whose cycles it comes from, separated by commas.
+    /// Robots of its source cycles, separated by commas.
     #[serde(serialize_with = "robot_names")]
     pub robots: String,
-    /// Cycles that it comes from.
+    /// Number of its source cycles.
     pub cycles: u32,
-    /// Time at which it was stored.
+    /// Time of storing.
     #[serde(serialize_with = "in_views")]
     pub saved_at: Timestamp,
 }

@@ -45,7 +45,7 @@ pub struct QuarantineRow {
     pub robot: String,
     /// File name of the export.
     pub source_name: String,
-    /// Path at which it was first found.
+    /// First known path.
     #[serde(rename = "file")]
     pub source_path: String,
     /// State of the fault.
@@ -72,7 +72,7 @@ pub struct QuarantineRow {
     /// Time of the last of them.
     #[serde(serialize_with = "in_views")]
     pub last_at: Timestamp,
-    /// Time at which a person asked for another attempt, if that was not made yet.
+    /// Time of a person's request for another attempt, if that was not made yet.
     #[serde(serialize_with = "known_in_views")]
     pub retry_asked_at: Option<Timestamp>,
     /// Run that supersedes this one.

@@ -1,4 +1,4 @@
-//! Places at which reading resumes after a restart.
+//! Places for resuming the reading after a restart.
 
 use sqlx::Row;
 
@@ -13,7 +13,7 @@ use armwatch_model::run::ContentPrefix;
 pub struct StoredPoint {
     /// Cycles before it.
     pub cycles: u32,
-    /// Byte of the decompressed file at which reading resumes.
+    /// Byte of the decompressed file, the first to be read next.
     pub byte: u64,
     /// State of the reader at that byte.
     pub state: Vec<u8>,
@@ -24,14 +24,14 @@ pub struct StoredPoint {
 pub struct ReadSoFar {
     /// First bytes of the file.
     pub prefix: ContentPrefix,
-    /// Place at which reading resumes; `None` keeps the stored place.
+    /// Place for resuming the reading; `None` keeps the stored place.
     pub resume: Option<StoredPoint>,
     /// True if the end of the file has cut the cycle, so that the cycle changes if the file grows.
     pub cut_by_end: bool,
 }
 
 impl Store {
-    /// Place at which reading of a run resumes after its stored cycles.
+    /// Place for resuming the reading of a run after its stored cycles.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -50,7 +50,7 @@ impl Store {
     }
 }
 
-/// Stores the place at which reading of a run resumes.
+/// Stores the place for resuming the reading of a run.
 pub(crate) async fn set(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -70,7 +70,7 @@ pub(crate) async fn set(
     Ok(())
 }
 
-/// Place at which reading of a run resumes, if the cycles before it are stored.
+/// Place for resuming the reading of a run, if the cycles before it are stored.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

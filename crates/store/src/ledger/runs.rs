@@ -1,7 +1,7 @@
 //! The ledger: one row per export, whatever its outcome.
 //!
-//! A superseded run has the status `quarantined` and names its successor. Every query that excludes quarantined runs
-//! therefore excludes it too.
+//! A superseded run has the status `quarantined` and names its successor. Every query that omits quarantined runs
+//! therefore omits it too.
 
 use sqlx::Row;
 
@@ -36,7 +36,7 @@ pub struct KnownRun {
 pub enum Identity {
     /// Hash of its content, which has settled.
     Content(ContentHash),
-    /// First bytes of an export that still grows: those from which the stored cycles were read; none without cycles.
+    /// First bytes of an export that still grows: the source of the stored cycles; none without cycles.
     Growing(ContentPrefix),
 }
 
@@ -64,12 +64,12 @@ pub struct BegunRun {
     pub afresh: bool,
 }
 
-/// The run to which the identity of a content belongs.
+/// The owner of a content's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Owner {
     /// The run itself.
     Ours,
-    /// This run, which is complete or superseded, with the same content.
+    /// This run, which is complete or set aside, with the same content.
     Other(i64),
 }
 

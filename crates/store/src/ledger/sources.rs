@@ -40,7 +40,7 @@ pub struct EarlierRun {
     pub source_name: String,
     /// Its kind, once a cycle is stored.
     pub kind: RunKind,
-    /// The first bytes from which its stored results were read.
+    /// The first bytes of the content, the source of its stored results.
     pub read: ContentPrefix,
     /// True if it was at the path.
     pub same_path: bool,
@@ -92,7 +92,7 @@ pub struct RunSource {
     pub robot: String,
     /// File name of the export when it was read.
     pub source_name: String,
-    /// Paths of the export: first where it was found first, then where it was seen later, latest first.
+    /// Paths of the export: first the oldest one, then the later ones, latest first.
     pub paths: Vec<PathBuf>,
     /// Identity of its content.
     pub content_hash: ContentHash,
@@ -444,7 +444,7 @@ pub(crate) async fn of_run(
     .await
 }
 
-/// Paths at which the export of a run was seen, latest modification first.
+/// Known paths of a run's export, latest modification first.
 async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = $1 ORDER BY modified DESC, path")
         .bind(run_id)

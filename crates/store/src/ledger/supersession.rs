@@ -117,7 +117,7 @@ pub(crate) async fn supersede_worse(
     Ok(contest)
 }
 
-/// Excludes a complete run without a result, since `old` is the same recording and has results. Its rows stay.
+/// Sets aside a complete run without a result, since `old` is the same recording and has results. Its rows stay.
 pub(crate) async fn set_aside(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

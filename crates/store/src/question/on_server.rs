@@ -65,7 +65,7 @@ fn literal(value: &Value) -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum StatementPart<'s> {
     Text(&'s str),
-    /// With its colon.
+    /// Includes its colon.
     Parameter(&'s str),
 }
 

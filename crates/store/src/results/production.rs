@@ -81,7 +81,8 @@ pub(crate) async fn record(
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
         insert(&mut *connection, cycle_id, check, joints).await?;
     }
-    // a window without a moving joint has no check; one window without a row leaves the whole log without evidence
+    // a window without a moving joint has evidence without joints; one window without a row leaves the whole log
+    // without evidence
     if !check.joints.is_empty() {
         production_evidence::record_window(connection, cycle_id, &check.evidence).await?;
     }

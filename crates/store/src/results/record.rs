@@ -45,8 +45,8 @@ impl Store {
         self.record_cycle_read(run_id, analysis, robot, None).await
     }
 
-    /// Like [`Store::record_cycle`]. Also stores the source of the cycles so far, and the place at which reading
-    /// resumes after them.
+    /// Like [`Store::record_cycle`]. Also stores the source of the cycles so far, and the place for resuming the
+    /// reading after them.
     ///
     /// # Errors
     /// Those of [`Store::record_cycle`].

@@ -90,8 +90,7 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Stores the tests with which windows of a production log, given by their numbers, are compared. Replaces what was
-    /// stored for these windows.
+    /// Stores the comparisons of a production log's windows, given by their numbers, with tests. Replaces earlier ones.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -110,7 +109,7 @@ impl ConclusionTransaction {
     /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
         let settled = settled::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
-        // older ones have a summary: a log that loses it also loses what was settled with it
+        // older ones have a summary: a log that loses it also loses its settled part
         let from = self.checked(settled)?.and_then(|settled| settled.leads_from).map(|(at, _)| at);
         let result = production::summarise_rest(&mut self.transaction, self.robot_id, from).await;
         self.checked(result)

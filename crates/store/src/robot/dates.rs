@@ -1,7 +1,7 @@
-//! Implausible starts, starts that a person has corrected, and runs that are excluded from conclusions.
+//! Implausible starts, starts that a person has corrected, and runs that are set aside.
 //!
-//! An excluded run is its own successor, with the status of a superseded one. It keeps its rows, and every query that
-//! excludes superseded runs excludes it.
+//! A run that is set aside takes no part in conclusions. It is its own successor, with the status of a superseded one.
+//! It keeps its rows, and every query that omits superseded runs omits it.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -16,7 +16,7 @@ use crate::values::{known_time, named, time, time_in_views};
 use armwatch_model::run::arrival::{Arrival, ImplausibleDate};
 use armwatch_model::run::{RunKind, RunStatus};
 
-/// A run whose start is judged: complete, or excluded because of its start.
+/// A run whose start is judged: complete, or set aside because of its start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DatedRun {
     /// Database key.
@@ -29,7 +29,7 @@ pub struct DatedRun {
     pub source_path: String,
     /// Start of the recording.
     pub started_at: Timestamp,
-    /// Time at which it was first read.
+    /// Time of its first reading.
     pub arrived_at: Timestamp,
     /// Modification time of its file.
     pub file_time: Option<Timestamp>,
@@ -37,7 +37,7 @@ pub struct DatedRun {
     pub is_confirmed: bool,
     /// Reason why its start is implausible, as stored.
     pub problem: Option<String>,
-    /// True if it is excluded for that reason.
+    /// True if it is set aside for that reason.
     pub is_set_aside: bool,
 }
 
@@ -66,9 +66,9 @@ pub enum RunDecision {
     Confirm,
     /// Its start is the recorded one, and is judged again.
     StartAsRecorded,
-    /// It is excluded from conclusions, by this person.
+    /// It is set aside, by this person.
     SetAside(String),
-    /// It is included again.
+    /// It takes part in conclusions again.
     TakeBack,
 }
 
@@ -105,7 +105,8 @@ impl Store {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
-    /// Stores the judgement of these runs' starts. Runs out of order are excluded, others included again.
+    /// Stores the judgement of these runs' starts. Runs out of order are set aside, others take part in conclusions
+    /// again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -186,7 +187,7 @@ async fn mark_dates(
     Ok(())
 }
 
-/// Excludes a run that was read completely.
+/// Sets aside a run that was read completely.
 async fn leave(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -205,7 +206,7 @@ async fn leave(
     Ok(())
 }
 
-/// Includes a run again that is excluded for the reason `set_aside`.
+/// Lets a run that is set aside for the reason `set_aside` take part again.
 async fn come_back(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -293,7 +294,7 @@ async fn decide(
         RunDecision::TakeBack => return Ok(Err(NotDecided::NothingToUndo)),
     }
     settled::reopen(&mut *connection, &run.robot, started_at.min(run.started_at)).await?;
-    // runs that were excluded before have changed no history, but their robot needs a new conclusion
+    // runs that were set aside before have changed no history, but their robot needs a new conclusion
     let stale = "UPDATE robot SET history = history + 1 WHERE name = $1";
     sqlx::query(stale).bind(&run.robot).execute(&mut *connection).await?;
     // the history has changed, so a conclusion that ended the program may be tried again

@@ -68,8 +68,8 @@ impl Store {
         Ok((1..=joints).map(mean).collect())
     }
 
-    /// Speed levels, as fractions of the largest, at which joints of the robot's latest complete test have warm
-    /// friction. A test without warm friction is skipped.
+    /// Speed levels with warm friction of a joint in the robot's latest complete test, as fractions of the largest. A
+    /// test without warm friction is skipped.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

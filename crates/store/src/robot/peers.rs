@@ -10,7 +10,7 @@ use crate::handle::Store;
 use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::peer::{MOST_PEERS, Peer};
 
-/// Largest fleet of a model in which each new arm is at once compared with all others. In larger fleets the comparison
+/// Largest fleet of a model whose new arms are each compared at once with all others. In larger fleets the comparison
 /// is repeated when their number has doubled, so that a fleet of hundreds is not evaluated hundreds of times.
 const COMPARED_AT_ONCE: i64 = 8;
 

@@ -15,7 +15,7 @@ use sqlx::{AssertSqlSafe, Executor, Row};
 use self::dialect::Statement;
 use crate::engine::{Dialect, EngineConnection};
 
-/// Version of `migrations/schema/` from which on changes are written for both engines at once.
+/// Version of `migrations/schema/`; later changes are written for both engines at once.
 const SQUASHED: i64 = 51;
 
 /// Oldest version that can be upgraded.

@@ -8,7 +8,7 @@ use crate::engine::{Dialect, EngineConnection, EnginePool, begin_writing};
 use crate::error::StoreError;
 use crate::{verified_copy, write_ahead_log};
 
-/// Size of a database from which on a warning reports that the change may take minutes, bytes.
+/// Least size of a large database, bytes: a warning reports that its change may take minutes.
 const LARGE_BYTES: u64 = 1 << 30;
 
 /// Interval of messages during a long change.

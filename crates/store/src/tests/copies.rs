@@ -135,7 +135,7 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
     assert!(std::fs::read(&path).expect("the database") == before, "it was changed");
     assert!(matches!(Store::open_existing(&backup).await, Err(StoreError::Older { found: OLD, .. })));
 
-    // an earlier upgrade left a copy, and a user a file that looks like one
+    // an earlier upgrade left a copy, and a user left a file that looks like one
     std::fs::copy(&backup, folder.path().join("fleet.db.schema-45")).expect("a copy");
     std::fs::write(folder.path().join("fleet.db.schema-44"), "notes").expect("a file");
     let store = Store::open(&path).await.expect("brought up to date");

@@ -400,7 +400,7 @@ const CLOCK: [(&str, &str); 6] = [
 /// Everything that users see except times of the machine's clock, one line per row; rows of a view are sorted.
 pub(crate) async fn dump(store: &Store) -> Vec<String> {
     let mut lines = Vec::new();
-    // the meaning of columns comes from the program and does not depend on the stored data
+    // the meaning of columns does not depend on the stored data
     for view in views(store).await.into_iter().filter(|view| view != "view_columns") {
         let columns = columns(store, &view).await;
         let compared = columns.iter().filter(|column| !CLOCK.contains(&(view.as_str(), column.as_str())));

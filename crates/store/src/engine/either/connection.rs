@@ -218,8 +218,8 @@ fn asked_of_sqlite<'q, E: Execute<'q, Engine>>(query: E) -> Result<EngineQuery<S
     Ok(asked)
 }
 
-/// Number of places from which on their numbers cost SQLite noticeable time. It looks each number up in a list of all
-/// others, once when it prepares the statement and once when the value is bound.
+/// Least number of places whose numbers cost SQLite noticeable time. It looks each number up in a list of all others,
+/// once when it prepares the statement and once when the value is bound.
 const MANY_PLACES: usize = 32;
 
 /// The statement with `?` for each of `$1` to `$places`, if these are all its places and in this order.

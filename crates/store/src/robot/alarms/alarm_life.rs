@@ -15,8 +15,8 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 
-/// Longest time for which a critical anomaly is shelved, days. Its severity cannot rise any more, so that nothing else
-/// would end the shelving.
+/// Longest shelving of a critical anomaly, days. Its severity cannot rise any more, so that nothing else would end the
+/// shelving.
 const MOST_DAYS_CRITICAL: i64 = 90;
 
 /// Action of a person on an anomaly.
@@ -141,7 +141,7 @@ pub struct AnomalyHistoryRow {
     /// Time by the machine's clock.
     #[serde(serialize_with = "in_views")]
     pub at: Timestamp,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
     /// Severity of the anomaly at that time.
     pub severity: Severity,
@@ -279,7 +279,7 @@ impl Store {
         self.checked(history(&self.readers, Some(anomaly_id), (0, i64::MAX)).await)
     }
 
-    /// These events, in the order in which they happened.
+    /// These events, in order of time.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

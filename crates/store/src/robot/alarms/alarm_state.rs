@@ -48,7 +48,7 @@ impl AlarmState {
     }
 }
 
-/// What can happen to an anomaly.
+/// Kind of an event of an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EventKind {
     /// It was found.
@@ -69,7 +69,7 @@ pub enum EventKind {
     Acknowledged,
     /// A person silenced it for a time.
     Shelved,
-    /// That time is over, or the severity rose.
+    /// Its shelving ended, or the severity rose.
     Unshelved,
     /// Maintenance at its place was entered.
     Maintenance,
@@ -138,7 +138,7 @@ impl EventKind {
     }
 }
 
-/// Ratio of the score to the last announced one at which an alarm is announced again. Half as much again exceeds the
+/// Ratio of the score to the last announced one that causes another announcement. Half as much again exceeds the
 /// scatter of a smoothed score. Steps that grow by a factor keep the number of messages about slow wear small: from a
 /// limit of 5 % the messages are sent at 7.5, 11 and 17 %.
 const WORSE_BY: f64 = 1.5;

@@ -21,7 +21,7 @@ pub struct AnomalyEvent {
     pub anomaly_event_id: i64,
     /// The anomaly.
     pub anomaly_id: i64,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
 }
 
@@ -72,7 +72,7 @@ impl StoredAnomaly {
         self.open_test.as_ref().is_some_and(|test| test.is_streaming)
     }
 
-    /// Reason why the history no longer contains it, given what was found now; `None` without a special reason.
+    /// Reason why the history no longer contains it, given the present findings; `None` without a special reason.
     fn why_withdrawn(&self, found: &[Episode], starts: &Starts) -> Option<&'static str> {
         match &self.open_test {
             Some(test) if test.is_complete => Some("not borne out by the whole test"),
@@ -85,14 +85,14 @@ impl StoredAnomaly {
 }
 
 /// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and stores
-/// the events. `settled` has anomalies of the outcome by the key of what has settled them; they are not examined
-/// further. Anomalies settled earlier are no part of the outcome.
+/// the events. `settled` has anomalies of the outcome by the key of the settled history; they are not examined further.
+/// Anomalies settled earlier are no part of the outcome.
 ///
 /// An episode keeps its number, its audit and the answers of people. Everything else that is shown depends only on the
-/// history, not on how much of it was known at which time. This includes the first run of the episode, which a new fit
-/// may move; the events keep the run that showed it when it was announced. An episode that the history no longer
-/// contains is withdrawn. One that only a test still being written shows stays until that test is complete. `clock` is
-/// the time at which shelving ends. Call this in a transaction.
+/// history, not on the knowledge at earlier times. This includes the first run of the episode, which a new fit may
+/// move; the events keep the run that showed it when it was announced. An episode that the history no longer contains
+/// is withdrawn. One that only a test still being written shows stays until that test is complete. Shelving until
+/// `clock` or earlier ends. Call this in a transaction.
 pub(crate) async fn reconcile(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -303,7 +303,7 @@ async fn starts_behind(
     kind: RunKind,
     to: i64,
 ) -> Result<Vec<i64>, sqlx::Error> {
-    // each kind has an index of its own
+    // each kind has a separate index
     let statement = match kind {
         RunKind::Test => {
             "SELECT started_at FROM run

@@ -1,7 +1,7 @@
 //! Assignment of found episodes to stored ones. Pure.
 //!
 //! A new fit of the history can move the first run of an episode, its quantity and sometimes its kind. The joint and
-//! the time in which it was seen stay.
+//! the time of its runs stay.
 
 use std::cmp::Reverse;
 
@@ -81,8 +81,8 @@ pub(in crate::robot) fn goes_on(old: &Episode, new: &Episode) -> bool {
     !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
 }
 
-/// Kinds for which one alarm of the arm replaces the alarms of several joints: an oscillation of any quantity, and a
-/// change of the arm's warm-up. If the ambient temperature changes the friction of all joints, no joint has an alarm.
+/// Kinds of alarms of the arm that replace the alarms of several joints: an oscillation of any quantity, and a change
+/// of the arm's warm-up. If the ambient temperature changes the friction of all joints, no joint has an alarm.
 const OF_ALL_JOINTS: [(AnomalyKind, Option<Quantity>); 2] =
     [(AnomalyKind::Oscillation, None), (AnomalyKind::Thermal, Some(Quantity::CommonWarmUpTimeRatio))];
 
@@ -115,7 +115,7 @@ fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
     ![old.kind, new.kind].contains(&AnomalyKind::Fleet) && !is_of_dates(old) && !is_of_dates(new)
 }
 
-/// Time for which both last, in microseconds; 0 if one continues the other, `None` if they are separate.
+/// Common duration of both, in microseconds; 0 if one continues the other, `None` if they are separate.
 fn overlap(old: &Episode, new: &Episode, starts: &Starts) -> Option<i64> {
     let both = old.to.min(new.to) - old.from.max(new.from);
     if both >= 0 {

@@ -27,7 +27,7 @@ pub struct RunResult {
 pub struct OverdueRobot {
     /// Its name.
     pub robot: String,
-    /// Latest time at which the next test should have begun, as in the views.
+    /// Latest time for the next test to begin, as in the views.
     pub expected_by: String,
 }
 

@@ -145,7 +145,7 @@ fn is_full(test: &FrictionTest, joint: JointIndex) -> bool {
     points.any(|(of, points)| *of == joint && *points >= FULL_RUN_POINTS)
 }
 
-/// Maps of joints, grouped by equal tests, in the order in which they became complete.
+/// Maps of joints, grouped by equal tests, in the order of their completion.
 fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest], method: u64) -> Vec<PlannedMap> {
     let mut groups: BTreeMap<(Option<usize>, Vec<usize>), Vec<JointMap>> = BTreeMap::new();
     for map in maps {

@@ -76,7 +76,7 @@ pub struct NewBaseline {
     pub epoch: u32,
     /// Reason why the epoch began.
     pub cause: EpochCause,
-    /// Time at which it began, microseconds since 1970.
+    /// Beginning of the epoch, microseconds since 1970.
     pub begins_at: i64,
     /// Basis of its map.
     pub basis: IndexBasis,

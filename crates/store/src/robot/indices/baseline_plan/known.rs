@@ -13,8 +13,8 @@ use armwatch_model::anomaly::baseline_runs::{REMEMBERED_S, stages};
 use armwatch_model::anomaly::epoch::{Epoch, EpochCause, epochs};
 use armwatch_model::robot::JointIndex;
 
-/// Number of tests from which on a history is long: shorter ones are planned as a whole. The program's own tests have
-/// short ones.
+/// Least number of tests in a long history: shorter ones are planned as a whole. The program's own tests have short
+/// ones.
 const LONG: usize = if cfg!(test) { 12 } else { 500 };
 
 /// Comparison basis for the tests after the latest one.
