@@ -76,8 +76,8 @@ pub struct CycleAnalysis {
     pub remarks: Vec<String>,
     /// Findings about channels and model; those of severity refuse are the reasons for missing parameters.
     pub findings: Vec<Finding>,
-    /// Kind of the recording. A window of production has no parameters, no self-verification and no friction points;
-    /// its factors are those of rows between stages.
+    /// Kind of the recording. A production window has no parameters, no self-verification and no friction points; its
+    /// factors are those of rows between stages.
     pub kind: RunKind,
     /// A production window compared with parameters of a test; `None` if there were none.
     pub production: Option<ProductionCheck>,

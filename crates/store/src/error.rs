@@ -62,7 +62,7 @@ pub enum StoreError {
     NotABackup {
         /// The file.
         path: PathBuf,
-        /// What the file is instead.
+        /// Actual kind of the file.
         detail: String,
     },
     /// The file is a snapshot, which is read-only.
@@ -94,7 +94,7 @@ pub enum StoreError {
     NotADatabase {
         /// The file.
         path: PathBuf,
-        /// What the file is instead.
+        /// Actual kind of the file.
         detail: String,
     },
     /// A newer program made the schema.

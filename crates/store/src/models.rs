@@ -303,7 +303,7 @@ pub struct StoredModel {
     pub robot_model_id: i64,
     /// Name of the model, such as `er3a`.
     pub name: String,
-    /// Hash of [`description_hash`].
+    /// Result of [`description_hash`].
     pub description_hash: Vec<u8>,
 }
 

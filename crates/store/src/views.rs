@@ -37,7 +37,7 @@ pub struct RunRow {
     pub status: RunStatus,
     /// Its kind.
     pub kind: RunKind,
-    /// Reason for its quarantine.
+    /// Reason for its status, such as a quarantine.
     pub reason: Option<String>,
     /// Line of the export that the reason points at.
     pub reason_line: Option<u64>,
@@ -75,7 +75,7 @@ pub struct FleetHealthRow {
     /// The quantity behind `friction_index`.
     #[serde(skip)]
     pub friction_quantity: Option<Quantity>,
-    /// When friction is expected to reach its limits.
+    /// Forecast of friction reaching its limits.
     #[serde(skip)]
     pub forecast: Option<Forecast>,
 }
@@ -87,7 +87,7 @@ pub enum HealthStatus {
     Ok,
     /// The history is too short for a baseline.
     Learning,
-    /// Maintenance should be planned.
+    /// A check should be planned.
     Warning,
     /// Should be checked before the next shift.
     Critical,
@@ -163,7 +163,7 @@ pub struct AnomalyRow {
     /// Start of the latest run.
     #[serde(serialize_with = "in_views")]
     pub last_seen_at: Timestamp,
-    /// State that a person has set.
+    /// State of the anomaly.
     pub state: AlarmState,
     /// Message for a technician.
     pub message: String,

@@ -217,7 +217,7 @@ pub struct FrictionIndex {
     pub coldness_at_start: f64,
     /// Number of the run's points for the joint.
     pub points: usize,
-    /// True if the run was too short for a correction, so that its thermal state comes from the map alone.
+    /// True if the run was too short for the map, so that its thermal state depends on the map alone.
     pub short: bool,
 }
 

@@ -13,7 +13,7 @@ pub struct AnalysisSettings {
     pub reference_speed_fraction: f64,
     /// Method that turns rows into parameters.
     pub estimator: Estimator,
-    /// Findings that do not refuse a cycle but make it doubtful.
+    /// Findings that neither refuse a cycle nor make it doubtful: a remark marks the cycle.
     pub accept: FindingKinds,
 }
 

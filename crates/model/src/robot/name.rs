@@ -15,7 +15,7 @@ pub fn composed(name: &str) -> Cow<'_, str> {
 pub enum NameLikeness {
     /// It differs from this known name only in case, blanks or the form of characters.
     Spelling(String),
-    /// File managers and programs that copy files use this form for copies of this robot's exports.
+    /// It is a name that file managers and copying programs give to copies of this robot's exports.
     Copy(String),
 }
 

@@ -24,7 +24,7 @@ pub struct AlarmEvent {
     pub anomaly_id: i64,
     /// Kind of the event.
     pub what: EventKind,
-    /// When.
+    /// Time of the event.
     pub at: Timestamp,
     /// The robot.
     pub robot: String,
@@ -62,7 +62,7 @@ pub struct AlarmEvent {
     pub last_seen_at: Timestamp,
     /// Odds of the named cause against all others together.
     pub odds: Option<f64>,
-    /// State that people have set, such as `open`.
+    /// State of the anomaly, such as `open`.
     pub state: String,
     /// Reason in a person's words.
     pub why: Option<String>,

@@ -10,8 +10,8 @@ use crate::error::StoreError;
 use crate::handle::Store;
 
 impl Store {
-    /// Stores an event `overdue` for every open alarm that has had no event for `after` and that no one has answered.
-    /// Alarms are anomalies of severity warning or critical. Returns their number.
+    /// Stores an event `overdue` for every open alarm that has had no event calling for attention for `after` and that
+    /// no one has answered. Alarms are anomalies of severity warning or critical. Returns their number.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

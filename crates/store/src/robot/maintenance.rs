@@ -71,7 +71,7 @@ pub enum NotEntered {
 
 impl Store {
     /// Enters maintenance of a robot and returns its key. Anomalies of its place that began before it and are open,
-    /// acknowledged or shelved become in maintenance. The conclusions of the robot become stale.
+    /// acknowledged or shelved are put into maintenance. The conclusions of the robot become stale.
     ///
     /// The same maintenance within a minute is one entry, also if two programs enter it at once.
     ///

@@ -31,7 +31,7 @@ pub struct NewWindow {
 
 impl Store {
     /// Plans a window and returns its key; `None` if no robot has this name. If the window has begun, open alarms of
-    /// its place become in maintenance.
+    /// its place are put into maintenance.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

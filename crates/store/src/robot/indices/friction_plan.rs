@@ -1,4 +1,4 @@
-//! Comparison basis for the next tests of a robot with a long history, in one row.
+//! Data for comparing the next tests of a robot with a long history, in one row.
 //!
 //! The row is computed from the tests up to the latest. It is valid as long as none of these changes, is deleted or
 //! arrives late, which `robot.past_revision` counts, and while the program uses the method that computed it. Otherwise
@@ -15,8 +15,8 @@ use crate::robot::figures::packed::{packed, unpacked};
 use crate::values::count;
 
 impl Store {
-    /// Comparison basis for the next tests of a robot, with baselines of `baseline_runs` tests; `None` if all tests
-    /// have to be read.
+    /// Data for comparing the next tests of a robot, with baselines of `baseline_runs` tests; `None` if all tests have
+    /// to be read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -57,8 +57,8 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Stores the comparison basis for the next tests, replacing an earlier one. Does so only if the history is still
-    /// the one that it was computed from.
+    /// Stores the data for comparing the next tests, replacing earlier ones. Does so only if the history is still the
+    /// one that they were computed from.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

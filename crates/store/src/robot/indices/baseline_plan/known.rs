@@ -17,7 +17,7 @@ use armwatch_model::robot::JointIndex;
 /// ones.
 const LONG: usize = if cfg!(test) { 12 } else { 500 };
 
-/// Comparison basis for the tests after the latest one.
+/// Data for comparing the tests after the latest one.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownPlan {
     /// Start of the latest test, microseconds since 1970, and its key.
