@@ -241,7 +241,7 @@ pub struct Anomaly {
     pub severity: Severity,
     /// Deviation of the value, in the scale of `threshold`.
     pub score: f64,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: f64,
     /// The value; NaN if there is none, as for a test without a result.
     pub value: f64,
@@ -278,9 +278,9 @@ pub struct Anomaly {
 }
 
 impl Anomaly {
-    /// Extends the episode by a later run. Onset and peak are kept, and all other fields come from that run. If the
-    /// later run shows another quantity, the peak comes from it too, because values and scores of two quantities are
-    /// not comparable.
+    /// Extends the episode by a later run. Onset and peak are kept, and all other fields are those of that run. If the
+    /// later run shows another quantity, its peak replaces the earlier one, because values and scores of two quantities
+    /// are not comparable.
     pub fn go_on(&mut self, later: Self) {
         let is_of_later = later.peak_score > self.peak_score || self.quantity != later.quantity;
         let (peak_value, peak_score) = match is_of_later {

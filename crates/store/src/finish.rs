@@ -40,7 +40,7 @@ pub struct FinishTransaction {
 pub struct Replaced {
     /// The run.
     pub run_id: i64,
-    /// True if it is known to have different first rows, as another recording has.
+    /// True if it certainly has different first rows, as another recording has.
     pub begins_otherwise: bool,
 }
 

@@ -14,7 +14,7 @@ pub struct Store {
     pub(super) path: Arc<Path>,
     pub(super) writer: EnginePool,
     pub(super) readers: EnginePool,
-    /// A reader for queries about the database's health, separate from the others so that it need not wait for them.
+    /// A reader for queries about the database's health, separate from the others so that it never waits for them.
     pub(super) probe: EnginePool,
     /// True if it was opened for reading only.
     pub(super) is_read_only: bool,

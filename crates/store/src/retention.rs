@@ -49,7 +49,7 @@ pub struct FreeSpace {
     pub page_bytes: u64,
     /// Pages of the file.
     pub pages: u64,
-    /// Unused pages among them; new data goes there.
+    /// Unused pages among them; new data fills them first.
     pub free_pages: u64,
     /// True if they can be returned to the file system while the database is in use.
     pub can_shrink: bool,

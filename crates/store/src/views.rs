@@ -151,7 +151,7 @@ pub struct AnomalyRow {
     pub severity: Severity,
     /// Deviation of the value, in the scale of `threshold`.
     pub score: Option<f64>,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: Option<f64>,
     /// Value in the latest run that showed it.
     pub value: Option<f64>,

@@ -40,7 +40,7 @@ pub struct AlarmEvent {
     pub message: String,
     /// Deviation at that time, in the scale of `threshold`; smoothed if the detector smooths.
     pub score: Option<f64>,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: Option<f64>,
     /// Value of the latest run that had shown it at that time.
     pub value: Option<f64>,

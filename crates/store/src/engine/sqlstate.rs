@@ -31,7 +31,7 @@ pub(crate) enum ServerFault {
     Other,
 }
 
-/// The fault of an error of the driver; `None` if it does not come from a server.
+/// The fault of an error of the driver; `None` if it is not an error of a server.
 pub(crate) fn fault_of(error: &sqlx::Error) -> Option<ServerFault> {
     let sqlx::Error::Database(error) = error else { return None };
     error.try_downcast_ref::<PgDatabaseError>().map(|error| of_code(error.code()))

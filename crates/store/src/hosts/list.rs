@@ -14,7 +14,7 @@ use crate::values::in_views;
 pub enum HostState {
     /// Its lease has not ended.
     AtWork,
-    /// Its lease has ended, but no other daemon has ended its session yet.
+    /// Its lease has ended, but its session is not ended yet.
     Silent,
     /// It was stopped or restarted, or others have claimed its work.
     Ended,

@@ -121,7 +121,7 @@ pub(crate) async fn set_first_rows(
     Ok(())
 }
 
-/// True if two runs are known to have different first rows.
+/// True if two runs certainly have different first rows.
 pub(crate) async fn begin_otherwise(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

@@ -32,7 +32,7 @@ pub struct ExportFault {
     pub byte: Option<u64>,
     /// Content of that place.
     pub value: Option<String>,
-    /// What to do.
+    /// Remedy.
     pub remedy: String,
 }
 
@@ -60,7 +60,7 @@ pub struct QuarantineRow {
     pub byte: Option<u64>,
     /// Content of that place.
     pub value: Option<String>,
-    /// What to do.
+    /// Remedy.
     pub remedy: String,
     /// Complete cycles before the fault, which were stored.
     pub cycles_stored: u32,

@@ -22,7 +22,7 @@ pub struct CycleState {
     pub reason: Option<String>,
     /// Remarks on the cycle, one per line.
     pub remarks: Option<String>,
-    /// Fate of its own factors, if it had any and has none any more.
+    /// Fate of its factors, if it had separate ones and has none any more.
     pub factors_gone: Option<FactorsGone>,
 }
 
