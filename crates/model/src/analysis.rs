@@ -1,5 +1,5 @@
-//! What is computed from a run: identification, verification, friction and warm-up. An answer that
-//! could not be had keeps its reason here; it is never an empty value.
+//! Results of a run: identification, verification, friction and warm-up. A missing result keeps its reason here; it is
+//! never an empty value.
 
 pub mod cycle_friction;
 pub mod estimator_kind;
@@ -47,12 +47,12 @@ pub struct CycleAnalysis {
     pub sample_rate: f64,
     /// Cut-off of the analysis low-pass, Hz.
     pub cutoff: f64,
-    /// How parameters were, or would have been, estimated.
+    /// Estimator of the parameters, also if estimation failed.
     pub estimator: Estimator,
-    /// Parameters, or why there are none.
+    /// Parameters, or the reason why there are none.
     pub identification: Result<Identification, String>,
-    /// Findings for which the cycle was refused, the likeliest first; empty where it has parameters, and where
-    /// there was nothing to identify them on.
+    /// Findings that caused the refusal of the cycle, the likeliest first; empty if it has parameters, or lacked motion
+    /// for identifying them.
     pub refusal_causes: Vec<RefusalCause>,
     /// Self-verification by joint and stage; empty without parameters.
     pub verification: Vec<TorqueRmsd>,
@@ -61,30 +61,30 @@ pub struct CycleAnalysis {
     pub warming_contrast: Vec<WarmingContrast>,
     /// Noise of the torque channels in the excitation stage; empty without parameters.
     pub torque_noise: Vec<TorqueNoise>,
-    /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: what warms it. Empty where the
+    /// Mean magnitude of each joint's velocity over the cycle, rad/s (m/s), `[n]`: motion heats the joint. Empty if the
     /// channels were refused.
     pub mean_speeds: Vec<f64>,
-    /// Temperatures of motors and hall, where recorded.
+    /// Motor temperatures and ambient temperature, if recorded.
     pub temperatures: CycleTemperatures,
     /// Mean friction on constant-speed plateaus.
     pub friction_points: Vec<FrictionPoint>,
-    /// All that later identification and verification need of the rows.
+    /// All data of the rows that later identification and verification need.
     pub factors: CycleFactors,
-    /// How the parameters answer to channels that read wrong; of the first cycles of a test with parameters.
+    /// Response of the parameters to channels that read wrong; for the first cycles of a test with parameters.
     pub response: Option<ChannelResponse>,
-    /// What a user should know of the data, in sentences.
+    /// Remarks on the data for a user, as sentences.
     pub remarks: Vec<String>,
-    /// What was found of channels and model; those of severity refuse are why there are no parameters.
+    /// Findings about channels and model; those of severity refuse are the reasons for missing parameters.
     pub findings: Vec<Finding>,
-    /// What it is a recording of. A window of production has no parameters, no verification of its own and
-    /// no friction points; its factors are those of rows between stages.
+    /// Kind of the recording. A production window has no parameters, no self-verification and no friction points; its
+    /// factors are those of rows between stages.
     pub kind: RunKind,
-    /// A window of production against parameters of a test; `None` where there were none.
+    /// A production window compared with parameters of a test; `None` if there were none.
     pub production: Option<ProductionCheck>,
 }
 
 impl CycleAnalysis {
-    /// Why nothing could be had of it: a test without parameters, a window that cannot be filtered.
+    /// Reason for a refusal: a test without parameters, or a window that cannot be filtered.
     #[must_use]
     pub fn refusal(&self) -> Option<&str> {
         match self.kind {
@@ -93,7 +93,7 @@ impl CycleAnalysis {
         }
     }
 
-    /// Whether its numbers are given but nothing may be concluded from them.
+    /// True if its values are shown, but nothing may be concluded from them.
     #[must_use]
     pub fn is_doubtful(&self) -> bool {
         self.refusal().is_none() && self.findings.iter().any(|found| found.severity == FindingSeverity::Doubt)
@@ -103,22 +103,22 @@ impl CycleAnalysis {
 /// Mean temperatures of a cycle, K.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CycleTemperatures {
-    /// Of each joint's motor `[n]`; `None` where not recorded or not believed. Empty without any record.
+    /// Temperature of each joint's motor `[n]`; `None` if not recorded or not plausible. Empty if no motor is recorded.
     pub motor: Vec<Option<f64>>,
-    /// Of the hall.
+    /// Ambient temperature.
     pub ambient: Option<f64>,
 }
 
-/// Torques of a window of production against those that the parameters of a test give.
+/// Torques of a production window compared with those computed from the parameters of a test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProductionCheck {
-    /// The run whose parameters they are.
+    /// The run of the parameters.
     pub reference_run_id: i64,
     /// The estimator that made these parameters.
     pub estimator: Estimator,
-    /// By joint.
+    /// Checks by joint.
     pub joints: Vec<JointCheck>,
-    /// What causes could explain, of each joint that moves; empty where that is not known.
+    /// Evidence for causes, for each joint that moves; empty if unknown.
     pub evidence: Vec<JointEvidence>,
 }
 
@@ -127,51 +127,51 @@ pub struct ProductionCheck {
 pub struct JointCheck {
     /// The joint.
     pub joint: JointIndex,
-    /// Deviation over all rows and over those in which the joint moves.
+    /// Deviation over all rows, and over the moving ones.
     pub rmsd: RmsdPair,
-    /// How much of the deviation looks like friction; `None` where the joint does not move.
+    /// Part of the deviation that is proportional to friction; `None` if the joint does not move.
     pub friction: Option<FrictionExcess>,
 }
 
-/// Friction of a window beyond the test's, by least squares over the moving rows: the measured torque less the
-/// estimated one as a multiple of the friction torque that the test's parameters give.
+/// Excess of a window's friction over the test's, by least squares over the moving rows: the measured torque minus the
+/// estimated one, as a multiple of the friction torque from the test's parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionExcess {
-    /// The multiple: 0.1 is a tenth more friction than in the test, negative less.
+    /// The multiple: 0.1 means a tenth more friction than in the test; a negative value means less.
     pub excess: f64,
     /// Part of the squared deviation that it explains, 0 to 1.
     pub share: f64,
 }
 
-/// Windows of one recording of production against one test, medians over those in which the joint moves.
+/// Windows of one production recording compared with one test: medians over the windows with motion of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProductionJoint {
     /// The joint.
     pub joint: JointIndex,
-    /// Windows behind the medians.
+    /// Windows used for the medians.
     pub windows: usize,
     /// Moving RMSD as a fraction of the measured torque's RMS.
     pub relative_rmsd: f64,
-    /// Friction beyond the test's.
+    /// Excess of friction over the test's.
     pub friction: FrictionExcess,
-    /// Moving relative RMSD of the test itself, its excitation by its own parameters; `None` where it is not known.
+    /// Moving relative RMSD of the test itself, its excitation with its own parameters; `None` if unknown.
     pub test_relative_rmsd: Option<f64>,
 }
 
-/// How rows become parameters.
+/// Method that turns rows into parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Estimator {
-    /// Least squares, every row of every joint alike.
+    /// Least squares with equal weight for every row of every joint.
     Ordinary,
     /// Least squares, each joint's rows weighted by one over its residual variance [3.22].
     #[default]
     Weighted,
-    /// Huber's M-estimate: as weighted, and rows far off lose weight. Needs the rows themselves.
+    /// Huber's M-estimate: as weighted, but rows with large residuals lose weight. Needs the rows themselves.
     Huber,
 }
 
 impl Estimator {
-    /// All of them.
+    /// All estimators.
     pub const ALL: [Self; 3] = [Self::Ordinary, Self::Weighted, Self::Huber];
 
     /// Name as in configuration and in the view `cycles`.
@@ -184,8 +184,8 @@ impl Estimator {
         }
     }
 
-    /// What stands for it where only stored factors are at hand: single rows, which Huber's estimate weighs, are not
-    /// stored, and without that it is the weighted one.
+    /// The estimator to use when only stored factors are available. Huber's estimate weights single rows, which are not
+    /// stored; without these weights it is the weighted one.
     #[must_use]
     pub fn of_factors(self) -> Self {
         match self {
@@ -200,7 +200,7 @@ impl Estimator {
 pub struct Identification {
     /// Kept parameters in natural order.
     pub parameters: Vec<IdentifiedParameter>,
-    /// What is left in the torque of each joint, `[n]`.
+    /// Torque residual of each joint, `[n]`.
     pub residuals: Vec<JointResidual>,
     /// Samples used; each gives one row per joint.
     pub samples: usize,
@@ -212,50 +212,50 @@ pub struct Identification {
     pub residual_std: f64,
 }
 
-/// A base parameter with its uncertainty. Stands for a grouping: see
+/// A base parameter with its uncertainty. It represents a grouping: see
 /// `armwatch_method::model::base_parameters::BaseParameters`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifiedParameter {
-    /// Which parameter.
+    /// The parameter.
     pub id: ParameterId,
     /// Value in the unit of [`ParameterId::unit`].
     pub value: f64,
     /// Standard error, same unit.
     pub std_error: f64,
-    /// Degrees of freedom of the standard error; not a number where they are not known. The interval
-    /// is [`half_width`](crate::analysis::interval::half_width) to either side.
+    /// Degrees of freedom of the standard error; NaN if unknown. The interval is
+    /// [`half_width`](crate::analysis::interval::half_width) to either side.
     pub degrees_of_freedom: f64,
 }
 
 impl IdentifiedParameter {
-    /// A parameter that is left out of an estimate: it counts as zero and has no error.
+    /// A parameter that an estimate omits: it counts as zero and has no error.
     #[must_use]
     pub fn left_out(id: ParameterId) -> Self {
         Self { id, value: 0.0, std_error: f64::NAN, degrees_of_freedom: f64::NAN }
     }
 
-    /// Whether the value says something of the parameter. One without an error is only part of a set that gives torques:
-    /// it was left out and is zero, or carries the torque of one that was.
+    /// True if the data determine the value. A value without an error is only part of a set that gives torques: it was
+    /// omitted and is zero, or includes the torque of omitted ones.
     #[must_use]
     pub fn is_shown(&self) -> bool {
         self.std_error.is_finite()
     }
 }
 
-/// What identification leaves of one joint's torque.
+/// Residual of identification in one joint's torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointResidual {
     /// The joint.
     pub joint: JointIndex,
     /// Standard deviation of the residual over the rows used, Nm.
     pub std: f64,
-    /// Independent rows over these rows: so many that errors which ignore the correlation of neighbours
-    /// come out as the clustered ones. Above 1 where the noise is less at the frequencies of the motion
-    /// than above them, as that of a differentiated velocity.
+    /// Ratio of independent rows to these rows. With this number of rows, errors that ignore the correlation of
+    /// neighbours equal the clustered ones. Above 1 if the noise is smaller at the frequencies of the motion than above
+    /// them, as that of a differentiated velocity.
     pub independent_share: f64,
 }
 
-/// Whether a joint moves in a row.
+/// Motion of a joint in a row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Motion {
     /// At its low-speed threshold or faster.
@@ -265,10 +265,10 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Both, in their order.
+    /// Both values in order.
     pub const BOTH: [Self; 2] = [Self::Moving, Self::Slow];
 
-    /// That of a joint with velocity `qd` and threshold `low_speed`, rad/s (m/s).
+    /// The motion of a joint with velocity `qd` and threshold `low_speed`, rad/s (m/s).
     #[must_use]
     pub fn of(qd: f64, low_speed: f64) -> Self {
         if qd.abs() >= low_speed { Self::Moving } else { Self::Slow }
@@ -292,11 +292,11 @@ pub struct TorqueFactor {
     pub joint: JointIndex,
     /// The stage.
     pub stage: Stage,
-    /// Whether the joint moved.
+    /// True if the joint moved.
     pub motion: Motion,
-    /// Rows that the factor stands for.
+    /// Rows that the factor represents.
     pub rows: usize,
-    /// The upper triangle, column after column; the last column is that of the torque.
+    /// The upper triangle, column after column; the last column belongs to the torque.
     pub upper: Vec<f64>,
 }
 
@@ -305,7 +305,7 @@ pub struct TorqueFactor {
 pub struct CycleFactors {
     /// Parameters of each joint's columns; one list for all cycles of a method.
     pub columns: Arc<[Vec<ParameterId>]>,
-    /// By joint, stage and motion, those with rows.
+    /// Factors with rows, by joint, stage and motion.
     pub factors: Vec<TorqueFactor>,
 }
 
@@ -324,34 +324,34 @@ pub struct FrictionPoint {
     pub direction: i8,
     /// Mean friction torque, gravity removed, signed as the motion, Nm.
     pub torque: f64,
-    /// Standard deviation of the rows about the mean, enlarged by the error of a fitted load so that over the root of the
-    /// independent rows it is the standard error of `torque`, Nm.
+    /// Standard deviation of the rows around the mean, Nm. The error of a fitted load is included, so that division by
+    /// the root of the independent rows gives the standard error of `torque`.
     pub std: f64,
     /// Rows of the plateau.
     pub samples: usize,
-    /// How gravity was removed.
+    /// Method of removing gravity.
     pub gravity: GravityRemoval,
-    /// What the gear carried, where the joint's friction law depends on it.
+    /// Load of the gear, if the joint's friction law depends on it.
     pub load: Option<CarriedLoad>,
 }
 
-/// What a gear carried on a plateau.
+/// Load of a gear on a plateau.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CarriedLoad {
     /// Mean magnitude of the torque that the gear carries, Nm (N).
     pub torque: f64,
-    /// Friction under load per carried torque, of the cycle's own parameters.
+    /// Friction under load per carried torque, from the cycle's own parameters.
     pub friction: f64,
 }
 
-/// How the load of gravity was taken from a friction point.
+/// Method of removing the load of gravity from a friction point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum GravityRemoval {
     /// The axis is vertical in this posture: gravity does no work on the joint.
     AxisVertical,
     /// Fitted on the friction stage of the joint [5.3] and subtracted [5.2].
     Fitted,
-    /// Taken from the cycle's identified parameters.
+    /// Computed from the cycle's identified parameters.
     Model,
 }
 
@@ -399,8 +399,8 @@ pub struct Estimate {
     pub std_error: f64,
 }
 
-/// Friction of a joint at one speed over the time of a run, or of all runs of a robot [5.4].
-/// Times in minutes, as the equation has them.
+/// Friction of a joint at one speed over the time of a run, or of all runs of a robot [5.4]. Times are in minutes, as
+/// in the equation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WarmUpFit {
     /// The joint.
@@ -413,22 +413,22 @@ pub struct WarmUpFit {
     pub a: Estimate,
     /// Slow part, Nm, and its time constant, min; `None` for a constant.
     pub slow: Option<Decay>,
-    /// Fast part, Nm, and its time constant, min; only for a double exponential. Errors are not numbers where the
-    /// points show only that there is one, see [`FastShown`].
+    /// Fast part, Nm, and its time constant, min; only for a double exponential. Errors are NaN if the points only show
+    /// that there is a fast part, see [`FastShown`].
     pub fast: Option<Decay>,
-    /// What the points show of the fast part; with `fast`.
+    /// Properties of the fast part that the points determine; set with `fast`.
     pub fast_shown: Option<FastShown>,
     /// Root-mean-square deviation of the points from the curve, Nm.
     pub rmsd: f64,
     /// Points used.
     pub samples: usize,
-    /// First and last time of the points, min. What the curve says beyond is extrapolated.
+    /// First and last time of the points, min. Values of the curve beyond them are extrapolated.
     pub record: [f64; 2],
 }
 
 impl WarmUpFit {
-    /// Whether the warm friction `a` lies beyond the record: at its end the slow part still makes more
-    /// than two standard errors of `a` and 1 % of it.
+    /// True if the warm friction `a` is extrapolated beyond the record: at its end the slow part is still more than two
+    /// standard errors of `a` and 1 % of it.
     #[must_use]
     pub fn asymptote_extrapolated(&self) -> bool {
         self.slow.is_some_and(|slow| {
@@ -438,8 +438,8 @@ impl WarmUpFit {
     }
 }
 
-/// The fast part of a warm-up curve as far as the points show it: its height at t = 0 is an extrapolation, and its time
-/// constant may be known from one side only, where the first cycle alone sees it.
+/// Properties of the fast part of a warm-up curve that the points determine. Its height at t = 0 is an extrapolation,
+/// and its time constant has only an upper limit if the first cycle alone shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FastShown {
     /// Its value at the first point, Nm.
@@ -457,12 +457,12 @@ pub struct Decay {
     pub time_constant: Estimate,
 }
 
-/// Cycles over which statistics of a parameter are taken.
+/// Cycles used for the statistics of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum StatisticsWindow {
     /// All cycles.
     All,
-    /// Without the first five, in which the arm warms up.
+    /// All except the first five: the arm warms up in these.
     AfterFive,
 }
 
@@ -490,9 +490,9 @@ pub struct ParameterStatistics {
     pub min: f64,
     /// Largest value.
     pub max: f64,
-    /// `(max - min) / |max|`; `None` where `max` is zero.
+    /// `(max - min) / |max|`; `None` if `max` is zero.
     pub d_mm: Option<f64>,
-    /// `|last - first| / |first|`; `None` where `first` is zero.
+    /// `|last - first| / |first|`; `None` if `first` is zero.
     pub d_se: Option<f64>,
     /// Sample standard deviation; `None` for a single cycle.
     pub sdv: Option<f64>,
@@ -500,31 +500,32 @@ pub struct ParameterStatistics {
     pub cycles: usize,
 }
 
-/// What one run says of one joint, condensed for the detectors.
+/// Results of one joint in one run, condensed for the detectors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JointSummary {
     /// The joint.
     pub joint: JointIndex,
-    /// Friction once warm, or why it is unknown.
+    /// Warm friction; `None` if unknown.
     pub warm_friction: Option<WarmFriction>,
-    /// What the identified friction coefficients of the excitation say: all that recordings without a friction stage
-    /// tell of friction.
+    /// Warm friction from the identified friction coefficients of the excitation: the only friction result of
+    /// recordings without a friction stage.
     pub excitation_friction: Option<WarmFriction>,
-    /// Friction against the joint's own baseline at equal thermal state, where the robot's history gives one:
-    /// known only once the run is held against that history.
+    /// Friction relative to the joint's own baseline at equal thermal state, if the robot's history gives one. It is
+    /// only known after the run was compared with that history.
     pub friction_index: Option<Estimate>,
     /// Median over the cycles of the moving relative RMSD of the excitation stage.
     pub relative_rmsd: Option<f64>,
-    /// How much that RMSD swings from cycle to cycle.
+    /// Swing of that RMSD between cycles.
     pub rmsd_swing: Option<RmsdSwing>,
-    /// Median over the cycles of the noise of the torque channel, as a fraction of the torque ([`TorqueNoise::relative`]).
+    /// Median over the cycles of the noise of the torque channel, as a fraction of the torque
+    /// ([`TorqueNoise::relative`]).
     pub relative_noise: Option<f64>,
     /// Median over the cycles of the RMS of the torque while the joint moves in the excitation, Nm (N).
     pub torque_rms: Option<f64>,
 }
 
 impl JointSummary {
-    /// Whether the run says anything of the joint.
+    /// True if the run gives any result for the joint.
     #[must_use]
     pub fn has_result(&self) -> bool {
         self.warm_friction.is_some()
@@ -541,19 +542,19 @@ pub struct WarmFriction {
     pub torque: f64,
     /// Standard error of that mean, Nm.
     pub std_error: f64,
-    /// Mean time of the points since the run's start, min. Runs compare at equal warmth only.
+    /// Mean time of the points since the run's start, min. Runs are only comparable at equal temperature.
     pub minute: f64,
     /// Speed of the points as a fraction of the largest.
     pub speed_fraction: f64,
 }
 
-/// Standard deviation of a series from cycle to cycle, blind to slow trends: root of half the mean
-/// squared successive difference (von Neumann 1941).
+/// Standard deviation of a series from cycle to cycle, without slow trends: root of half the mean squared successive
+/// difference (von Neumann 1941).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RmsdSwing {
     /// The standard deviation, same unit as the series.
     pub value: f64,
-    /// Cycles that it stands on.
+    /// Number of cycles.
     pub cycles: usize,
 }
 
@@ -564,6 +565,6 @@ pub struct RunAnalysis {
     pub warm_up_fits: Vec<WarmUpFit>,
     /// Statistics of each parameter.
     pub statistics: Vec<ParameterStatistics>,
-    /// One summary a joint.
+    /// One summary per joint.
     pub summaries: Vec<JointSummary>,
 }

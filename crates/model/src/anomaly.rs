@@ -1,4 +1,4 @@
-//! What is concluded from a robot's history: anomalies, and where each joint's baseline stands.
+//! Conclusions from a robot's history: anomalies, and the health of each joint.
 
 use std::fmt;
 use std::sync::Arc;
@@ -83,19 +83,19 @@ impl fmt::Display for AnomalyKind {
     }
 }
 
-/// How soon a person should look.
+/// Severity of an anomaly: how soon a person should look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
-    /// Worth knowing.
+    /// For information.
     Info,
-    /// Plan a look.
+    /// A check should be planned.
     Warning,
-    /// Look before the next shift.
+    /// Should be checked before the next shift.
     Critical,
 }
 
 impl Severity {
-    /// All of them, the mildest first.
+    /// All severities, the mildest first.
     pub const ALL: [Self; 3] = [Self::Info, Self::Warning, Self::Critical];
 
     /// Name as in the view `anomalies`.
@@ -129,21 +129,21 @@ pub struct RunSummary {
     pub cycles: u32,
     /// Cycles that were refused.
     pub refused_cycles: u32,
-    /// Why they were refused, the cause of most cycles first.
+    /// Causes of the refusals, the one of most cycles first.
     pub refusals: Vec<RunRefusal>,
-    /// One entry a joint.
+    /// One entry per joint.
     pub joints: Vec<JointSummary>,
     /// Friction of each cycle and joint with friction points, in the order of cycles and joints.
     pub cycle_friction: Vec<CycleSeries>,
-    /// Moving relative RMSD of each cycle as a whole under its own parameters, in the order of cycles and joints; cycles that
-    /// do not count are left out.
+    /// Moving relative RMSD of each cycle as a whole with its own parameters, in the order of cycles and joints; omits
+    /// cycles that do not count.
     pub whole_cycle_rmsd: Vec<CycleRmsd>,
     /// Means over the cycles of the inertial base parameters, in natural order.
     pub parameters: Vec<RunParameter>,
-    /// How its parameters answer to channels that read wrong, where that was read.
+    /// Response of its parameters to channels that read wrong, if available.
     pub response: Option<Arc<ChannelResponse>>,
-    /// Ordinal of the epoch of each joint that the test belongs to, by position of the joint; see [`epoch`]. Tests of
-    /// two epochs of a joint do not compare. Joints beyond its end are in their first one.
+    /// Ordinal of each joint's epoch that the test belongs to, by position of the joint; see [`epoch`]. Tests in two
+    /// epochs of a joint are not comparable. Joints beyond its end are in their first epoch.
     pub epochs: Vec<u32>,
 }
 
@@ -163,36 +163,36 @@ pub struct RunParameter {
     pub id: ParameterId,
     /// Mean over the cycles, in its SI unit.
     pub mean: f64,
-    /// Standard deviation of one cycle, from the scatter between cycles; of a single cycle its standard error. Not a number
-    /// where that is not known.
+    /// Standard deviation of one cycle, from the scatter between cycles; for a single cycle its standard error. NaN if
+    /// unknown.
     pub std_dev: f64,
-    /// Cycles.
+    /// Number of cycles.
     pub cycles: u32,
-    /// The standard parameters that it stands for, with their coefficients; empty where that is not known.
+    /// The standard parameters that it represents, with their coefficients; empty if unknown.
     pub terms: Vec<(f64, ParameterId)>,
 }
 
 impl RunSummary {
-    /// Whether no joint has any figure: a test that says nothing of the arm.
+    /// True if no joint has a result, so that the test gives no information about the arm.
     #[must_use]
     pub fn is_without_result(&self) -> bool {
         !self.joints.iter().any(JointSummary::has_result)
     }
 }
 
-/// One cause for which cycles of a run were refused.
+/// One cause of refused cycles of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunRefusal {
     /// The cause, with the sentence of the first of these cycles.
     pub cause: RefusalCause,
     /// Number of the first of these cycles, from 1.
     pub first_cycle: u32,
-    /// How many cycles.
+    /// Number of cycles.
     pub cycles: u32,
 }
 
-/// One complete log of production held against one test, as the detectors see it. A log with a test in its middle
-/// gives two.
+/// One complete production log compared with one test, as the detectors see it. A log with a test in its middle gives
+/// two.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProductionSummary {
     /// Database key of the run.
@@ -201,18 +201,18 @@ pub struct ProductionSummary {
     pub started_at: Timestamp,
     /// The test.
     pub reference_run_id: i64,
-    /// One entry a joint that moves.
+    /// One entry per joint that moves.
     pub joints: Vec<ProductionJoint>,
-    /// What causes could explain, of each joint that moves; empty for a log that was stored before that was known.
+    /// Evidence for causes, for each joint that moves; empty for a log that was stored before evidence existed.
     pub evidence: Vec<JointEvidence>,
 }
 
-/// Where a change most likely began.
+/// Most likely beginning of a change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Onset {
-    /// The first run that has it.
+    /// The first run that shows it.
     pub run_id: i64,
-    /// The first cycle of that run that has it, from 1, where that can be said.
+    /// The first cycle of that run that shows it, from 1, if known.
     pub cycle: Option<u32>,
     /// Start of that run, or of that cycle.
     pub at: Timestamp,
@@ -221,39 +221,39 @@ pub struct Onset {
 /// A cause that was compared and rejected.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alternative {
-    /// What it would be, in words that follow "rather than".
+    /// Name of the cause, in words that follow "rather than".
     pub cause: String,
     /// Posterior odds of this cause against all others together.
     pub odds: f64,
 }
 
 /// An anomaly found in a history. The same history always gives the same anomalies. In a longer one, an anomaly is
-/// recognised by its joint, its cause and the time in which it is seen.
+/// identified by its joint, its cause and the time of its runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Anomaly {
-    /// The joint; `None` where the cause is the whole arm's.
+    /// The joint; `None` if the cause affects the whole arm.
     pub joint: Option<JointIndex>,
-    /// What kind of change.
+    /// Kind of the change.
     pub kind: AnomalyKind,
     /// The quantity that changed, as the latest run shows it.
     pub quantity: Quantity,
-    /// Severity in the latest run that showed it, as score, threshold, value, baseline and message are.
+    /// Severity in the latest run that showed it. Score, threshold, value, baseline and message belong to that run too.
     pub severity: Severity,
-    /// How far out the value is, in the scale of `threshold`.
+    /// Deviation of the value, in the scale of `threshold`.
     pub score: f64,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: f64,
-    /// The value; not a number where there is none, as of a test without result.
+    /// The value; NaN if there is none, as for a test without a result.
     pub value: f64,
-    /// What the robot's own history led to expect; not a number where there is no value.
+    /// Expected value from the robot's own history; NaN if there is no value.
     pub baseline: f64,
     /// The value of the run with the largest score of the episode.
     pub peak_value: f64,
-    /// That score.
+    /// Largest score of the episode.
     pub peak_score: f64,
     /// Largest severity of a run that showed it.
     pub peak_severity: Severity,
-    /// Cycle of the first run with which it began, where it is a cycle's.
+    /// Cycle of the first run with which it began, if it began in a cycle.
     pub first_cycle: Option<u32>,
     /// Run with which the episode began.
     pub first_run_id: i64,
@@ -263,22 +263,24 @@ pub struct Anomaly {
     pub first_seen_at: Timestamp,
     /// Start of the latest run.
     pub last_seen_at: Timestamp,
-    /// Where the change most likely began.
+    /// Most likely beginning of the change.
     pub onset: Onset,
-    /// Posterior odds of the cause that `kind` and `joint` name against all others together; `None` where causes
-    /// were not compared. Those of friction that is away from its baseline are of the latest test's friction curve.
+    /// Posterior odds of the cause in `kind` and `joint` against all others together; `None` if causes were not
+    /// compared. For friction that differs from its baseline, the odds are computed from the latest test's friction
+    /// curve.
     pub odds: Option<f64>,
     /// The rejected causes, the likeliest first.
     pub alternatives: Vec<Alternative>,
-    /// Whether a later run no longer shows it.
+    /// True if a later run no longer shows it.
     pub ended: bool,
-    /// What a technician should read.
+    /// Message for a technician.
     pub message: String,
 }
 
 impl Anomaly {
-    /// Extends the episode by a later run. Onset and peak are kept, and all other fields come from that run. If the later
-    /// run shows another quantity, the peak comes from it too, because values and scores of two quantities do not compare.
+    /// Extends the episode by a later run. Onset and peak are kept, and all other fields are those of that run. If the
+    /// later run shows another quantity, its peak replaces the earlier one, because values and scores of two quantities
+    /// are not comparable.
     pub fn go_on(&mut self, later: Self) {
         let is_of_later = later.peak_score > self.peak_score || self.quantity != later.quantity;
         let (peak_value, peak_score) = match is_of_later {
@@ -298,23 +300,22 @@ impl Anomaly {
     }
 }
 
-/// What is known of a joint.
+/// State of knowledge about a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Knowledge {
-    /// The latest test gave figures that compare with the baseline, and they agree with it unless an anomaly says
-    /// otherwise.
+    /// The latest test gave values that are comparable with the baseline. They agree with it unless there is an
+    /// anomaly.
     Compared,
     /// The history is too short for a baseline.
     Learning,
-    /// The latest test gave a figure that is out of bounds and that one test alone does not settle, or none of this
-    /// joint.
+    /// The latest test gave a value out of bounds, which one test alone does not decide, or none for this joint.
     Unsettled,
-    /// The latest test gave no result of any joint.
+    /// The latest test gave no result for any joint.
     NoResult,
 }
 
 impl Knowledge {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 4] = [Self::Compared, Self::Learning, Self::Unsettled, Self::NoResult];
 
     /// Name as stored.
@@ -329,34 +330,34 @@ impl Knowledge {
     }
 }
 
-/// Where a joint stands after the robot's latest test.
+/// Health of a joint after the robot's latest test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointHealth {
     /// The joint.
     pub joint: JointIndex,
-    /// Friction of the latest test against the baseline, 1 = unchanged; `None` while learning, and where that test
-    /// gave none that compares.
+    /// Friction of the latest test relative to the baseline, 1 = unchanged; `None` while learning, and if that test
+    /// gave no comparable value.
     pub friction_index: Option<f64>,
-    /// The quantity that `friction_index` comes from.
+    /// The quantity behind `friction_index`.
     pub friction_quantity: Option<Quantity>,
-    /// What is known.
+    /// State of knowledge.
     pub knowledge: Knowledge,
-    /// What a technician should know of it, where there is something.
+    /// Explanation for a technician, if there is one.
     pub reason: Option<String>,
-    /// The latest run that gave a result of this joint.
+    /// The latest run that gave a result for this joint.
     pub last_result_run_id: Option<i64>,
-    /// When friction is expected to reach its limits; `None` with too few tests since the baseline or the last jump.
+    /// Forecast of friction reaching its limits; `None` with too few tests since the baseline or the last jump.
     pub forecast: Option<Forecast>,
 }
 
-/// Outcome of looking at a robot's whole history.
+/// Outcome of evaluating a robot's whole history.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Findings {
     /// All anomalies of the history, open ones and ended ones.
     pub anomalies: Vec<Anomaly>,
-    /// Where each joint stands.
+    /// Health of each joint.
     pub health: Vec<JointHealth>,
-    /// When the next test should have begun at the latest, by the robot's own usual interval; `None` with too few
-    /// tests to know one.
+    /// Latest time for the next test to begin, from the robot's own usual interval; `None` with too few tests for an
+    /// interval.
     pub expected_by: Option<Timestamp>,
 }

@@ -1,5 +1,5 @@
-//! What a robot is: joints in a chain, their places, limits, transmission and parameters. Nothing here
-//! knows a particular arm; descriptions come from files.
+//! Robots: joints in a chain, with their places, limits, transmission and parameters. No particular arm is built in;
+//! descriptions are read from files.
 
 mod geometry;
 mod coupling;
@@ -27,10 +27,10 @@ pub use self::shape::{ArmShape, Capsule, Cell, Obstacle, ObstacleForm};
 pub use self::spring::{Spring, SpringForm, SpringTerm};
 pub use self::standard_parameters::StandardParameters;
 
-/// Most joints a described arm may have; numerics keep their per-joint scratch on the stack.
+/// Most joints of a described arm; numerics keep their per-joint scratch on the stack.
 pub const MAX_JOINTS: usize = 9;
 
-/// A serial arm as its description file gives it. SI units, radians.
+/// A serial arm as in its description file. SI units, radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     /// Name of the model, such as `er3a`.
@@ -41,9 +41,9 @@ pub struct Robot {
     pub gravity: Vector3<f64>,
     /// Tool frame in the frame of the last link.
     pub tool: Transform,
-    /// Which columns describe friction, but for joints that have their own: see [`Robot::friction_of`].
+    /// Columns that describe friction, except for joints with their own: see [`Robot::friction_of`].
     pub friction: FrictionModel,
-    /// Where torque is measured.
+    /// Place of the torque measurement.
     pub torque_sensors: TorqueSensors,
     /// Matrix `R` `[n x n]` of `theta_motor = R q`; the gear ratios on its diagonal.
     pub transmission: DMatrix<f64>,
@@ -57,9 +57,9 @@ pub struct Robot {
     pub speed_levels: Vec<f64>,
     /// Excitation motion of the test, if the description gives one.
     pub excitation: Option<FourierExcitation>,
-    /// Space that the links take up, where the description says.
+    /// Space of the links, if the description has it.
     pub shape: ArmShape,
-    /// What of the description was read otherwise than it is written, in sentences.
+    /// Parts of the description that were interpreted differently from their text, as sentences.
     pub remarks: Vec<String>,
 }
 
@@ -75,13 +75,13 @@ impl Robot {
         (0..self.joints.len()).map(JointIndex::new)
     }
 
-    /// Which columns describe the friction of a joint.
+    /// Columns that describe the friction of a joint.
     #[must_use]
     pub fn friction_of(&self, joint: JointIndex) -> FrictionModel {
         self.joints.get(joint.index()).and_then(|joint| joint.friction).unwrap_or(self.friction)
     }
 
-    /// Whether the friction of a joint depends on the torque that its gear carries.
+    /// True if the friction of a joint depends on the torque that its gear carries.
     #[must_use]
     pub fn has_load_friction(&self) -> bool {
         self.joint_indices().any(|joint| self.friction_of(joint).load != LoadFriction::None)
@@ -105,14 +105,14 @@ impl Robot {
         self.springs.iter().filter(move |spring| spring.joint == joint)
     }
 
-    /// Whether motor inertias are part of the measured torque.
+    /// True if motor inertias are part of the measured torque.
     #[must_use]
     pub fn has_motor_inertia(&self) -> bool {
         self.torque_sensors == TorqueSensors::Motor
     }
 
-    /// Number of parameters of the dynamic model, the columns of its regressor: ten, the friction
-    /// terms and, where torque is the motors', a motor inertia for each joint, three for each coupling, two for each
+    /// Number of parameters of the dynamic model, the columns of its regressor. Each joint has ten, the friction terms
+    /// and, if torque is measured by the motors, a motor inertia. There are three more for each coupling, two for each
     /// spring and ten for each parallelogram.
     #[must_use]
     pub fn parameter_count(&self) -> usize {
@@ -126,7 +126,7 @@ impl Robot {
             + StandardParameters::COUNT * self.parallelograms.len()
     }
 
-    /// The transmission of joints that each have a motor of their own: gear ratios on the diagonal.
+    /// The transmission of joints with one motor each: gear ratios on the diagonal.
     #[must_use]
     pub fn uncoupled_transmission(joints: &[Joint]) -> DMatrix<f64> {
         DMatrix::from_fn(joints.len(), joints.len(), |i, j| if i == j { joints[i].gear_ratio } else { 0.0 })
@@ -136,57 +136,57 @@ impl Robot {
 /// One joint and the link that it moves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// Name, where the description gives one.
+    /// Name, if the description has one.
     pub name: Option<String>,
-    /// Turning or sliding.
+    /// Revolute or prismatic.
     pub kind: JointKind,
-    /// Place on the link before.
+    /// Place on the previous link.
     pub geometry: JointGeometry,
     /// Range and largest rates.
     pub limits: JointLimits,
-    /// Motor turns per joint turn; negative where they turn against each other.
+    /// Motor turns per joint turn; negative for opposite directions.
     pub gear_ratio: f64,
-    /// Added to the position that the controller, or the transmission, gives to make `q`: rad (m).
+    /// Added to the position from the controller, or the transmission, to obtain `q`: rad (m).
     pub position_offset: f64,
-    /// Joint torque per motor current, Nm/A (N/A), where known.
+    /// Joint torque per motor current, Nm/A (N/A), if known.
     pub drive_gain: Option<f64>,
-    /// Torque of the motor at its own shaft per current, before gears: Nm/A, where known.
+    /// Torque of the motor at its own shaft per current, before gears: Nm/A, if known.
     pub motor_torque_constant: Option<f64>,
-    /// Rated torque of the motor at its own shaft, Nm, where known.
+    /// Rated torque of the motor at its own shaft, Nm, if known.
     pub rated_motor_torque: Option<f64>,
-    /// Rated torque (force) of the joint behind the gear, Nm (N), where known.
+    /// Rated torque (force) of the joint behind the gear, Nm (N), if known.
     pub rated_torque: Option<f64>,
-    /// Largest torque (force) that the joint may be driven with for a moment, Nm (N), where known.
+    /// Largest permissible torque (force) of the joint for a moment, Nm (N), if known.
     pub peak_torque: Option<f64>,
     /// Speed below which a row does not count as moving, rad/s (m/s for a sliding joint).
     pub low_speed: f64,
-    /// Whether the exports have a torque of it, which the layout says.
+    /// True if the exports have a torque of it, according to the layout.
     pub has_torque: bool,
-    /// Which columns describe friction, where they are not the arm's.
+    /// Columns that describe friction, if they differ from the arm's.
     pub friction: Option<FrictionModel>,
-    /// Parameters from a drawing or catalogue, where known: what the simulator moves.
+    /// Parameters from a drawing or catalogue, if known; the simulator uses them.
     pub nominal: Option<NominalJoint>,
 }
 
 impl Joint {
-    /// Speed from which on a row of its torque counts as moving, rad/s (m/s): none does if its torque is not recorded.
+    /// Least speed of a moving row of its torque, rad/s (m/s); infinite if its torque is not recorded.
     #[must_use]
     pub fn counted_speed(&self) -> f64 {
         if self.has_torque { self.low_speed } else { f64::INFINITY }
     }
 }
 
-/// Where torque is measured.
+/// Place of the torque measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TorqueSensors {
-    /// By the drives: motor inertia and all friction are part of it.
+    /// In the drives: motor inertia and all friction are part of it.
     #[default]
     Motor,
     /// Behind the gears, by sensors at the joints: motors and their couplings are no part of it.
     Link,
 }
 
-/// How a joint moves.
+/// Kind of a joint's motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JointKind {
     /// Turns about its z axis; position in rad, effort in Nm.
@@ -206,24 +206,24 @@ pub struct JointLimits {
     pub velocity: f64,
     /// Largest acceleration.
     pub acceleration: f64,
-    /// Largest jerk, where the controller has one.
+    /// Largest jerk, if the controller limits it.
     pub jerk: Option<f64>,
 }
 
 /// Friction coefficients of a joint in [3.10].
 pub const FRICTION_COUNT: usize = 4;
 
-/// What a drawing, a catalogue or an earlier identification says of a joint.
+/// Data of a joint from a drawing, a catalogue or an earlier identification.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NominalJoint {
     /// Inertia of the link.
     pub inertial: StandardParameters,
     /// Motor inertia seen at the joint, kg m² (kg for a sliding joint).
     pub motor_inertia: f64,
-    /// Warm friction coefficients f1..f4 of [3.10]: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³. What the
-    /// simulator moves, whichever columns [`Robot::friction`] identifies it with.
+    /// Warm friction coefficients f1..f4 of [3.10]: Nm, Nm s/rad, Nm s²/rad², Nm s³/rad³. The simulator uses them,
+    /// whichever columns of [`Robot::friction`] identification uses.
     pub friction: [f64; FRICTION_COUNT],
-    /// How much more friction a cold gearbox has.
+    /// Additional friction of a cold gearbox.
     pub warm_up: WarmUpShape,
     /// Standard deviation of the torque signal, Nm.
     pub torque_noise: f64,

@@ -1,4 +1,4 @@
-//! What was recorded: a run is one export, made of cycles, each made of stages.
+//! Recordings: a run is one export, made of cycles, each made of stages.
 
 pub mod arrival;
 pub mod channel_delays;
@@ -61,8 +61,7 @@ impl fmt::Display for Stage {
     }
 }
 
-/// Which joint moves in a row of the friction stage, and at which speed level (from 1), as the
-/// controller's signals say.
+/// Moving joint and speed level in a row of the friction stage, from the controller's signals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrictionSignal {
     /// The joint under test.
@@ -78,29 +77,29 @@ pub struct FrictionSignal {
 pub struct Rows<S> {
     /// Time since the start of the recording, s.
     pub time: Vec<f64>,
-    /// Joint positions, rad (m); not a number in logs without positions.
+    /// Joint positions, rad (m); NaN in logs without positions.
     pub position: Vec<Vec<f64>>,
-    /// Joint velocities, rad/s (m/s), where recorded.
+    /// Joint velocities, rad/s (m/s), if recorded.
     pub velocity: Option<Vec<Vec<f64>>>,
     /// Joint torques, Nm (N).
     pub torque: Vec<Vec<f64>>,
-    /// Stage of each row, or what the export says of it.
+    /// Stage of each row, or the export's information about it.
     pub stage: S,
-    /// Cycle counter of each row, from 1, where recorded; 0 before and after the test.
+    /// Cycle counter of each row, from 1, if recorded; 0 before and after the test.
     pub cycle: Option<Vec<u32>>,
-    /// Joint and level of each row, where recorded; `None` in a row outside the friction stage.
+    /// Joint and level of each row, if recorded; `None` in a row outside the friction stage.
     pub friction_signal: Option<Vec<Option<FrictionSignal>>>,
-    /// Temperatures of motors and hall, where any is recorded.
+    /// Motor temperatures and ambient temperature, if any is recorded.
     pub temperatures: Option<Temperatures>,
 }
 
 /// Rows whose stages are known.
 pub type Samples = Rows<Vec<Stage>>;
 
-/// Rows as an export holds them: `armwatch_method::segment::stages` gives them their stages.
+/// Rows as in an export: `armwatch_method::segment::stages` determines their stages.
 pub type RawSamples = Rows<StageReading>;
 
-/// What an export says of the stages of rows.
+/// An export's information about the stages of rows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum StageReading {
     /// The stage of each row.
@@ -116,11 +115,11 @@ pub enum StageReading {
 pub trait StageChannel: Default {
     /// Appends a channel of the same kind.
     fn append(&mut self, other: Self);
-    /// Takes away and returns what follows the first `rows` rows.
+    /// Removes and returns the part after the first `rows` rows.
     fn split_off(&mut self, rows: usize) -> Self;
-    /// Gives back memory beyond what the rows need.
+    /// Frees memory that the rows do not need.
     fn shrink_to_fit(&mut self);
-    /// Makes room for so many more rows.
+    /// Reserves memory for `rows` more rows.
     fn reserve(&mut self, rows: usize);
 }
 
@@ -190,13 +189,13 @@ impl<S> Rows<S> {
         self.time.len()
     }
 
-    /// Whether there is no row.
+    /// True if there is no row.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
     }
 
-    /// Whether positions are recorded.
+    /// True if positions are recorded.
     #[must_use]
     pub fn has_positions(&self) -> bool {
         !self.position.iter().any(|joint| joint.first().is_some_and(|position| position.is_nan()))
@@ -210,7 +209,7 @@ impl<S> Rows<S> {
 }
 
 impl RawSamples {
-    /// The rows with the stages that their export says; without any, they are between stages.
+    /// The rows with the stages from their export; without any, all are between stages.
     #[must_use]
     pub fn as_recorded(mut self) -> Samples {
         let stages = match std::mem::take(&mut self.stage) {
@@ -246,8 +245,8 @@ impl<S: StageChannel> Rows<S> {
         }
     }
 
-    /// Gives back memory beyond what the rows need, where it is much: more than a quarter. Channels that grew piece by piece
-    /// hold up to twice what they need.
+    /// Frees memory that the rows do not need if it exceeds a quarter of the needed memory. Channels that grew step by
+    /// step have up to twice the capacity that they need.
     pub fn shrink_to_fit(&mut self) {
         let enough = self.rows() + self.rows() / 4;
         let roomy = self.channels_mut().filter(|channel| channel.capacity() > enough);
@@ -263,7 +262,7 @@ impl<S: StageChannel> Rows<S> {
         std::iter::once(&mut self.time).chain(joints).chain(&mut self.torque)
     }
 
-    /// Bytes of memory that a row takes, temperatures apart, which are few.
+    /// Memory of a row, bytes; without temperatures, which are few.
     #[must_use]
     pub fn row_bytes(&self) -> usize {
         let joints = self.position.len() + self.velocity.as_ref().map_or(0, Vec::len) + self.torque.len();
@@ -272,7 +271,7 @@ impl<S: StageChannel> Rows<S> {
         (1 + joints) * size_of::<f64>() + size_of::<Stage>() + counter + signal
     }
 
-    /// Makes room for so many more rows, temperatures apart, which are few.
+    /// Reserves memory for `rows` more rows; without temperatures, which are few.
     pub fn reserve(&mut self, rows: usize) {
         self.channels_mut().for_each(|channel| channel.reserve(rows));
         self.stage.reserve(rows);
@@ -280,7 +279,7 @@ impl<S: StageChannel> Rows<S> {
         self.friction_signal.iter_mut().for_each(|signal| signal.reserve(rows));
     }
 
-    /// Takes away and returns the first `rows` rows; the rest stays.
+    /// Removes and returns the first `rows` rows; the rest stays.
     pub fn take_front(&mut self, rows: usize) -> Self {
         let first_temperatures = self.temperatures.as_mut().map(|t| t.take_front(rows));
         let rest = Self {
@@ -298,7 +297,7 @@ impl<S: StageChannel> Rows<S> {
 }
 
 impl Samples {
-    /// No rows, of the same channels; `channel` makes each channel of numbers.
+    /// No rows, with the same channels; `channel` creates each channel of numbers.
     #[must_use]
     pub fn without_rows(&self, channel: impl Fn() -> Vec<f64>) -> Self {
         let joints = |channels: &Vec<Vec<f64>>| channels.iter().map(|_| channel()).collect();
@@ -314,8 +313,8 @@ impl Samples {
         }
     }
 
-    /// Appends copies of `rows` of `other`, which has the same channels. Temperatures are moved: the first ones of `other` are
-    /// taken, so that the ranges of several calls follow each other.
+    /// Appends copies of `rows` of `other`, which has the same channels. Temperatures are moved: the first ones of
+    /// `other` are removed, so the ranges of several calls must be consecutive.
     pub fn append_rows(&mut self, other: &mut Self, rows: Range<usize>) {
         for (mine, theirs) in self.channels_mut().zip(other.channels_mut()) {
             mine.extend_from_slice(&theirs[rows.clone()]);
@@ -348,11 +347,11 @@ fn split_channels(channels: &mut [Vec<f64>], at: usize) -> Vec<Vec<f64>> {
 pub struct Cycle {
     /// Number in the run, from 1.
     pub number: u32,
-    /// Rows of the cycle, those between stages included.
+    /// Rows of the cycle, including those between stages.
     pub samples: Samples,
 }
 
-/// BLAKE3 hash of an export's bytes as they lie on disk: the identity of a run.
+/// BLAKE3 hash of an export's bytes on disk: the identity of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct ContentHash(pub [u8; 32]);
 
@@ -362,7 +361,7 @@ impl fmt::Display for ContentHash {
     }
 }
 
-/// The first bytes of an export, known by their hash: what stored cycles were read from.
+/// The first bytes of an export, identified by their hash: the source of stored cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ContentPrefix {
     /// Number of bytes, from the first.
@@ -371,8 +370,8 @@ pub struct ContentPrefix {
     pub hash: ContentHash,
 }
 
-/// A file as its file system numbers it, whatever it is called. A number is given again once its file
-/// is gone, so it only says where to look; content decides.
+/// A file by its number in its file system, independent of its name. The system uses a number again when its file is
+/// gone, so it only indicates where to look; content decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct FileId {
     /// Number of the file system.
@@ -381,7 +380,7 @@ pub struct FileId {
     pub inode: u64,
 }
 
-/// What is known of an export before its rows are read.
+/// Data of an export that are known before its rows are read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RunHeader {
     /// The individual robot, such as `R00`.
@@ -392,21 +391,21 @@ pub struct RunHeader {
     pub started_at: Timestamp,
     /// File name of the export, without its folder.
     pub source_name: String,
-    /// Whole path of the export, as it was found.
+    /// Full path of the export, as it was found.
     pub source_path: String,
-    /// Identity of the content; of a file that still grows, of what it held when it was opened.
+    /// Identity of the content; for a file that still grows, that of its content when it was opened.
     pub content_hash: ContentHash,
     /// Bytes of the export on disk.
     pub source_bytes: u64,
 }
 
-/// What a run is a recording of.
+/// Kind of a run's recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub enum RunKind {
-    /// The test: stages from which parameters and friction are identified.
+    /// The test: its stages serve to identify parameters and friction.
     #[default]
     Test,
-    /// Ordinary work, held against the parameters of tests.
+    /// Production, compared with the parameters of tests.
     Production,
 }
 
@@ -423,24 +422,24 @@ impl RunKind {
     }
 }
 
-/// Where a run stands.
+/// Status of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum RunStatus {
     /// Cycles are being stored.
     Streaming,
     /// Every cycle is stored.
     Complete,
-    /// The export was not understood; the reason is with the run.
+    /// The export could not be read; the reason is stored with the run.
     Quarantined,
-    /// Another content was written in its place; what was stored of it is kept and takes no part in
-    /// conclusions.
+    /// A corrected export superseded it; its stored results are kept, but take no part in conclusions.
     Superseded,
-    /// It was read whole and takes no part in conclusions: a person has said so, or its start cannot be right.
+    /// It was read completely, but takes no part in conclusions: a person has set it aside, or its start is
+    /// implausible.
     SetAside,
 }
 
 impl RunStatus {
-    /// All of them.
+    /// All statuses.
     pub const ALL: [Self; 5] =
         [Self::Streaming, Self::Complete, Self::Quarantined, Self::Superseded, Self::SetAside];
 

@@ -1,6 +1,6 @@
 //! Text from outside, such as names of files and robots, cells, notes and answers of servers, made safe to show.
 //!
-//! [`shown`] is for people: logs, terminals, messages, comments. [`json`] is for JSON, in which the text stays the same.
+//! [`shown`] is for people: logs, terminals, messages, comments. [`json`] is for JSON and keeps the text the same.
 //! [`distinct`] and [`percent`] are for names that identify: different names stay different. [`of_bytes`] makes text of
 //! names that are not UTF-8, and [`to_bytes`] gives their bytes back.
 
@@ -10,8 +10,8 @@ use std::fmt::Write;
 use std::os::unix::ffi::{OsStrExt, OsStringExt};
 use std::path::{Path, PathBuf};
 
-/// True for characters that are invisible or that change how others are displayed: control characters, line and paragraph
-/// separators, marks of writing direction, characters without width, and noncharacters.
+/// True for characters that are invisible or that change how others are displayed: control characters, line and
+/// paragraph separators, marks of writing direction, characters without width, and noncharacters.
 ///
 /// Unicode names these sets `Cc`, `Zl`, `Zp`, `Bidi_Control`, `Default_Ignorable_Code_Point` and
 /// `Noncharacter_Code_Point`; marks of annotations, U+FFF9 to U+FFFB, are hidden too.
@@ -28,22 +28,22 @@ pub fn is_hidden(character: char) -> bool {
         || u32::from(character) & 0xfffe == 0xfffe
 }
 
-/// A text on one line, as people may see it: hidden characters as `\n` or `\u{202e}`.
+/// A text on one line for display: hidden characters become `\n` or `\u{202e}`.
 ///
-/// Text that was made so stays as it is.
+/// Converted text stays unchanged.
 #[must_use]
 pub fn shown(text: &str) -> Cow<'_, str> {
     replaced(text, is_hidden, |out, character| out.extend(character.escape_default()))
 }
 
-/// As [`shown`], with line feeds and tabulators as they are.
+/// Like [`shown`], with line feeds and tabulators unchanged.
 #[must_use]
 pub fn shown_lines(text: &str) -> Cow<'_, str> {
     let is_hidden = |character| is_hidden(character) && !matches!(character, '\n' | '\t');
     replaced(text, is_hidden, |out, character| out.extend(character.escape_default()))
 }
 
-/// As [`shown`], for a name that identifies: no two names give the same text.
+/// Like [`shown`], for a name that identifies: no two names give the same text.
 #[must_use]
 pub fn distinct(name: &str) -> Cow<'_, str> {
     if !name.contains(is_hidden) && !name.contains("\\u{") {
@@ -54,7 +54,7 @@ pub fn distinct(name: &str) -> Cow<'_, str> {
 }
 
 /// Text for XML and HTML: markup as entities, hidden characters as in [`shown`] except for line feeds and tabulators.
-/// XML 1.0 has no place for most of them.
+/// XML 1.0 does not allow most of them.
 #[must_use]
 pub fn xml(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
@@ -70,10 +70,10 @@ pub fn xml(text: &str) -> String {
     escaped
 }
 
-/// JSON with hidden characters as `\u202e`, which a reader takes for the characters themselves.
+/// JSON with hidden characters as `\u202e`, which a reader converts to the characters themselves.
 #[must_use]
 pub fn json(json: &str) -> Cow<'_, str> {
-    // control characters of ASCII stand between values alone: in strings the writer has escaped them
+    // control characters of ASCII are only between values: in strings the writer has escaped them
     let is_escaped = |character| is_hidden(character) && (character > '\u{7e}');
     replaced(json, is_escaped, |out, character| {
         for unit in character.encode_utf16(&mut [0; 2]) {
@@ -83,8 +83,8 @@ pub fn json(json: &str) -> Cow<'_, str> {
     })
 }
 
-/// A name with hidden characters, `%` and those of `special` as bytes, such as `%2F`, as in addresses. No two names give the
-/// same text.
+/// A name with hidden characters, `%` and those of `special` as bytes, such as `%2F`, as in addresses. No two names
+/// give the same text.
 #[must_use]
 pub fn percent<'n>(name: &'n str, special: &[char]) -> Cow<'n, str> {
     let is_escaped = |character| is_hidden(character) || character == '%' || special.contains(&character);
@@ -95,8 +95,8 @@ pub fn percent<'n>(name: &'n str, special: &[char]) -> Cow<'n, str> {
     })
 }
 
-/// Text of a name. Bytes that are not UTF-8, as old controllers write them, become `\xE9`. No two names give the same text;
-/// [`to_bytes`] gives the bytes back.
+/// Text of a name. Bytes that are not UTF-8, as old controllers write them, become `\xE9`. No two names give the same
+/// text; [`to_bytes`] returns the bytes.
 #[must_use]
 pub fn of_bytes(name: &[u8]) -> String {
     let mut text = String::with_capacity(name.len());
@@ -105,7 +105,7 @@ pub fn of_bytes(name: &[u8]) -> String {
         while let Some(at) = rest.find('\\') {
             let (before, behind) = rest.split_at(at);
             text.push_str(before);
-            // a name that looks as if it were escaped
+            // a name that looks like an escape
             text.push_str(if escaped_byte(behind).is_some() { "\\x5C" } else { "\\" });
             rest = &behind[1..];
         }
@@ -139,7 +139,7 @@ pub fn of_path(path: &Path) -> String {
     of_bytes(path.as_os_str().as_bytes())
 }
 
-/// Text of the last part of a path, see [`of_bytes`]; of a path that ends in `..`, of all of it.
+/// Text of the last part of a path, see [`of_bytes`]; for a path that ends in `..`, text of all of it.
 #[must_use]
 pub fn of_file_name(path: &Path) -> String {
     of_bytes(path.file_name().unwrap_or(path.as_os_str()).as_bytes())
@@ -154,7 +154,7 @@ pub fn to_path(text: &str) -> PathBuf {
 /// Length of `\xE9`.
 const ESCAPE_LENGTH: usize = 4;
 
-/// The byte whose escape a text begins with.
+/// The byte of the escape at the start of a text.
 fn escaped_byte(text: &str) -> Option<u8> {
     let digits = text.strip_prefix("\\x")?.get(..2)?;
     let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'A'..=b'F');
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn json_says_the_same() {
         for text in HOSTILE.into_iter().chain(ALIKE) {
-            // as a writer of JSON leaves it
+            // as written by a writer of JSON
             let written: String = text
                 .chars()
                 .map(|c| match c {

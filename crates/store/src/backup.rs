@@ -1,4 +1,4 @@
-//! A copy of the whole database for the day when it is lost, made while programs work with it.
+//! A backup of the whole database, made while programs work with it.
 
 use std::path::Path;
 
@@ -9,13 +9,13 @@ use super::verified_copy::{Backup, is_ours, is_same_file, not_written, write_bes
 use super::write_ahead_log;
 
 impl Store {
-    /// Writes a copy of everything that is stored to `target`, as of one moment, in place of an earlier one. The pages of
-    /// the database are checked first. The copy is written next to its target, verified (integrity, references, a hash of all
-    /// values of every table) and renamed, so that an earlier copy stays until the new one is verified.
+    /// Writes a copy of the whole database at one moment to `target`, replacing an earlier one. The pages of the
+    /// database are checked first. The copy is written next to its target, verified (integrity, references, a hash of
+    /// all values of every table) and renamed, so an earlier copy stays until the new one is verified.
     ///
     /// # Errors
     /// [`StoreError::NotABackup`] if `target` is something else, or a database that is in use;
-    /// [`StoreError::NoFactorsInSnapshot`] for a copy for readers; [`StoreError::Corrupt`] if the database or the copy is
+    /// [`StoreError::NoFactorsInSnapshot`] for a snapshot; [`StoreError::Corrupt`] if the database or the copy is
     /// damaged; [`StoreError`] of the database or of the copy.
     pub async fn backup(&self, target: &Path) -> Result<Backup, StoreError> {
         if self.dialect() == Dialect::Postgres {

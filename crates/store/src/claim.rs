@@ -17,9 +17,8 @@ use crate::handle::Store;
 /// Mode of the lock file: a user who can open it can keep the daemon from starting.
 const PRIVATE: u32 = 0o600;
 
-/// A daemon's claim on a database. The operating system releases it with the process, however that
-/// ends; the file beside the database, which holds the number of the process, stays. A server releases it with the
-/// connection.
+/// A daemon's claim on a database. The operating system releases it when the process ends for any reason. The file next
+/// to the database with the number of the process stays. A server releases the claim with the connection.
 #[derive(Debug)]
 pub struct DaemonClaim {
     _held: HeldClaim,
@@ -65,8 +64,8 @@ impl Store {
 }
 
 impl Store {
-    /// Whether a daemon works on the database, which draws conclusions itself. On a server, one that has not said that it
-    /// ends counts until its lease is over.
+    /// Returns true if a daemon works on the database and therefore draws the conclusions. On a server, a daemon that
+    /// ended without notice counts until its lease ends.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -115,7 +114,7 @@ pub(super) fn claim(database: &Path) -> Result<DaemonClaim, StoreError> {
     match file.try_lock() {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => return claimed(),
-        // a file system without locks, such as some network shares, cannot tell two daemons apart
+        // a file system without locks, such as some network shares, cannot distinguish two daemons
         Err(TryLockError::Error(error)) => return Err(failed(error)),
     }
     let inode = match InodeLock::take(database) {
@@ -152,7 +151,7 @@ fn is_claimed(database: &Path) -> bool {
     }
 }
 
-/// Makes the lock file private. If root makes it, it belongs to the owner of the database, as SQLite's files do.
+/// Makes the lock file private. If root creates it, it belongs to the owner of the database, as SQLite's files do.
 fn make_private(file: &File, database: &Path) {
     let set = || {
         let own = file.metadata()?;
@@ -170,8 +169,8 @@ fn make_private(file: &File, database: &Path) {
     }
 }
 
-/// Writes down which process holds the claim. Only for people: a full disk must not keep the daemon from
-/// saying so in its own words.
+/// Stores the number of the process that holds the claim. It only informs people, so a full disk must not prevent the
+/// daemon's own error message.
 fn leave_number(mut file: &File) {
     let number = std::process::id();
     if let Err(error) = file.set_len(0).and_then(|()| writeln!(file, "{number}")) {

@@ -30,7 +30,7 @@ pub(super) fn of(path: &Path) -> io::Result<Arc<File>> {
     }
     let opened = File::options().read(true).write(true).open(path).or_else(|_| File::open(path))?;
     let files = kept.entry(key(&opened.metadata()?)).or_default();
-    // the file may be known all the same, if the path led elsewhere a moment ago; this descriptor stays open, too
+    // the file may still be known, if the path led elsewhere a moment ago; this descriptor stays open, too
     files.push(Arc::new(opened));
     Ok(Arc::clone(&files[0]))
 }

@@ -1,14 +1,14 @@
-//! Why the database could not be used, as a person can act on it.
+//! Errors of the database, each with a remedy.
 
 use std::path::{Path, PathBuf};
 
 use super::engine::sqlstate::{ServerFault, fault_of};
 use armwatch_config::is_on_server;
 
-/// Why the database could not be used. Every message names the file and a remedy.
+/// An error of the database. Every message names the file and a remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// Another writer holds the lock for longer than the busy timeout. Worth another try.
+    /// Another writer holds the lock for longer than the busy timeout. The caller can try again.
     #[error(
         "database {} stayed locked by another writer ({detail}); try again, or end the other program that writes to it",
         .path.display()
@@ -16,7 +16,7 @@ pub enum StoreError {
     Busy {
         /// Database file.
         path: PathBuf,
-        /// What SQLite or the pool said.
+        /// Message of SQLite or the pool.
         detail: String,
     },
     /// The disk is full or fails.
@@ -24,7 +24,7 @@ pub enum StoreError {
     Full {
         /// Database file.
         path: PathBuf,
-        /// What SQLite said.
+        /// Message of SQLite.
         detail: String,
     },
     /// The file or its folder cannot be created, opened or written.
@@ -36,10 +36,10 @@ pub enum StoreError {
     NotWritable {
         /// Database file.
         path: PathBuf,
-        /// What the system or SQLite said.
+        /// Message of the system or SQLite.
         detail: String,
     },
-    /// The file, or what a program has left beside it, cannot be read.
+    /// The file, or a file that a program has left next to it, cannot be read.
     #[error(
         "cannot read database {} ({detail}); check that this user may read it and the files beside it that end with -wal \
          and -shm, or read a copy of all three",
@@ -48,30 +48,30 @@ pub enum StoreError {
     NotReadable {
         /// Database file.
         path: PathBuf,
-        /// What the system or SQLite said.
+        /// Message of the system or SQLite.
         detail: String,
     },
-    /// A copy for readers would be written over something else.
+    /// A snapshot would overwrite something else.
     #[error("{} is there and no snapshot; name another file, or move this one away", .path.display())]
     NotASnapshot {
         /// The file.
         path: PathBuf,
     },
-    /// A backup would be written over something else.
+    /// A backup would overwrite something else.
     #[error("{} is left alone ({detail}); name another file, or move this one away", .path.display())]
     NotABackup {
         /// The file.
         path: PathBuf,
-        /// What it is.
+        /// Actual kind of the file.
         detail: String,
     },
-    /// A copy for readers, which nothing may write to.
+    /// The file is a snapshot, which is read-only.
     #[error("{} is a snapshot, which can only be read; name the database that it was made of", .path.display())]
     Snapshot {
         /// The file.
         path: PathBuf,
     },
-    /// A copy for readers was taken for something that needs the factors of cycles.
+    /// The file is a snapshot, but the operation needs the factors of cycles.
     #[error(
         "{} is a snapshot, a copy for readers without the factors of cycles, so that {without}; name the database that it \
          was made of with --db",
@@ -80,21 +80,21 @@ pub enum StoreError {
     NoFactorsInSnapshot {
         /// The file.
         path: PathBuf,
-        /// What cannot be done without them.
+        /// The operation that is impossible without them.
         without: &'static str,
     },
-    /// A folder stands where a database should.
+    /// The path of the database is a folder.
     #[error("{} is a folder, and no database; name the file in it, such as {}", .path.display(), .path.join("armwatch.db").display())]
     Folder {
         /// The folder.
         path: PathBuf,
     },
-    /// The file is something else.
+    /// The file is not a database of armwatch.
     #[error("{} is not an armwatch database ({detail}); name another file, or move this one away", .path.display())]
     NotADatabase {
         /// The file.
         path: PathBuf,
-        /// What it is instead.
+        /// Actual kind of the file.
         detail: String,
     },
     /// A newer program made the schema.
@@ -110,7 +110,7 @@ pub enum StoreError {
         /// Latest schema version of this program.
         known: i64,
     },
-    /// An older program made the schema, and it is only read.
+    /// An older program made the schema, and the database is open read-only.
     #[error(
         "database {} has schema {found}, this program {known}; `armwatch run` and `armwatch ingest` bring it up to date",
         .path.display()
@@ -123,7 +123,7 @@ pub enum StoreError {
         /// Schema version of this program.
         known: i64,
     },
-    /// The schema is older than those that can be brought up to date.
+    /// The schema is too old to be upgraded.
     #[error(
         "database {} has schema {found}, and this program brings schemas from {oldest} on up to date; open it once with a \
          program that made schema 50, or move it away and ingest the exports again",
@@ -134,7 +134,7 @@ pub enum StoreError {
         path: PathBuf,
         /// Schema version of the file.
         found: i64,
-        /// Oldest schema version that can be brought up to date.
+        /// Oldest schema version that can be upgraded.
         oldest: i64,
     },
     /// The content is damaged.
@@ -145,7 +145,7 @@ pub enum StoreError {
     Corrupt {
         /// Database file.
         path: PathBuf,
-        /// What SQLite said.
+        /// Message of SQLite.
         detail: String,
     },
     /// The open database is no longer the file at its path.
@@ -157,10 +157,10 @@ pub enum StoreError {
     Displaced {
         /// Database file.
         path: PathBuf,
-        /// Which of its files, and what became of it.
+        /// The file, and what happened to it.
         detail: String,
     },
-    /// The log next to a database belongs to another database.
+    /// The write-ahead log next to a database belongs to another database.
     #[error(
         "{} belongs to another database than {}, as after a restore: delete it and {}-shm, or move them away, and start again",
         .log.display(), .path.display(), .path.display()
@@ -180,9 +180,9 @@ pub enum StoreError {
     LockFile {
         /// Database file.
         path: PathBuf,
-        /// The lock file beside it.
+        /// The lock file next to it.
         lock: PathBuf,
-        /// What the system said.
+        /// Message of the system.
         detail: String,
     },
     /// Another daemon works on the database.
@@ -193,10 +193,10 @@ pub enum StoreError {
     Claimed {
         /// Database file.
         path: PathBuf,
-        /// Number of its process, where it has left one.
+        /// Number of its process, if known.
         process: Option<u32>,
     },
-    /// Another daemon of this host, or one without a name, works on a database of a server.
+    /// Another daemon of this host, or one without a name, works on a database on a server.
     #[error(
         "another armwatch daemon{} works on database {}; stop it first, or give each daemon a name of its own with \
          `armwatch run --host NAME`",
@@ -205,10 +205,10 @@ pub enum StoreError {
     HostAtWork {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// The name; empty for one that has none.
+        /// Name of the daemon; empty for one without a name.
         host: String,
     },
-    /// This program was silent for longer than its lease, and others have taken over. Worth another try.
+    /// The lease of this program has ended, and other daemons have claimed its work. The caller can try again.
     #[error(
         "the lease of this program on database {} has ended, and others have taken over its work; it goes on by itself, \
          raise lease_s under [cluster] if that happens often",
@@ -218,7 +218,7 @@ pub enum StoreError {
         /// Address of the database, without a password.
         path: PathBuf,
     },
-    /// A rule of the schema refuses the values. The database itself is well.
+    /// A rule of the schema refuses the values. The database itself is intact.
     #[error("database {} refuses these values ({detail}); please report this with the export", .path.display())]
     Refused {
         /// Database file.
@@ -226,7 +226,7 @@ pub enum StoreError {
         /// The rule.
         detail: String,
     },
-    /// Results were offered for a run that takes none.
+    /// Results were offered for a run that accepts none.
     #[error(
         "run {run_id} in database {} is not being stored; it was discarded or quarantined meanwhile, ingest its export again",
         .path.display()
@@ -237,7 +237,7 @@ pub enum StoreError {
         /// Key of the run.
         run_id: i64,
     },
-    /// The server of the database does not answer, or has ended the connection. Worth another try.
+    /// The server of the database does not answer, or has ended the connection. The caller can try again.
     #[error(
         "no server answers for database {} ({detail}); check that it runs at that host and port, takes connections from \
          this machine (listen_addresses, pg_hba.conf), and that no firewall is between",
@@ -246,10 +246,10 @@ pub enum StoreError {
     Unreachable {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the system or the server said.
+        /// Message of the system or the server.
         detail: String,
     },
-    /// The server does not let the user in.
+    /// The server refuses the login.
     #[error(
         "the server does not let the user of {} in ({detail}); check name and password (in the address, in ~/.pgpass or in \
          PGPASSWORD), and the server's pg_hba.conf",
@@ -258,10 +258,10 @@ pub enum StoreError {
     Login {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the server said.
+        /// Message of the server.
         detail: String,
     },
-    /// The server shows a certificate that this program does not accept.
+    /// The server presents a certificate that this program does not accept.
     #[error(
         "the certificate of the server of {} is not accepted ({detail}); name the file of the authority that signed it with \
          sslrootcert=FILE in the address, and the server as its certificate names it",
@@ -270,7 +270,7 @@ pub enum StoreError {
     Certificate {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault of the certificate.
         detail: String,
     },
     /// The server has no such database.
@@ -278,10 +278,10 @@ pub enum StoreError {
     NoDatabase {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the server said.
+        /// Message of the server.
         detail: String,
     },
-    /// The user may not do what has to be done.
+    /// The user lacks a right.
     #[error(
         "the user of {} may not do this ({detail}); the first start needs `GRANT CREATE ON DATABASE`, or an empty schema \
          armwatch that this user may create in, and tables are written by the user that made them",
@@ -290,10 +290,10 @@ pub enum StoreError {
     Rights {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the server said.
+        /// Message of the server.
         detail: String,
     },
-    /// The server is older than what the schema needs.
+    /// The server is older than the schema requires.
     #[error(
         "the server of database {} is PostgreSQL {version}, which is too old; take 13 or later, tested with 15",
         .path.display()
@@ -301,10 +301,10 @@ pub enum StoreError {
     ServerTooOld {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the server says that it is.
+        /// Version that the server reports.
         version: String,
     },
-    /// An address that is not understood.
+    /// The address is malformed.
     #[error(
         "the address {} is not understood ({detail}); write it as postgres://user@host:5432/name",
         .path.display()
@@ -312,33 +312,33 @@ pub enum StoreError {
     Address {
         /// The address, without a password.
         path: PathBuf,
-        /// What is wrong.
+        /// Fault of the address.
         detail: String,
     },
-    /// What the server's own programs do.
+    /// Only the programs of the server perform the operation.
     #[error("{what} of database {} is left to its server; {instead}", .path.display())]
     OnServer {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What was asked for.
+        /// The operation.
         what: &'static str,
-        /// How it is done there.
+        /// How to do it on the server.
         instead: String,
     },
-    /// Anything else that a server says.
+    /// Any other error of a server.
     #[error("database {} failed ({detail}); start again, and look into the log of the server", .path.display())]
     Server {
         /// Address of the database, without a password.
         path: PathBuf,
-        /// What the server said.
+        /// Message of the server.
         detail: String,
     },
-    /// Anything else.
+    /// Any other error.
     #[error("database {} failed ({detail}); start again, and check the file with `PRAGMA integrity_check`", .path.display())]
     Other {
         /// Database file.
         path: PathBuf,
-        /// What happened.
+        /// Message of the driver.
         detail: String,
     },
 }
@@ -348,8 +348,8 @@ impl StoreError {
         Self::NotWritable { path: path.to_path_buf(), detail: error.to_string() }
     }
 
-    /// Whether no later call will do better: the process should stop. A busy database, a server that does not answer,
-    /// refused values and a run that is gone leave the store usable.
+    /// Returns true if no later call can succeed, so that the process should stop. The store stays usable after a busy
+    /// database, a server that does not answer, refused values or a run that is gone.
     #[must_use]
     pub fn is_fatal(&self) -> bool {
         !matches!(
@@ -362,7 +362,7 @@ impl StoreError {
         )
     }
 
-    /// Puts an error of the driver into the words of this type.
+    /// Converts an error of the driver.
     pub(super) fn from_sqlx(path: &Path, error: &sqlx::Error) -> Self {
         if is_on_server(path) {
             return Self::of_server(path, error);
@@ -387,7 +387,7 @@ impl StoreError {
         }
     }
 
-    /// The same for a database on a server.
+    /// Converts an error of the driver for a database on a server.
     fn of_server(path: &Path, error: &sqlx::Error) -> Self {
         let path = path.to_path_buf();
         let detail = match error {
@@ -419,7 +419,7 @@ impl StoreError {
         }
     }
 
-    /// The same for an error of the driver that blocks its thread.
+    /// Converts an error of the blocking driver.
     pub(super) fn from_rusqlite(path: &Path, error: &rusqlite::Error) -> Self {
         let code = error.sqlite_error().map_or(0, |of| of.extended_code);
         Self::from_code(path.to_path_buf(), code, error.to_string())

@@ -1,4 +1,4 @@
-//! The end of a run: its analysis and its mark of completion, in one transaction.
+//! The end of a run: its analysis and its completion, in one transaction.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,10 +20,10 @@ use armwatch_model::analysis::RunAnalysis;
 use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::run::{ContentHash, ContentPrefix};
 
-/// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the
-/// database as it was. It holds the only writer: do slow work before opening it, with
-/// [`Store::run_measurements`](super::handle::Store::run_measurements). What follows from the robot's history is
-/// concluded after it, see [`ConclusionTransaction`](super::robot::conclude::ConclusionTransaction).
+/// An open transaction that ends a run. Dropping it without [`commit`](Self::commit) leaves the database unchanged. It
+/// holds the only writer, so do slow work before you open it, with
+/// [`Store::run_measurements`](super::handle::Store::run_measurements). The conclusion from the robot's history follows
+/// later, see [`ConclusionTransaction`](super::robot::conclude::ConclusionTransaction).
 #[derive(Debug)]
 pub struct FinishTransaction {
     pub(super) transaction: EngineTransaction,
@@ -31,21 +31,21 @@ pub struct FinishTransaction {
     pub(super) run_id: i64,
     pub(super) robot_id: i64,
     pub(super) replaced: Option<Replaced>,
-    /// The run of the same recording that keeps its place, because this one has no result.
+    /// The run of the same recording that stays in force, because this one has no result.
     pub(super) kept: Option<i64>,
 }
 
-/// A run whose place a run takes that is ending.
+/// A run that an ending run supersedes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Replaced {
     /// The run.
     pub run_id: i64,
-    /// Whether it is known to begin with other rows, as another recording does.
+    /// True if it certainly has different first rows, as another recording has.
     pub begins_otherwise: bool,
 }
 
 impl FinishTransaction {
-    /// Reads what the cycles of this run measured.
+    /// Reads the measurements of this run's cycles.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -54,7 +54,7 @@ impl FinishTransaction {
         self.checked(result)
     }
 
-    /// Stores the analysis of this run, in place of an earlier one.
+    /// Stores the analysis of this run, replacing an earlier one.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for a statistic of a parameter that no cycle of the run has.
@@ -66,16 +66,16 @@ impl FinishTransaction {
     /// Replaces the fits of friction over speed of this run's cycles.
     ///
     /// # Errors
-    /// [`StoreError`] of the database; a fit of a cycle that is not stored is one.
+    /// [`StoreError`] of the database, also for a fit of a cycle that is not stored.
     pub async fn replace_speed_fits(&mut self, fits: &[CycleSpeedFits]) -> Result<(), StoreError> {
         let result = friction::replace_speed_fits(&mut self.transaction, self.run_id, fits).await;
         self.checked(result)
     }
 
-    /// Gives the run the identity of its content, which is known now that it is read to its end, and the
-    /// place of the run whose file it was written over. [`Owner::Other`], and nothing written, if another
-    /// complete run has this content: this one is to be discarded. `first_rows` is the hash of its first rows, which
-    /// tells whether that recording begins alike.
+    /// Gives the run the identity of its content, which is known after the last row, and lets it supersede the run
+    /// whose file it has overwritten. Returns [`Owner::Other`] and stores nothing if another complete run has this
+    /// content: this run is to be discarded then. `first_rows` is the hash of its first rows, which shows if the other
+    /// recording begins with the same rows.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -107,7 +107,7 @@ impl FinishTransaction {
         Ok(owner)
     }
 
-    /// Moves the start of the recording, and with it those of its cycles, to a moment that is known now.
+    /// Moves the start of the recording, and those of its cycles, to a time that is now known.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -116,21 +116,21 @@ impl FinishTransaction {
         self.checked(result)
     }
 
-    /// The run whose place this one has taken in [`FinishTransaction::adopt`].
+    /// The run that this one has superseded in [`FinishTransaction::adopt`].
     #[must_use]
     pub fn replaced(&self) -> Option<Replaced> {
         self.replaced
     }
 
-    /// The run of the same recording that keeps its place, as [`FinishTransaction::adopt`] has found, because no cycle of
-    /// this one has a result.
+    /// The run of the same recording that stays in force because no cycle of this one has a result; found by
+    /// [`FinishTransaction::adopt`].
     #[must_use]
     pub fn kept(&self) -> Option<i64> {
         self.kept
     }
 
-    /// Marks the run complete; quarantined ones of the same recording are superseded by it. One that has lost its place to
-    /// a [better run](Self::kept) is superseded instead.
+    /// Marks the run as complete; it supersedes quarantined ones of the same recording. If a [better run](Self::kept)
+    /// stays in force, that one supersedes this run.
     ///
     /// # Errors
     /// [`StoreError::Refused`] if not every cycle is stored.
@@ -144,7 +144,7 @@ impl FinishTransaction {
         self.checked(superseded)
     }
 
-    /// Makes all of it lasting.
+    /// Commits the changes.
     ///
     /// # Errors
     /// [`StoreError`] of the database; nothing is stored then.

@@ -14,21 +14,21 @@ pub struct Store {
     pub(super) path: Arc<Path>,
     pub(super) writer: EnginePool,
     pub(super) readers: EnginePool,
-    /// A reader for questions about the database's health: it takes no turn of the others.
+    /// A reader for queries about the database's health, separate from the others so that it never waits for them.
     pub(super) probe: EnginePool,
-    /// Whether it was opened to look into it.
+    /// True if it was opened for reading only.
     pub(super) is_read_only: bool,
-    /// Whether it is a copy for readers.
+    /// True if it is a snapshot.
     pub(super) is_snapshot: bool,
-    /// The files of a database that is written to here.
+    /// The files of a database that this program writes to.
     pub(super) files: Option<Arc<OpenFiles>>,
-    /// The host that this program is on.
+    /// The host of this program.
     pub(super) own_host: OwnHost,
 }
 
 impl Store {
-    /// Checks that the open database is still the file at its path. Rows that are written to a deleted or replaced file are
-    /// lost when the program ends.
+    /// Checks that the open database is still the file at its path. Rows written to a deleted or replaced file are lost
+    /// when the program ends.
     ///
     /// # Errors
     /// [`StoreError::Displaced`], after which nothing more is stored.
@@ -39,10 +39,10 @@ impl Store {
     /// Moves the write-ahead log into the database file and closes it, for all clones.
     ///
     /// # Errors
-    /// [`StoreError`] of the last checkpoint; what was committed is safe all the same, except with [`StoreError::Displaced`].
+    /// [`StoreError`] of the last checkpoint; commits are safe even then, except with [`StoreError::Displaced`].
     pub async fn close(self) -> Result<(), StoreError> {
         let in_place = self.check_files();
-        // Readers first: a checkpoint cannot empty the log while they look at it.
+        // Readers first: a checkpoint cannot empty the log while they read from it.
         self.probe.close().await;
         self.readers.close().await;
         if self.is_read_only {
@@ -62,7 +62,7 @@ impl Store {
         }
     }
 
-    /// A connection of its own for leases and claims, which must not wait for a turn at the writer.
+    /// A separate connection for leases and claims, which must not wait for the writer.
     pub(crate) fn control(&self) -> EnginePool {
         self.own_host.control(&self.writer)
     }
@@ -71,7 +71,7 @@ impl Store {
         dialect(&self.readers)
     }
 
-    /// What a database on a server leaves to the programs of the server, said with how they do it.
+    /// Error for an operation that the programs of a server do instead, with the way to do it there.
     pub(crate) fn on_server(&self, what: &'static str, instead: String) -> StoreError {
         StoreError::OnServer { path: self.path.to_path_buf(), what, instead }
     }
@@ -79,7 +79,8 @@ impl Store {
     /// A transaction that has the write lock.
     ///
     /// # Errors
-    /// [`StoreError::Displaced`]; [`StoreError::LeaseEnded`] where others have taken over this program's work, and others of the database.
+    /// [`StoreError::Displaced`]; [`StoreError::LeaseEnded`] if other daemons have claimed this program's work; others
+    /// of the database.
     pub(crate) async fn begin(&self) -> Result<EngineTransaction, StoreError> {
         self.check_files()?;
         let mut transaction = self.checked(begin_writing(&self.writer).await)?;

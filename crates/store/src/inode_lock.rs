@@ -1,8 +1,8 @@
-//! A lock on the file of a database itself, whatever name leads to it: a symbolic link, a hard link or another mount.
+//! A lock on the file of a database itself, for all names of the file: symbolic links, hard links and other mounts.
 //!
-//! It is a write lock on one byte that SQLite does not lock, of the descriptor and not of the process, so that SQLite's own
-//! locks stay as they are. A user who may only read the file can hold a read lock on that byte; it is distinguished from the
-//! lock of a daemon and ignored.
+//! It is a write lock on one byte that SQLite does not lock. It belongs to the descriptor and not to the process, so
+//! SQLite's own locks stay. A user who may only read the file can hold a read lock on that byte; it is distinguished
+//! from the lock of a daemon and ignored.
 
 use std::fs::File;
 use std::path::Path;
@@ -27,7 +27,7 @@ pub(super) enum LockOutcome {
     Held(InodeLock),
     /// A daemon has it.
     ByDaemon,
-    /// It cannot be had: a reader is in the way, or the file system has no such locks.
+    /// It is unavailable: a reader blocks it, or the file system has no such locks.
     Unavailable,
 }
 
@@ -41,7 +41,7 @@ impl InodeLock {
         }
     }
 
-    /// True if a daemon in another process has it.
+    /// True if a daemon in another process holds it.
     pub(super) fn is_of_daemon(database: &Path) -> bool {
         descriptor::of(database).is_ok_and(|file| is_write_locked(&file))
     }

@@ -1,8 +1,8 @@
-//! Results in SQLite, or on a PostgreSQL server. One writer, several readers; every write is one transaction that starts
-//! with the write lock, so that waiting for another writer happens once, at its beginning.
+//! Results in SQLite, or on a PostgreSQL server. There is one writer and several readers. Every write is one
+//! transaction that starts with the write lock, so it waits for another writer only once, at its beginning.
 //!
-//! The views of `migrations/` are what users read; the tables behind them are this module's own.
-//! Functions below the facade hold one statement each and take any connection, so that they compose.
+//! Users read the views of `migrations/`; the tables behind them are private to this crate. Functions below the facade
+//! contain one statement each and accept any connection, so that they compose.
 
 pub mod export;
 mod engine;

@@ -1,10 +1,10 @@
-//! Lists that people ask for by name: robots, runs, cycles.
+//! Lists that people request by name: robots, runs, cycles.
 
 use super::handle::Store;
 use super::table::{AskError, ResultTable};
 use super::views::HealthStatus;
 
-/// Which runs, or cycles of them, are listed.
+/// Selection of runs, or of cycles of them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ListFilter<'a> {
     /// Only of this robot.
@@ -15,17 +15,17 @@ pub struct ListFilter<'a> {
     pub status: Option<&'a str>,
     /// Only runs of this kind: `test` or `production`.
     pub kind: Option<&'a str>,
-    /// The newest so many.
+    /// Number of entries, newest first.
     pub most: u32,
 }
 
-/// Anomalies that are not settled. The states are named, so that settled ones are not read: index `anomaly_by_state`.
+/// Anomalies that are not settled. The states are listed, so that settled ones are not read: index `anomaly_by_state`.
 pub(super) const UNSETTLED: &str = "SELECT * FROM anomalies
      WHERE state IN ('open', 'acknowledged', 'shelved', 'maintenance')
      LIMIT $1";
 
 impl Store {
-    /// Robots by name: how many tests they have, when, and where they stand.
+    /// Robots by name, with the number of their tests, the times and the status.
     ///
     /// # Errors
     /// [`AskError`] of the database.

@@ -1,4 +1,4 @@
-//! Described arms and their parameters: what the numbers of a cycle stand for.
+//! Descriptions of arms, and the meaning of their parameters.
 
 use std::collections::HashMap;
 
@@ -12,17 +12,17 @@ use armwatch_model::robot::{
     FrictionModel, GeometrySource, Joint, JointKind, ParameterId, Robot, SpringForm, TorqueSensors,
 };
 
-/// What the database says of a parameter of a description.
+/// A parameter of a description in the database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelParameter {
     /// Unit of its values.
     pub unit: String,
-    /// Sum of standard parameters that it stands for; unknown until the description was analysed.
+    /// Sum of standard parameters that it represents; unknown until the description was analysed.
     pub grouping: Option<String>,
 }
 
 impl Store {
-    /// Writes down which sums of standard parameters the base parameters of a description stand for.
+    /// Stores the sums of standard parameters that the base parameters of a description represent.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for a parameter of a joint that the robot does not have.
@@ -52,8 +52,8 @@ impl Store {
         self.checked(parameters(&self.readers, model.robot_model_id).await)
     }
 
-    /// The sum of standard parameters that each parameter of a description stands for, as coefficients and parameters;
-    /// those of which that is unknown are left out.
+    /// The sum of standard parameters that each parameter of a description represents, as coefficients and parameters.
+    /// Parameters with an unknown sum are omitted.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -83,7 +83,7 @@ pub(super) async fn parameters(
     Ok(rows.into_iter().collect())
 }
 
-/// Key of the description, which is entered when it is first met.
+/// Key of the description, which is inserted if it is new.
 pub(super) async fn robot_model_id(
     connection: &mut EngineConnection,
     robot: &Robot,
@@ -101,7 +101,7 @@ pub(super) async fn robot_model_id(
     .await
 }
 
-/// Keys of the model's parameters; those of `wanted` that are new are entered.
+/// Keys of the model's parameters; new ones among `wanted` are inserted.
 pub(super) async fn ensure_parameters(
     connection: &mut EngineConnection,
     robot_model_id: i64,
@@ -153,7 +153,7 @@ pub(super) async fn parameter_keys_of_run(
     }
 }
 
-/// Writes down which sum of standard parameters a base parameter stands for.
+/// Stores the sum of standard parameters that a base parameter represents.
 async fn set_grouping(
     executor: impl EngineExecutor<'_>,
     model_parameter_id: i64,
@@ -204,12 +204,13 @@ fn unit(robot: &Robot, id: ParameterId) -> Result<&'static str, sqlx::Error> {
     Ok(id.unit(joint.kind))
 }
 
-/// Placements of URDF joints are products of many steps, which another machine may round otherwise;
-/// this much of a metre or of a unit vector no arm tells apart.
+/// Resolution of placements, in metres or components of unit vectors. Placements of URDF joints are products of many
+/// steps, which another machine may round differently; for an arm this difference is irrelevant.
 const PLACEMENT_GRAIN: f64 = 1e-9;
 
-/// Hash by which the database tells descriptions apart: what decides the meaning of base parameters, joint
-/// kinds, geometry, gravity, friction columns, couplings, springs and parallelograms. Compare [`StoredModel::description_hash`].
+/// Hash that distinguishes descriptions in the database. It includes everything that determines the meaning of base
+/// parameters: joint kinds, geometry, gravity, friction columns, couplings, springs and parallelograms. Compare
+/// [`StoredModel::description_hash`].
 #[must_use]
 pub fn description_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
@@ -220,7 +221,7 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
     for joint in &robot.joints {
         add_joint(joint, &mut add);
     }
-    // The columns that all robots had at first add nothing, so that their hash is as it was.
+    // The default friction columns add nothing, so that the hashes of older descriptions stay the same.
     if robot.friction != FrictionModel::POLYNOMIAL {
         robot.friction.numbers().into_iter().for_each(&mut add);
     }
@@ -238,7 +239,7 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
         let joints = [coupling.joint, coupling.motor_joint].map(|joint| joint.number() as f64);
         joints.into_iter().chain([coupling.ratio]).for_each(&mut add);
     }
-    // Numbers that nothing above begins with tell springs and cranks from couplings.
+    // Numbers that begin nothing above distinguish springs and cranks from couplings.
     for spring in &robot.springs {
         let form = match spring.form {
             SpringForm::Direct => [0.0; 3],
@@ -252,15 +253,15 @@ pub fn description_hash(robot: &Robot) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// Hash of all that figures of a run depend on in a description: [`description_hash`], and what turns recorded rows
-/// into positions, speeds, torques and friction levels. Tests of two hashes do not compare.
+/// Hash of all parts of a description that the results of a run depend on: [`description_hash`], and the conversion of
+/// recorded rows to positions, speeds, torques and friction levels. Tests with different hashes are not comparable.
 pub(super) fn figures_hash(robot: &Robot) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&description_hash(robot));
     let mut add = |value: f64| {
         hasher.update(&value.to_le_bytes());
     };
-    // an unknown constant is told from any known one
+    // an unknown constant differs from any known one
     let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
     for joint in &robot.joints {
         let constants =
@@ -295,19 +296,20 @@ fn add_joint(joint: &Joint, add: &mut impl FnMut(f64)) {
     }
 }
 
-/// A description as the database knows it.
+/// A description in the database.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StoredModel {
     /// Database key.
     pub robot_model_id: i64,
     /// Name of the model, such as `er3a`.
     pub name: String,
-    /// Hash of joint kinds, geometry and gravity.
+    /// Result of [`description_hash`].
     pub description_hash: Vec<u8>,
 }
 
 impl StoredModel {
-    /// Whether `robot` has all that decides the base parameters of this description, so that base parameters of the one are those of the other.
+    /// Returns true if `robot` agrees in everything that determines base parameters, so that both have the same base
+    /// parameters.
     #[must_use]
     pub fn describes(&self, robot: &Robot) -> bool {
         self.description_hash == description_hash(robot)

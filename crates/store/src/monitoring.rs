@@ -1,4 +1,4 @@
-//! What monitoring asks for besides the views: counts with few labels, and sizes.
+//! Data for monitoring besides the views: counts with few labels, and sizes.
 
 use std::sync::Arc;
 
@@ -11,22 +11,22 @@ use super::values::{named, size, time};
 use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::anomaly::Severity;
 
-/// Where the deliveries of a route stand.
+/// Counts of the deliveries of a route.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RouteCounts {
     /// Name of the route in the configuration.
     pub route: String,
-    /// Messages that wait, also for a quiet time's end or a digest.
+    /// Messages that wait, including those for the end of quiet hours or for a digest.
     pub pending: u64,
-    /// Messages that the receiver has had.
+    /// Messages that the receiver has accepted.
     pub sent: u64,
     /// Messages that are given up.
     pub failed: u64,
-    /// Messages that were not to be sent.
+    /// Messages that were suppressed.
     pub suppressed: u64,
     /// Attempts in a row that did not reach the receiver.
     pub failures: u64,
-    /// Since when the oldest of the waiting ones could have been sent.
+    /// Time since which the oldest waiting message could have been sent.
     pub oldest_due_at: Option<Timestamp>,
 }
 
@@ -35,22 +35,22 @@ pub struct RouteCounts {
 pub struct DatabaseSize {
     /// The database.
     pub database: u64,
-    /// Its write-ahead log; 0 where there is none.
+    /// Its write-ahead log; 0 if there is none.
     pub log: u64,
 }
 
 /// Anomalies of one severity in one state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AnomalyCount {
-    /// How soon a person should look.
+    /// Severity: how soon a person should look.
     pub severity: Severity,
     /// `open`, `acknowledged`, `shelved` or `maintenance`.
     pub state: String,
-    /// How many there are.
+    /// Number of anomalies.
     pub anomalies: u64,
 }
 
-/// How many anomalies are not settled. The states are named, so that settled ones are not read: index
+/// Counts anomalies that are not settled. The states are listed, so that settled ones are not read: index
 /// `anomaly_by_state`.
 pub(super) const UNSETTLED_COUNTS: &str = "SELECT severity, state, count(*) AS anomalies
      FROM anomaly
@@ -59,7 +59,7 @@ pub(super) const UNSETTLED_COUNTS: &str = "SELECT severity, state, count(*) AS a
      ORDER BY severity, state";
 
 impl Store {
-    /// Whether an export of this file name is stored to its end.
+    /// Returns true if an export of this file name is stored completely.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -67,8 +67,8 @@ impl Store {
         self.checked(is_complete(&self.readers, source_name).await)
     }
 
-    /// Exports of each robot that are in quarantine and that somebody has to look at, by robot; robots that the name
-    /// of an export does not say are `unknown`.
+    /// Number of quarantined exports of each robot that need attention, by robot; the robot is `unknown` if the name of
+    /// an export does not contain it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -76,7 +76,7 @@ impl Store {
         self.checked(quarantined_by_robot(&self.readers).await)
     }
 
-    /// How many anomalies are not settled, by severity and state; what there are none of is left out.
+    /// Numbers of anomalies that are not settled, by severity and state; zeros are omitted.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -84,7 +84,7 @@ impl Store {
         self.checked(unsettled_counts(&self.readers).await)
     }
 
-    /// Where the deliveries of each route of the configuration stand, by name.
+    /// Counts of deliveries of each route of the configuration, by name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -92,7 +92,7 @@ impl Store {
         self.checked(deliveries_by_route(&self.readers).await)
     }
 
-    /// Sizes of the files of the database; `None` where the system does not tell.
+    /// Sizes of the files of the database; `None` if the system does not report them.
     pub async fn size(&self) -> Option<DatabaseSize> {
         if self.dialect() == Dialect::Postgres {
             let database = catalog::bytes_on_server(&self.readers).await.ok()?;
@@ -103,7 +103,7 @@ impl Store {
             let database = std::fs::metadata(&path).ok()?.len();
             let mut log = path.as_os_str().to_owned();
             log.push("-wal");
-            // a log that is not there is empty
+            // a missing log is empty
             let log = std::fs::metadata(&log).map_or(0, |metadata| metadata.len());
             Some(DatabaseSize { database, log })
         });

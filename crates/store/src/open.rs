@@ -1,4 +1,4 @@
-//! Opening a database: is it ours, is it current, and how its connections behave.
+//! Opening a database: its identity and schema, and the settings of its connections.
 
 use std::fs::File;
 use std::os::unix::fs::OpenOptionsExt;
@@ -23,38 +23,38 @@ use super::{descriptor, server, small_blocks, view_columns, write_ahead_log};
 use armwatch_config::{ClusterSettings, foreign_scheme, is_on_server, shown_database};
 use armwatch_model::run::FileId;
 
-/// How long a write waits for another process. Longer than any transaction of this program, shorter
-/// than a person waits for an answer.
+/// Longest wait of a write for another process: longer than any transaction of this program, shorter than a person
+/// waits for an answer.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Pause before the journal's mode is tried again; another program holds that lock for milliseconds.
+/// Pause before the journal mode is set again; another program holds that lock for milliseconds.
 const LOCK_RETRY: Duration = Duration::from_millis(20);
 
-/// How long a question about the database's health waits.
+/// Time limit of a query about the database's health.
 const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Readers at a time: a command and a page each ask a few questions, and every connection keeps a
-/// thread and a page cache of about 2 MB.
+/// Number of concurrent readers. A command and a page each run a few queries, and every connection keeps a thread and a
+/// page cache of about 2 MB.
 const READERS: u32 = 4;
 
-/// The write-ahead log shrinks back to this after a burst.
+/// Size of the write-ahead log after a burst: it shrinks to this.
 const LOG_LIMIT_BYTES: &str = "67108864";
 
 impl Store {
-    /// Opens the database at `path`, a file or the address of a server; makes it, and the folder of a file, if there is
-    /// none, and brings its schema up to date.
+    /// Opens the database at `path`, a file or the address of a server. Creates it, and the folder of a file, if it is
+    /// missing, and upgrades its schema.
     ///
     /// # Errors
-    /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others;
-    /// a file that is refused is left as it is.
+    /// [`StoreError::NotADatabase`], [`StoreError::Newer`], [`StoreError::NotWritable`] and others; a refused file
+    /// stays unchanged.
     pub async fn open(path: &Path) -> Result<Self, StoreError> {
         Self::open_as(path, &ClusterSettings::default()).await
     }
 
-    /// As [`Store::open`], as one of several daemons on a server. A file has one.
+    /// Like [`Store::open`], as one of several daemons on a server. A file has one daemon.
     ///
     /// # Errors
-    /// As [`Store::open`].
+    /// Those of [`Store::open`].
     pub async fn open_as(path: &Path, cluster: &ClusterSettings) -> Result<Self, StoreError> {
         if is_on_server(path) {
             return server::open(path, cluster, BUSY_TIMEOUT).await;
@@ -63,19 +63,19 @@ impl Store {
         open(path, BUSY_TIMEOUT).await
     }
 
-    /// Opens the database at `path` to look into it; nothing is made or changed, and writing fails. `None` if
-    /// there is none.
+    /// Opens the database at `path` for reading. Nothing is created or changed, and writing fails. `None` if there is
+    /// no database.
     ///
     /// # Errors
-    /// As [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for a schema that is not up to date.
+    /// Those of [`Store::open`], [`StoreError::NotReadable`], and [`StoreError::Older`] for an outdated schema.
     pub async fn open_existing(path: &Path) -> Result<Option<Self>, StoreError> {
         Self::open_existing_as(path, &ClusterSettings::default()).await
     }
 
-    /// As [`Store::open_existing`], on one of several hosts, which says which files are here.
+    /// Like [`Store::open_existing`], on one of several hosts; `cluster` determines which files are on this host.
     ///
     /// # Errors
-    /// As [`Store::open_existing`].
+    /// Those of [`Store::open_existing`].
     pub async fn open_existing_as(
         path: &Path,
         cluster: &ClusterSettings,
@@ -87,11 +87,11 @@ impl Store {
         open_existing(path, latest_schema()).await
     }
 
-    /// As [`Store::open_existing_as`], also with the schema of an earlier version: for [`Store::backup`] and
+    /// Like [`Store::open_existing_as`], but accepts the schema of an earlier version: for [`Store::backup`] and
     /// [`Store::damages`], which do not depend on it.
     ///
     /// # Errors
-    /// As [`Store::open_existing`], except [`StoreError::Older`].
+    /// Those of [`Store::open_existing`], except [`StoreError::Older`].
     pub async fn open_any_schema(path: &Path, cluster: &ClusterSettings) -> Result<Option<Self>, StoreError> {
         if is_on_server(path) {
             return server::open_existing(path, cluster, BUSY_TIMEOUT).await;
@@ -100,10 +100,10 @@ impl Store {
         open_existing(path, 0).await
     }
 
-    /// A handle of its own for those who only look: its readers take no turn of this one's. `None` if the file is gone.
+    /// A separate handle for reading: its readers do not compete with those of this handle. `None` if the file is gone.
     ///
     /// # Errors
-    /// As [`Store::open_existing`].
+    /// Those of [`Store::open_existing`].
     pub async fn open_for_looking(&self) -> Result<Option<Self>, StoreError> {
         self.check_files()?;
         match self.dialect() {
@@ -112,8 +112,8 @@ impl Store {
         }
     }
 
-    /// A number that changes when another connection has committed. Only for comparison with what the same handle said
-    /// before.
+    /// A number that changes when another connection has committed. It is only comparable with earlier numbers of the
+    /// same handle.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -121,8 +121,8 @@ impl Store {
         self.checked(catalog::data_version(&self.probe).await)
     }
 
-    /// Makes what was committed so far outlast a loss of power too: a commit alone is written into the log and, for
-    /// speed, not synced.
+    /// Syncs all commits to the disk, so that they survive a loss of power. For speed, a commit alone is written to the
+    /// log and not synced.
     ///
     /// # Errors
     /// [`StoreError::NotWritable`] if the disk refuses, [`StoreError::Displaced`].
@@ -131,10 +131,10 @@ impl Store {
             Dialect::Sqlite => {
                 self.check_files()?;
                 write_ahead_log::sync(&self.path).await?;
-                // the files at these paths were synced; are they those that hold the commits?
+                // the files at these paths were synced; check that they contain the commits
                 self.check_files()
             }
-            // a server syncs with each commit, unless whoever looks after it says otherwise
+            // a server syncs with each commit, unless its administrator has configured otherwise
             Dialect::Postgres => Ok(()),
         }
     }
@@ -142,7 +142,7 @@ impl Store {
 
 /// Opens, creates and migrates; see [`Store::open`].
 pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, StoreError> {
-    // Absolute, so that SQLite cannot take the name for ":memory:" or for an address.
+    // Absolute, so that SQLite cannot interpret the name as ":memory:" or as an address.
     refuse_folder(path)?;
     let path: Arc<Path> = std::path::absolute(path).map_err(|e| StoreError::not_writable(path, &e))?.into();
     if let Some(folder) = path.parent() {
@@ -165,8 +165,8 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
 
     let mut writing = options.clone().create_if_missing(true);
     if found == 0 {
-        // `armwatch prune` can then give room back while others work; in a file that has tables it would change nothing
-        // and be written at every opening
+        // `armwatch prune` can then free space while others work. In a file with tables the pragma would have no effect
+        // and be written at every opening.
         writing = writing.auto_vacuum(SqliteAutoVacuum::Incremental);
     }
     let writing = writing
@@ -184,7 +184,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     let readers = pool(READERS, options.read_only(true), busy_timeout)
         .await
         .map_err(|e| StoreError::from_sqlx(&path, &e))?;
-    // a reader that has the log open keeps it, whatever becomes of the writer's connection
+    // a reader that has the log open keeps it, even if the writer's connection closes
     let read = sqlx::query("SELECT count(*) FROM sqlite_schema").execute(&readers).await;
     read.map_err(|e| StoreError::from_sqlx(&path, &e))?;
     small_blocks::reserve(&path)?;
@@ -201,7 +201,7 @@ pub(super) async fn open(path: &Path, busy_timeout: Duration) -> Result<Store, S
     })
 }
 
-/// Makes an empty file if there is none, and gives the number of the file that SQLite is to open.
+/// Creates an empty file if there is none, and returns the number of the file that SQLite will open.
 fn make_file(path: &Path) -> std::io::Result<FileId> {
     const MODE_OF_SQLITE: u32 = 0o644;
     if !path.try_exists()? {
@@ -210,7 +210,7 @@ fn make_file(path: &Path) -> std::io::Result<FileId> {
     descriptor::of(path)?.metadata().map(|metadata| descriptor::id_of(&metadata))
 }
 
-/// Opens what is there for reading only; see [`Store::open_existing`].
+/// Opens an existing database for reading only; see [`Store::open_existing`].
 async fn open_existing(path: &Path, oldest: i64) -> Result<Option<Store>, StoreError> {
     if std::fs::metadata(path).map_or(true, |metadata| metadata.is_file() && metadata.len() == 0) {
         return Ok(None);
@@ -220,8 +220,8 @@ async fn open_existing(path: &Path, oldest: i64) -> Result<Option<Store>, StoreE
     small_blocks::refuse_full(&path, small_blocks::LEAST_TO_READ_BYTES)?;
     let mut options = reading(&path);
     let found = match inspect(&path, &options).await {
-        // SQLite makes files beside a database even to read it. Where that is not allowed and no program has it open,
-        // the file is all there is.
+        // SQLite creates files next to a database even to read it. If that is forbidden and no program has the database
+        // open, the file alone is complete.
         Err(StoreError::NotWritable { .. }) if !write_ahead_log::has_commits(&path) => {
             options = options.immutable(true);
             inspect(&path, &options).await
@@ -250,7 +250,7 @@ async fn open_existing(path: &Path, oldest: i64) -> Result<Option<Store>, StoreE
     }))
 }
 
-/// Refuses an address of anything but PostgreSQL, which would become the name of a file, with a password if it has one.
+/// Refuses an address of anything except PostgreSQL, which would become a file name, possibly with a password in it.
 fn refuse_address(path: &Path) -> Result<(), StoreError> {
     foreign_scheme(path).map_or(Ok(()), |scheme| {
         let detail = format!("it is an address of {scheme}");
@@ -273,8 +273,8 @@ fn reading(path: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
 }
 
-/// The writer. Turning a new file's journal into a write-ahead log needs an exclusive lock, for which
-/// SQLite does not wait: of two programs that start on a new file, one has to try again.
+/// The writer. Converting a new file's journal to a write-ahead log needs an exclusive lock, and SQLite does not wait
+/// for it: if two programs start on a new file, one has to try again.
 async fn writer_pool(
     path: &Path,
     options: SqliteConnectOptions,
@@ -297,19 +297,19 @@ async fn pool(
 ) -> Result<EnginePool, sqlx::Error> {
     EnginePoolOptions::new()
         .max_connections(connections)
-        // A turn at the pool may have to wait for one that waits for another process.
+        // A request to the pool may have to wait for one that waits for another process.
         .acquire_timeout(3 * busy_timeout)
         // A connection to a file does not go stale; reopening would only lose its prepared statements.
         .idle_timeout(None)
         .max_lifetime(None)
-        // SQLite ends a transaction by itself when the disk fails under it; the connection, which cannot end it once
-        // more, counts it as open for good and would refuse the next one with words that name no disk.
+        // SQLite ends a transaction when the disk fails under it. The connection cannot end it again, counts it as open
+        // forever and would refuse the next transaction with a message that mentions no disk.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
         .connect_with(EngineConnectOptions::Sqlite(options))
         .await
 }
 
-/// A reader of its own, opened when it is asked for the first time.
+/// A separate reader, opened at its first use.
 fn probe(options: SqliteConnectOptions) -> EnginePool {
     EnginePoolOptions::new()
         .max_connections(1)
@@ -320,7 +320,7 @@ fn probe(options: SqliteConnectOptions) -> EnginePool {
 }
 
 impl Store {
-    /// Whether the database answers: one row is read of it, by a reader that nothing else uses.
+    /// Checks that the database answers: reads one row with a reader that nothing else uses.
     ///
     /// # Errors
     /// [`StoreError`] of the database, [`StoreError::Busy`] after two seconds, [`StoreError::Displaced`].
@@ -332,8 +332,8 @@ impl Store {
     }
 }
 
-/// Refuses a file that is not this program's, before anything about it is changed; gives its schema, and whether it is a
-/// copy for readers.
+/// Refuses a file that does not belong to this program before anything in it is changed. Returns its schema, and true
+/// if it is a snapshot.
 async fn inspect(path: &Path, options: &SqliteConnectOptions) -> Result<(i64, bool), StoreError> {
     // An empty file is a new database to SQLite too.
     if std::fs::metadata(path).map_or(true, |m| m.is_file() && m.len() == 0) {

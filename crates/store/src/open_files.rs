@@ -9,7 +9,8 @@ use super::descriptor::id_of;
 use super::error::StoreError;
 use super::write_ahead_log;
 
-/// The files that a handle has open, by the paths that they were opened at: the database, its log and the index of the log.
+/// The files that a handle has open, by the paths that they were opened at: the database, its log and the index of the
+/// log.
 #[derive(Debug)]
 pub(super) struct OpenFiles(Vec<(PathBuf, FileId)>);
 
@@ -29,7 +30,7 @@ impl OpenFiles {
         files.check(path).map(|()| files)
     }
 
-    /// Refuses to go on if one of the files is gone or another one has its name.
+    /// Fails if one of the files is gone or another one has its name.
     ///
     /// # Errors
     /// [`StoreError::Displaced`].
@@ -42,7 +43,7 @@ impl OpenFiles {
                 Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
                     Some(format!("{name} is not there any more"))
                 }
-                // an error of the path says nothing about the file
+                // an error of the path gives no information about the file
                 Err(_) => None,
             }
         });

@@ -11,22 +11,22 @@ use std::time::Duration;
 use jiff::Timestamp;
 use nix::unistd::geteuid;
 
-/// End of the name that a copy has until it is whole.
+/// End of a copy's name until the copy is complete.
 const PARTIAL: &str = ".partial";
 
 /// Ends of the names of files that SQLite writes next to a database.
 const BESIDE: [&str; 3] = ["-journal", "-wal", "-shm"];
 
-/// How each database of SQLite begins.
+/// First bytes of each database of SQLite.
 const MAGIC: &[u8; 16] = b"SQLite format 3\0";
 
 /// Age after which a copy is removed although its writer is unknown: one on another machine, or before a restart.
 const ABANDONED: Duration = Duration::from_secs(86_400);
 
-/// Time at which this process first used a copy, ns since 1970.
+/// Time of this process's first use of a copy, ns since 1970.
 static STARTED: LazyLock<i128> = LazyLock::new(|| Timestamp::now().as_nanosecond());
 
-/// Identifies this machine since its start, and the name space of its process numbers.
+/// Identity of this machine since its start, and of the name space of its process numbers.
 static MACHINE: LazyLock<String> = LazyLock::new(|| {
     let boot = std::fs::read("/proc/sys/kernel/random/boot_id").unwrap_or_default();
     let space = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
@@ -44,8 +44,8 @@ pub(super) struct Partial {
 }
 
 impl Partial {
-    /// A copy next to `target`. The folder is made if it is missing, and copies of killed writers in it are removed. Each
-    /// writer has a file of its own.
+    /// A copy next to `target`. The folder is created if it is missing, and copies of killed writers in it are removed.
+    /// Each writer has a separate file.
     pub(super) fn of(target: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(folder_of(target))?;
         remove_left(target);
@@ -60,7 +60,8 @@ impl Partial {
         &self.path
     }
 
-    /// Gives the copy its name, so that a reader sees the earlier one or this one; its size, bytes.
+    /// Gives the copy its final name, so that a reader sees either the earlier copy or this one. Returns its size,
+    /// bytes.
     pub(super) fn place(self) -> io::Result<u64> {
         let file = File::open(&self.path)?;
         file.sync_all()?;
@@ -81,7 +82,7 @@ fn folder_of(file: &Path) -> &Path {
     file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Ignores errors: a file may be of another user, or removed already.
+/// Ignores errors: a file may belong to another user, or be removed already.
 fn remove_with_files_beside(partial: &Path) {
     let _ = std::fs::remove_file(partial);
     for end in BESIDE {
@@ -188,7 +189,7 @@ mod tests {
         let _ = *STARTED;
         let (machine, own) = (&*MACHINE, std::process::id());
         let later = *STARTED + 1;
-        // no process has a number above the highest that Linux gives
+        // no process has a number above the highest that Linux assigns
         let gone = 1 << 30;
         let target = Some(OsStr::new("copy.db"));
         for (name, writer) in [
@@ -223,7 +224,7 @@ mod tests {
         std::fs::write(at(&of(&MACHINE, "thesis.txt")), "of a user").unwrap();
         let mine = Partial::of(&at("backup.db")).unwrap();
         std::fs::write(mine.path(), MAGIC).unwrap();
-        // another copy begins, and this one is at work
+        // another copy begins while this one is being written
         drop(Partial::of(&at("other.db")).unwrap());
         let mut names: Vec<_> = std::fs::read_dir(folder.path())
             .unwrap()

@@ -1,8 +1,8 @@
-//! Statements of people and programs that are not trusted: they read the public views, within limits, and nothing else.
+//! Untrusted statements of people and programs: they can only read the public views, within limits.
 //!
-//! Each statement has a connection of its own, opened for reading only, with an authoriser that SQLite asks while it
-//! prepares the statement (<https://sqlite.org/c3ref/set_authorizer.html>), limits on what a statement may build, and a
-//! handler that ends it when its time is over. The rest of the program has other connections.
+//! Each statement has a separate read-only connection. SQLite asks an authoriser while it prepares the statement
+//! (<https://sqlite.org/c3ref/set_authorizer.html>). Limits bound the values that a statement may build, and a handler
+//! stops it at its time limit. The rest of the program uses other connections.
 
 mod long_texts;
 mod names;
@@ -27,18 +27,19 @@ use super::table::{ResultTable, hexadecimal};
 /// Longest statement, bytes.
 const LONGEST_STATEMENT: usize = 16 << 10;
 
-/// Most tokens of a statement with the tables of WITH put in: what SQLite builds of more, before its first step, takes
-/// memory and time that no limit of its own bounds.
+/// Most tokens of a statement after expansion of the tables of WITH. For a longer one, SQLite uses memory and time
+/// before its first step, and none of its limits bounds that.
 const MOST_TOKENS: usize = 4000;
 
-/// How long a statement waits where the database is locked, which a write-ahead log hardly ever is for readers.
+/// Longest wait of a statement for a locked database. Readers hardly ever wait if there is a write-ahead log.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Instructions of SQLite's virtual machine between two looks at the clock, some ten microseconds.
+/// Instructions of SQLite's virtual machine between two checks of the clock, some ten microseconds.
 const STEPS_BETWEEN_LOOKS: i32 = 1000;
 
-/// What a statement may build: the length of one value, bytes, depth of expressions, arms of `UNION`, instructions, length of
-/// a pattern, which is compared with each place of a value while nothing stops it, no attached database, no further thread.
+/// Limits of a statement: bytes of one value, depth of expressions, arms of `UNION`, instructions, length of a pattern,
+/// no attached database, no further thread. SQLite compares a pattern with each place of a value, and nothing can stop
+/// it during that.
 const LIMITS: [(Limit, i32); 7] = [
     (Limit::SQLITE_LIMIT_LENGTH, 1 << 20),
     (Limit::SQLITE_LIMIT_EXPR_DEPTH, 200),
@@ -49,10 +50,10 @@ const LIMITS: [(Limit, i32); 7] = [
     (Limit::SQLITE_LIMIT_WORKER_THREADS, 0),
 ];
 
-/// What may be read besides the views: the list of what there is, and tables that SQLite makes of a value.
+/// Readable tables besides the views: the list of all objects, and tables that SQLite makes from a value.
 const ALSO_READ: [&str; 4] = ["sqlite_schema", "sqlite_master", "json_each", "json_tree"];
 
-/// How much an answer may be, and how long it may take.
+/// Limits of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SqlLimits {
     /// Rows.
@@ -63,36 +64,36 @@ pub struct SqlLimits {
     pub time: Duration,
 }
 
-/// What a statement gave within its limits.
+/// Answer to a statement within its limits.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SqlAnswer {
     /// Columns and rows.
     pub table: ResultTable,
-    /// Whether there are more rows than the limit.
+    /// True if there are more rows than the limit.
     pub truncated: bool,
 }
 
-/// Why a statement has no answer.
+/// Reason why a statement has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum SqlError {
-    /// SQLite does not understand it, at this place if it says one.
+    /// SQLite does not understand it; with the place, if SQLite names one.
     #[error("{}{sentence}", at.map_or_else(String::new, |(line, column)| format!("line {line}, column {column}: ")))]
     Statement {
-        /// What is wrong.
+        /// The fault.
         sentence: String,
         /// Line and column, counted from 1, in characters.
         at: Option<(usize, usize)>,
     },
-    /// It would do or read what it may not.
+    /// It would do or read something forbidden.
     #[error("{0}")]
     Forbidden(String),
-    /// It took longer than it may, or nobody waits for it any more.
+    /// It exceeded its time limit, or no one waits for the answer any more.
     #[error(
         "the statement was stopped after {0} s; ask for fewer rows or one robot, or ask a snapshot of the database \
          (`armwatch snapshot`)"
     )]
     TooSlow(f64),
-    /// Its rows have more bytes than they may.
+    /// Its rows exceed the limit of bytes.
     #[error("the answer is larger than {0} bytes; ask for fewer columns or rows")]
     TooLarge(usize),
     /// The database failed.
@@ -101,7 +102,7 @@ pub enum SqlError {
 }
 
 impl Store {
-    /// The answer to one `SELECT` over the public views. It blocks its thread; `abandoned` ends it early.
+    /// Answers one `SELECT` over the public views. It blocks its thread; `abandoned` stops it early.
     ///
     /// `parameters` are the values of `?1`, `?2`, ...: null, truth values, numbers or texts.
     ///
@@ -141,7 +142,7 @@ impl Store {
     }
 }
 
-/// A statement while it is answered.
+/// A statement that is being answered.
 struct Asking<'s> {
     store: &'s Store,
     statement: &'s str,
@@ -164,7 +165,7 @@ impl Asking<'_> {
         Ok(connection)
     }
 
-    /// Lets the statement read the public views alone, and for its time.
+    /// Runs `answer` on a connection that can only read the public views, and only until the time limit.
     fn guard<T>(
         &self,
         connection: &Connection,
@@ -233,7 +234,7 @@ impl Asking<'_> {
         Ok(Ok(answer))
     }
 
-    /// What a failure while answering means for who asked.
+    /// Converts a failure during the answer to an error for the caller.
     fn failed(&self, error: &rusqlite::Error) -> SqlError {
         let plain = |sentence: String| SqlError::Statement { sentence, at: None };
         match error {
@@ -269,17 +270,17 @@ impl Asking<'_> {
     }
 }
 
-/// What the database has, in small letters.
+/// Names in the database, in lower case.
 struct KnownSchema {
     views: BTreeSet<String>,
-    /// Names after WITH inside views, for which SQLite asks as it does for views.
+    /// Names after WITH inside views. SQLite asks the authoriser for them as it does for views.
     inside: BTreeSet<String>,
     tables: BTreeSet<String>,
 }
 
 impl KnownSchema {
     fn read(connection: &Connection) -> Result<Self, rusqlite::Error> {
-        // SQLite declares these tables when they are named first, which it asks the authoriser as if they were made
+        // SQLite declares these tables at their first use, and then asks the authoriser as if they were created
         connection.query_row("SELECT count(*) FROM json_each('[]'), json_tree('[]')", [], |_| Ok(()))?;
         let mut schema = Self { views: BTreeSet::new(), inside: BTreeSet::new(), tables: BTreeSet::new() };
         let mut listed = connection.prepare(
@@ -290,7 +291,7 @@ impl KnownSchema {
             let (kind, name, statement): (String, String, String) = (row.get(0)?, row.get(1)?, row.get(2)?);
             if kind == "view" {
                 schema.inside.extend(Names::of(&statement).map(|names| names.with).unwrap_or_default());
-                // the view itself stands before its AS
+                // the view's own name precedes its AS
                 schema.inside.remove(&name);
                 schema.views.insert(name);
             } else {
@@ -300,12 +301,12 @@ impl KnownSchema {
         Ok(schema)
     }
 
-    /// Whether a table of WITH with this name could be taken for something of the database.
+    /// True if a table of WITH with this name could be confused with an object of the database.
     fn is_taken(&self, name: &str) -> bool {
         self.views.contains(name) || self.inside.contains(name) || self.tables.contains(name)
     }
 
-    /// Whether a statement whose WITH has the names `with` may do this.
+    /// Checks that a statement whose WITH has the names `with` may do this.
     fn judge(&self, asked: &AuthContext<'_>, with: &BTreeSet<String>) -> Result<(), String> {
         let is_public = |name: &str| self.views.contains(name) || ALSO_READ.contains(&name);
         match asked.action {
@@ -320,7 +321,7 @@ impl KnownSchema {
                 let within = asked.accessor.map(str::to_ascii_lowercase);
                 let is_in_view =
                     within.is_some_and(|name| self.views.contains(&name) || self.inside.contains(&name));
-                // of a table that a view joins and the statement uses no column of, SQLite does not say the view
+                // if the statement uses no column of a joined table, SQLite does not name the view
                 let reads_no_column =
                     column_name.is_empty() && (self.is_taken(&table) || with.contains(&table));
                 if is_public(&table) || is_in_view || reads_no_column {
@@ -369,7 +370,7 @@ pub(crate) fn cell(value: ValueRef<'_>) -> Value {
     }
 }
 
-/// About what a value takes in an answer.
+/// Approximate bytes of a value in an answer.
 fn bytes_of(value: &Value) -> usize {
     const NUMBER: usize = 20;
     value.as_str().map_or(NUMBER, str::len)

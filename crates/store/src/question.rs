@@ -1,9 +1,8 @@
-//! One statement of a person, which reads and changes nothing, with values for its parameters.
+//! One statement of a person with values for its parameters, which only reads.
 //!
-//! A file of SQLite is asked over a connection of its own, opened for reading only: rusqlite says whether a text is one
-//! statement, which parameters it has, and whether it may change something
-//! (<https://sqlite.org/c3ref/stmt_readonly.html>). A server is asked in a transaction that only reads, over the protocol
-//! that takes one statement.
+//! A statement for a file of SQLite has a separate read-only connection. Rusqlite determines if a text is one
+//! statement, which parameters it has, and if it may change something (<https://sqlite.org/c3ref/stmt_readonly.html>).
+//! A statement for a server runs in a read-only transaction, over the protocol that accepts one statement.
 
 mod asked;
 mod on_server;
@@ -22,11 +21,11 @@ use super::public_sql::{Parameter, cell, place};
 use super::table::ResultTable;
 use super::write_ahead_log;
 
-/// How long a statement waits where the database is locked, as other readers do.
+/// Longest wait of a statement for a locked database, as for other readers.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 impl Store {
-    /// The answer to one statement that reads. Nothing is changed, and no file is written.
+    /// Answers one statement that only reads. Nothing is changed, and no file is written.
     ///
     /// # Errors
     /// [`QuestionError`].
@@ -69,8 +68,8 @@ fn answer_of_file(path: &Path, question: &SqlQuestion) -> Result<QuestionAnswer,
 pub(super) fn connect(path: &Path) -> Result<Connection, rusqlite::Error> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let opened = Connection::open_with_flags(path, flags).and_then(ready);
-    // as in opening the store: where SQLite may not make files beside a database and no program has it open, the file is
-    // all there is
+    // as in opening the store: if SQLite may not create files next to a database and no program has it open, the file
+    // alone is complete
     match (opened, path.to_str()) {
         (Err(error), Some(name)) if may_not_write(&error) && !write_ahead_log::has_commits(path) => {
             let name = name.replace('%', "%25").replace('?', "%3f").replace('#', "%23");
@@ -88,7 +87,7 @@ fn may_not_write(error: &rusqlite::Error) -> bool {
     )
 }
 
-/// A connection that can be read from and that no statement can make write.
+/// A readable connection that no statement can make write.
 fn ready(connection: Connection) -> Result<Connection, rusqlite::Error> {
     connection.busy_timeout(BUSY_TIMEOUT)?;
     connection.pragma_update(None, "query_only", true)?;
@@ -97,10 +96,10 @@ fn ready(connection: Connection) -> Result<Connection, rusqlite::Error> {
     Ok(connection)
 }
 
-/// Refuses what is no statement, and what does more than reading. A statement without columns, such as ATTACH or BEGIN,
-/// changes the connection or a file whether SQLite counts it as reading or not.
+/// Refuses an empty text, and a statement that does more than reading. A statement without columns, such as ATTACH or
+/// BEGIN, changes the connection or a file even if SQLite counts it as reading.
 fn check(statement: &Statement<'_>) -> Result<(), QuestionError> {
-    // SQLite makes no statement of a text in which there is none
+    // SQLite makes no statement of a text without one
     if statement.expanded_sql().is_none() {
         return Err(QuestionError::Empty);
     }
@@ -110,7 +109,7 @@ fn check(statement: &Statement<'_>) -> Result<(), QuestionError> {
     }
 }
 
-/// Names of the parameters with their first character, in the order of their places.
+/// Names of the parameters with their first character, in order.
 fn parameters(statement: &Statement<'_>) -> Result<Vec<String>, QuestionError> {
     let name = |place| match statement.parameter_name(place) {
         Some(name) if !name.starts_with('?') => Ok(name.to_owned()),
@@ -119,7 +118,7 @@ fn parameters(statement: &Statement<'_>) -> Result<Vec<String>, QuestionError> {
     (1..=statement.parameter_count()).map(name).collect()
 }
 
-/// What a failure of a statement means for who asked.
+/// Converts a failure of a statement to an error for the caller.
 fn of_statement(path: &Path, statement: &str, error: &rusqlite::Error) -> QuestionError {
     match error {
         rusqlite::Error::SqlInputError { msg, offset, .. } => {

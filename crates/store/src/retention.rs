@@ -1,8 +1,8 @@
-//! What is kept in the long run: which factors have had their time, taking them away, and the space that this frees.
+//! Retention: which factors are due for removal, their removal, and the space that this frees.
 //!
-//! Results are never touched. What conclusions are still to be drawn from is not either: runs that are being read,
-//! robots whose history is not concluded, tests of baselines, and the last tests of each description, which ordinary
-//! work is held against.
+//! Results are never changed. Factors that future conclusions need stay too: those of runs that are being read, of
+//! robots whose history has no conclusion, of tests of baselines, and of the last tests of each description, which
+//! production is compared with.
 
 use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row};
@@ -14,49 +14,49 @@ use super::values::{count, named, size};
 use crate::engine::{Dialect, EngineExecutor, EngineRow, catalog};
 use armwatch_model::run::RunKind;
 
-/// Tests that are looked at for a window of ordinary work until one has parameters. So many of the latest tests of a
-/// robot keep their factors, whatever their age.
+/// Tests that are examined for a production window until one has parameters. This many of the latest tests of a robot
+/// keep their factors, whatever their age.
 pub const MOST_REFERENCES: usize = 8;
 
-/// From when on factors of single cycles are kept; `None` for ever.
+/// Earliest time of factors of single cycles that are kept; `None` keeps all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct KeptSince {
     /// Tests.
     pub tests: Option<Timestamp>,
-    /// Ordinary work.
+    /// Production.
     pub production: Option<Timestamp>,
 }
 
-/// A run whose cycles have factors of their own that have had their time.
+/// A run whose cycles have their own factors that are due.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DueRun {
     /// The run.
     pub run_id: i64,
     /// Its robot.
     pub robot: String,
-    /// Whether its factors are to be removed, as those of a test, or joined.
+    /// Its kind: factors of a test are removed, those of a production log joined.
     pub kind: RunKind,
-    /// Cycles with factors of their own.
+    /// Cycles with their own factors.
     pub cycles: u64,
-    /// Size of these factors, bytes; the pages that hold them take some 15 % more.
+    /// Size of these factors, bytes; the pages that contain them need some 15 % more.
     pub bytes: u64,
 }
 
-/// Room inside the file of a database.
+/// Free space inside the file of a database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FreeSpace {
     /// Size of a page, bytes.
     pub page_bytes: u64,
     /// Pages of the file.
     pub pages: u64,
-    /// Those of them that hold nothing; what is stored next goes there.
+    /// Unused pages among them; new data fills them first.
     pub free_pages: u64,
-    /// Whether they can be given back to the file system while the database is in use.
+    /// True if they can be returned to the file system while the database is in use.
     pub can_shrink: bool,
 }
 
 impl FreeSpace {
-    /// Bytes that hold nothing.
+    /// Unused bytes.
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.page_bytes * self.free_pages
@@ -64,8 +64,8 @@ impl FreeSpace {
 }
 
 impl Store {
-    /// Runs with factors that have had their time, oldest first. The age of a run is counted from its last cycle, or
-    /// from when it was stored if that was later.
+    /// Runs with factors that are due, oldest first. The age of a run begins at its last cycle, or when it was stored
+    /// if that was later.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -80,8 +80,8 @@ impl Store {
         Ok(due)
     }
 
-    /// Takes away the factors of some cycles of a run, `most` at most, in one transaction; how many cycles that were. None
-    /// of a run that is being read.
+    /// Deletes the factors of at most `most` cycles of a run in one transaction, and returns the number of cycles.
+    /// Deletes none of a run that is being read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -95,7 +95,7 @@ impl Store {
         Ok(cycles.len())
     }
 
-    /// How much of the file holds nothing.
+    /// Free space in the file.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -119,8 +119,8 @@ impl Store {
         Ok(FreeSpace { page_bytes, pages, free_pages, can_shrink: auto_vacuum == INCREMENTAL })
     }
 
-    /// Gives `most` free pages at most back to the file system, in one transaction. Does nothing in a database that was
-    /// made without it, see [`FreeSpace::can_shrink`].
+    /// Returns at most `most` free pages to the file system, in one transaction. Does nothing in a database that was
+    /// created without this ability, see [`FreeSpace::can_shrink`].
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -132,7 +132,7 @@ impl Store {
 
 async fn due_runs(executor: impl EngineExecutor<'_>, kept: &KeptSince) -> Result<Vec<DueRun>, sqlx::Error> {
     let limit = |since: Option<Timestamp>| since.map(|since| since.as_microsecond());
-    // what has factors is a bounded part of what is stored, so that the reading begins there
+    // rows with factors are a bounded part of the database, so the query begins with them
     sqlx::query(
         "WITH kept AS (
              SELECT run_id

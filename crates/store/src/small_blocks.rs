@@ -1,8 +1,8 @@
-//! Disks with blocks that are smaller than a page of memory, as ext4 makes them on disks below 512 MB.
+//! Disks with blocks that are smaller than a page of memory, as ext4 creates them on disks below 512 MB.
 //!
-//! SQLite maps the index of its log into memory and makes room for it by writing one byte into each page of memory. With
-//! smaller blocks the rest of the page is a hole. If the disk is full, the first access to the hole ends the program by a
-//! signal. Room is therefore checked before, and reserved after the index is there.
+//! SQLite maps the index of its log into memory and allocates space for it by writing one byte into each page of
+//! memory. With smaller blocks the rest of the page is a hole. If the disk is full, the first access to the hole ends
+//! the program by a signal. The program therefore checks for space before, and reserves space when the index exists.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use nix::sys::statvfs::{Statvfs, statvfs};
 use super::error::StoreError;
 use super::{descriptor, write_ahead_log};
 
-/// A page of memory that SQLite counts on, bytes.
+/// A page of memory that SQLite assumes, bytes.
 const PAGE_BYTES: u64 = 4096;
 
 /// Size reserved for the index, bytes: enough for a log of 512 MB.
@@ -21,7 +21,8 @@ const RESERVED_BYTES: i64 = 1 << 20;
 /// Least free space on such a disk to open a database for reading, bytes: a small index.
 pub(super) const LEAST_TO_READ_BYTES: u64 = 256 << 10;
 
-/// Least free space on such a disk to open a database for writing, bytes: the reserved index, and a log of the first commits.
+/// Least free space on such a disk to open a database for writing, bytes: the reserved index, and a log of the first
+/// commits.
 pub(super) const LEAST_TO_WRITE_BYTES: u64 = 2 << 20;
 
 /// Refuses a database on a disk with small blocks if less than `least_bytes` are free.
@@ -30,7 +31,7 @@ pub(super) const LEAST_TO_WRITE_BYTES: u64 = 2 << 20;
 /// [`StoreError::Full`].
 pub(super) fn refuse_full(database: &Path, least_bytes: u64) -> Result<(), StoreError> {
     let Some(disk) = with_small_blocks(database) else { return Ok(()) };
-    // ext4 keeps blocks for itself that are free and that not even root can use
+    // ext4 reserves some free blocks that not even root can use
     let free = disk.blocks_available().saturating_mul(disk.fragment_size());
     if free >= least_bytes {
         return Ok(());
@@ -42,7 +43,7 @@ pub(super) fn refuse_full(database: &Path, least_bytes: u64) -> Result<(), Store
     Err(StoreError::Full { path: database.to_path_buf(), detail })
 }
 
-/// Reserves room for the index of the log of an open database on a disk with small blocks.
+/// Reserves space for the index of the log of an open database on a disk with small blocks.
 ///
 /// # Errors
 /// [`StoreError::Full`].
@@ -64,7 +65,7 @@ fn with_small_blocks(database: &Path) -> Option<Statvfs> {
     statvfs(folder).ok().filter(|disk| disk.fragment_size() < PAGE_BYTES)
 }
 
-/// Free bytes on the disk of a file for this user; `None` if the system does not tell.
+/// Free bytes on the disk of a file for this user; `None` if the system does not report them.
 pub(super) fn free_bytes_beside(file: &Path) -> Option<u64> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let disk = statvfs(folder).ok()?;

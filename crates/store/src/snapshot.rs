@@ -1,8 +1,8 @@
-//! A copy of what is stored, in one file that nothing writes to: any user, mount or machine can read it, whatever the
-//! daemon does.
+//! A read-only copy of the stored results in one file: any user, mount or machine can read it, whatever the daemon
+//! does.
 //!
-//! It leaves out what only going on with the work needs: the factors of cycles, which are most of a database, and where
-//! reading goes on. Views say the same as those of the database at one moment.
+//! It omits data that only further processing needs: the factors of cycles, which are most of a database, and the
+//! places for resuming the reading. Its views show the same as those of the database at one moment.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use super::verified_copy::{
     APPLICATION_ID, SNAPSHOT, copy_error, first_fault, header_of, is_same_file, not_written,
 };
 
-/// Tables whose rows are left out.
+/// Tables whose rows are omitted.
 const LEFT_OUT: [&str; 10] = [
     "torque_factor",
     "log_factor",
@@ -32,17 +32,17 @@ const LEFT_OUT: [&str; 10] = [
     "run_friction_series",
 ];
 
-/// What a user needs who reads the views on a server.
+/// Rights of a user who reads the views on a server.
 const READERS_GRANT: &str = "GRANT USAGE ON SCHEMA armwatch, GRANT SELECT ON ALL TABLES IN SCHEMA armwatch";
 
 impl Store {
-    /// Whether this is a copy for readers, which has no factors of cycles.
+    /// True if this is a snapshot, which has no factors of cycles.
     #[must_use]
     pub fn is_snapshot(&self) -> bool {
         self.is_snapshot
     }
 
-    /// Refuses a copy for readers where the factors of cycles are needed; `without` says what cannot be done.
+    /// Refuses a snapshot if the factors of cycles are needed; `without` names the impossible operation.
     ///
     /// # Errors
     /// [`StoreError::NoFactorsInSnapshot`].
@@ -53,12 +53,12 @@ impl Store {
         }
     }
 
-    /// Writes a copy of what is stored to `target`, in place of one that is there, and says how many bytes it has. The pages
-    /// of the copy are checked before it gets its name; those of the database are not, since most of them are left out.
+    /// Writes a snapshot to `target`, replacing an earlier one, and returns its size in bytes. The pages of the
+    /// snapshot are checked before it gets its name. Those of the database are not, since most of them are omitted.
     ///
     /// # Errors
-    /// [`StoreError::NotASnapshot`] if something else lies at `target`, such as the database itself; [`StoreError`] of
-    /// the database or of the copy. What is there then stays.
+    /// [`StoreError::NotASnapshot`] if something else is at `target`, such as the database itself; [`StoreError`] of
+    /// the database or of the copy. The existing file then stays.
     pub async fn snapshot(&self, target: &Path) -> Result<u64, StoreError> {
         if self.dialect() == Dialect::Postgres {
             let instead = format!("readers ask it there, as a user who may only read: {READERS_GRANT}");
@@ -88,7 +88,7 @@ impl Store {
     }
 }
 
-/// Whether nothing lies at `target` but an earlier copy.
+/// True if there is no file at `target`, or an earlier snapshot.
 fn is_free(target: &Path) -> std::io::Result<bool> {
     let found = header_of(target)?;
     Ok(found.is_none_or(|found| found == Some([SNAPSHOT, APPLICATION_ID])))
@@ -113,7 +113,7 @@ async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(
     sqlx::query("ATTACH ? AS source").bind(source.to_string_lossy()).execute(&mut *connection).await?;
     run(connection, &format!("PRAGMA main.application_id = {APPLICATION_ID}")).await?;
     run(connection, &format!("PRAGMA main.user_version = {SNAPSHOT}")).await?;
-    // one moment of the database, whatever is written to it meanwhile
+    // one moment of the database, despite concurrent writes
     run(connection, "BEGIN").await?;
     for (kind, name, statement) in schema(connection, "'table'").await? {
         run(connection, &statement).await?;
@@ -127,8 +127,8 @@ async fn copy_into(connection: &mut SqliteConnection, source: &Path) -> Result<(
     run(connection, "COMMIT").await
 }
 
-/// Kind, name and statement of what the database consists of, in the order in which it was made. Tables of SQLite itself
-/// come by themselves.
+/// Kind, name and statement of the objects of the database, in the order of their creation. SQLite creates its own
+/// tables automatically.
 async fn schema(
     connection: &mut SqliteConnection,
     kinds: &str,

@@ -1,4 +1,4 @@
-//! Whether a database is sound, for those who look after it.
+//! Checks of a database's integrity, for administrators.
 
 use jiff::Timestamp;
 
@@ -11,13 +11,13 @@ use super::values::time;
 const MOST_FAULTS: usize = 5;
 
 impl Store {
-    /// What SQLite finds wrong with the pages of the database, at most some sentences; empty for a sound one. Every page is
-    /// read.
+    /// Faults that SQLite finds in the pages of the database, at most some sentences; empty for a sound one. Reads
+    /// every page.
     ///
     /// # Errors
-    /// [`StoreError`] of the database, also for one that is damaged so much that it cannot be looked through.
+    /// [`StoreError`] of the database, also if it is too damaged to be checked.
     pub async fn damages(&self) -> Result<Vec<String>, StoreError> {
-        // a server looks after its pages itself
+        // a server checks its own pages
         if self.dialect() == Dialect::Postgres {
             return Ok(Vec::new());
         }
@@ -27,7 +27,7 @@ impl Store {
         Ok(found.into_iter().filter(|line| line != "ok").collect())
     }
 
-    /// Tables with rows that refer to rows which are not there, each once.
+    /// Tables with rows that refer to missing rows, each once.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -40,7 +40,7 @@ impl Store {
         self.checked(found.fetch_all(&self.readers).await)
     }
 
-    /// When the latest run was entered, by the clock of the machine that did.
+    /// Time of the latest run's entry, by the clock of the machine that entered it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

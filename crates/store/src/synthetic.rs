@@ -1,4 +1,4 @@
-//! A history that nobody recorded: what the time of questions about a long one is measured on.
+//! A synthetic history for measuring the duration of queries on long histories.
 
 use std::path::Path;
 
@@ -12,13 +12,13 @@ use armwatch_model::robot::JointIndex;
 
 const STATEMENTS: &str = include_str!("synthetic.sql");
 
-/// Size of each file that a synthetic history names, bytes; it was last written a microsecond after 1970 began.
+/// Size of each file in a synthetic history, bytes; its modification time is one microsecond after the start of 1970.
 pub const SYNTHETIC_FILE_BYTES: u64 = 1000;
 
-/// Cycles that are entered in one transaction, some 300 MB: the write-ahead log holds it until its end.
+/// Cycles inserted in one transaction, some 300 MB: the write-ahead log contains the transaction until its end.
 const CYCLES_AT_ONCE: u32 = 24_000;
 
-/// How long a synthetic history is.
+/// Size of a synthetic history.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyntheticSize {
     /// Robots, with the keys from 1 on.
@@ -27,7 +27,7 @@ pub struct SyntheticSize {
     pub runs: u32,
     /// Cycles of each test.
     pub cycles: u32,
-    /// Logs of ordinary work behind each test.
+    /// Production logs after each test.
     pub logs: u32,
 }
 
@@ -41,13 +41,13 @@ impl SyntheticSize {
     }
 }
 
-/// Evidence of a log in which six joints move, each in its own way: of no cause more than of another.
+/// Evidence of a log with six joints that move differently; it favours no cause.
 fn evidence() -> Vec<JointEvidence> {
     let rows = 400;
     let of_joint = |joint: usize| {
         let mut products = [0.0; PRODUCTS];
         for row in 0..rows {
-            // what lies along each direction, and the deviation, Nm
+            // component along each direction, and the deviation, Nm
             let wave = |of: usize| (0.02 * (row * (3 + of)) as f64 + (joint * of) as f64).sin();
             let along: [f64; DEVIATION + 1] = std::array::from_fn(|of| match of {
                 DEVIATION => 0.1 * wave(of),
@@ -65,7 +65,7 @@ fn evidence() -> Vec<JointEvidence> {
 }
 
 impl Store {
-    /// Fills a database without runs with a history of this size, whose files lie in `inbox`.
+    /// Fills a database without runs with a history of this size, whose files are in `inbox`.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for a database with runs; others of the database.
@@ -91,7 +91,8 @@ impl Store {
         Ok(())
     }
 
-    /// Tells a database of [`Self::fill_synthetic`] when its files were changed, by path, in microseconds since 1970.
+    /// Sets the modification times of files in a database of [`Self::fill_synthetic`], by path, in microseconds since
+    /// 1970.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

@@ -1,4 +1,4 @@
-//! Rows of any statement, for people and programs that ask in SQL.
+//! Rows of any statement, for people and programs that use SQL.
 
 use std::collections::HashSet;
 
@@ -11,18 +11,18 @@ use super::handle::Store;
 use crate::engine::sqlstate::{self, ServerFault};
 use crate::engine::{Dialect, Engine, EngineArguments, EngineRow, catalog, dialect};
 
-/// What a statement gave.
+/// Result of a statement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ResultTable {
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// Rows, each with a value a column: null, a number or a text. Bytes are text of hexadecimal digits.
+    /// Rows, each with one value per column: null, a number or a text. Bytes are a text of hexadecimal digits.
     pub rows: Vec<Vec<Value>>,
 }
 
 impl ResultTable {
-    /// The rows as JSON objects. A further column of a name is called `name_2`, `name_3` and so on: an object has each name
-    /// once.
+    /// The rows as JSON objects. A repeated column name becomes `name_2`, `name_3` and so on, since an object has each
+    /// name only once.
     pub fn objects(&self) -> impl Iterator<Item = Value> {
         let keys = unique(&self.columns);
         let object =
@@ -31,13 +31,13 @@ impl ResultTable {
     }
 }
 
-/// Why a question in SQL has no answer.
+/// Reason why a query in SQL has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum AskError {
-    /// There is no view of this name; the sentence lists those that there are.
+    /// There is no view of this name; the sentence lists the existing ones.
     #[error("{0}")]
     NoView(String),
-    /// The statement cannot be carried out.
+    /// The statement cannot be executed.
     #[error("{0}")]
     Statement(String),
     /// The database failed.
@@ -45,22 +45,22 @@ pub enum AskError {
     Store(#[from] StoreError),
 }
 
-/// Which rows of a view are asked for.
+/// Selection of rows of a view.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ViewRows {
-    /// Columns with the value that they must have; `null` asks for NULL.
+    /// Columns with their required values; `null` selects NULL.
     pub filters: Vec<(String, String)>,
-    /// The column that rows are ordered by, and whether from its highest value down.
+    /// The column that determines the order of rows, and true for descending order.
     pub order: Option<(String, bool)>,
-    /// Rows at most.
+    /// Most rows.
     pub limit: usize,
 }
 
 impl Store {
-    /// The answer to a statement of this program. One of a person is for [`Store::ask_one`].
+    /// Answers a statement of this program. [`Store::ask_one`] answers one of a person.
     ///
     /// # Errors
-    /// [`AskError::Statement`] with the words of the engine.
+    /// [`AskError::Statement`] with the message of the engine.
     pub async fn ask(&self, statement: &str) -> Result<ResultTable, AskError> {
         self.answer(statement, |query| query).await
     }
@@ -83,7 +83,7 @@ impl Store {
     /// Rows of a view.
     ///
     /// # Errors
-    /// [`AskError::NoView`], and [`AskError::Statement`] for a column that is not there.
+    /// [`AskError::NoView`], and [`AskError::Statement`] for an unknown column.
     pub async fn rows_of_view(&self, view: &str, wanted: &ViewRows) -> Result<ResultTable, AskError> {
         let columns = self.checked(catalog::columns_of_view(&self.readers, view).await)?;
         if columns.is_empty() {
@@ -109,7 +109,7 @@ impl Store {
         .await
     }
 
-    /// The answer to a statement of this program, with its values bound.
+    /// Answers a statement of this program, with its values bound.
     pub(crate) async fn answer<'q>(
         &self,
         statement: &str,
@@ -149,7 +149,7 @@ impl Store {
             sqlx::Error::Database(of) if of.code().as_deref() == Some(READ_ONLY) => AskError::Statement(
                 "the database is opened for reading only; the commands of armwatch change it".into(),
             ),
-            // what SQLite says of a statement, such as a name that is not there
+            // SQLite's message about a statement, such as an unknown name
             sqlx::Error::Database(of) if of.code().as_deref() == Some("1") => {
                 AskError::Statement(of.message().to_owned())
             }
@@ -162,7 +162,7 @@ pub(crate) fn names(columns: &[impl Column]) -> Vec<String> {
     columns.iter().map(|column| column.name().to_owned()).collect()
 }
 
-/// The names, each once: further ones get the next number that no other name has.
+/// The names, each once: repeated ones get the next number that no other name has.
 fn unique(columns: &[String]) -> Vec<String> {
     let mut taken: HashSet<String> = columns.iter().cloned().collect();
     let mut seen: HashSet<&str> = HashSet::new();
@@ -182,7 +182,7 @@ fn unique(columns: &[String]) -> Vec<String> {
     keys
 }
 
-/// How a filter asks for NULL.
+/// The value of a filter for NULL.
 const NULL: &str = "null";
 
 fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
@@ -192,7 +192,7 @@ fn select(dialect: Dialect, view: &str, wanted: &ViewRows) -> String {
         if value == NULL {
             conditions.push(format!("\"{column}\" IS NULL"));
         } else {
-            // the value is bound as a text and once more as a number, where it is one
+            // the value is bound as a text, and also as a number if it is one
             conditions.push(catalog::equals(dialect, column, place));
             place += 2;
         }
@@ -222,7 +222,7 @@ fn cell(row: &EngineRow, column: usize) -> Result<Value, sqlx::Error> {
     })
 }
 
-/// Bytes as two digits each.
+/// Bytes as two hexadecimal digits each.
 pub(super) fn hexadecimal(bytes: &[u8]) -> String {
     use std::fmt::Write;
     let mut text = String::with_capacity(2 * bytes.len());

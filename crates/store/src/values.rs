@@ -1,4 +1,4 @@
-//! Between the nouns and what a column holds.
+//! Conversion between the types of the program and the values of columns.
 
 use jiff::Timestamp;
 use serde::{Serialize, Serializer};
@@ -8,16 +8,15 @@ use crate::engine::EngineRow;
 use armwatch_model::analysis::{IdentifiedParameter, Rmsd};
 use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 
-/// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766
-/// variables.
+/// Most rows in one multi-row statement. With at most 20 columns this stays far below SQLite's 32766 variables.
 pub(super) const ROWS_PER_STATEMENT: usize = 256;
 
-/// NULL for a figure that is not finite: neither JSON nor most tools could carry it.
+/// NULL for a value that is not finite: neither JSON nor most tools could represent it.
 pub(super) fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 
-/// Numbers as a JSON array; what is not finite is zero.
+/// Numbers as a JSON array; non-finite ones become zero.
 pub(super) fn json_numbers(values: &[f64]) -> String {
     let texts: Vec<String> = values.iter().map(|value| finite(*value).unwrap_or(0.0).to_string()).collect();
     format!("[{}]", texts.join(","))
@@ -29,7 +28,7 @@ pub(super) fn json_list(keys: &[i64]) -> String {
     format!("[{}]", texts.join(","))
 }
 
-/// A count as SQLite holds it. Nothing counted here comes near the limit.
+/// A count as SQLite stores it. No count comes near the limit.
 pub(super) fn count(value: impl TryInto<i64>) -> i64 {
     value.try_into().unwrap_or(i64::MAX)
 }
@@ -76,7 +75,7 @@ pub(super) fn known_time(row: &EngineRow, column: &str) -> Result<Option<Timesta
     }
 }
 
-/// Reads one of a closed list by its name.
+/// Reads an element of a closed list by its name.
 pub(super) fn named<T: Copy>(
     row: &EngineRow,
     column: &str,
@@ -108,7 +107,7 @@ pub(super) fn standard_parameter(word: &str) -> Option<ParameterId> {
     ParameterKind::all().map(|kind| ParameterId { joint, kind }).find(|id| id.name() == name)
 }
 
-/// The terms of a grouping such as `J2_mPx + 0.27 J3_m - J4_mPz`; those that are not understood are left out.
+/// The terms of a grouping such as `J2_mPx + 0.27 J3_m - J4_mPz`; unknown terms are omitted.
 pub(super) fn grouping_terms(grouping: &str) -> Vec<(f64, ParameterId)> {
     let (mut sign, mut factor) = (1.0, 1.0);
     let mut found = Vec::new();
@@ -125,7 +124,7 @@ pub(super) fn grouping_terms(grouping: &str) -> Vec<(f64, ParameterId)> {
     found
 }
 
-/// A row whose content no program of this version has written.
+/// Error for a row whose content no program of this version has written.
 pub(super) fn unreadable(table: &str, key: i64) -> sqlx::Error {
     sqlx::Error::Decode(
         format!("row {key} of table {table} has a content that this program does not know").into(),
@@ -136,15 +135,15 @@ fn unknown(column: &str, value: impl std::fmt::Debug) -> sqlx::Error {
     sqlx::Error::Decode(format!("column {column} holds {value:?}, which this program does not know").into())
 }
 
-/// A deviation over no rows is unknown, not zero.
+/// NULL for a deviation over no rows, which is unknown and not zero.
 pub(super) fn of_some_rows(rmsd: Rmsd, value: f64) -> Option<f64> {
     if rmsd.samples == 0 { None } else { finite(value) }
 }
 
 /// A time as the views show it: RFC 3339 in UTC, always with milliseconds.
 ///
-/// It is rounded as SQLite rounds, which counts milliseconds from the noon of 4714 BC in floating point, so that the text
-/// is that of the view to the last digit.
+/// The rounding is that of SQLite, which counts milliseconds from the noon of 4714 BC in floating point, so that the
+/// text equals that of the view to the last digit.
 #[must_use]
 pub fn time_in_views(time: Timestamp) -> String {
     /// Milliseconds from that noon to 1970.
@@ -154,12 +153,12 @@ pub fn time_in_views(time: Timestamp) -> String {
     rounded.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
 }
 
-/// A time of a row in JSON, as the views show it.
+/// Serializes a time of a row as the views show it.
 pub(crate) fn in_views<S: Serializer>(time: &Timestamp, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&time_in_views(*time))
 }
 
-/// The same of a time that may be absent.
+/// Serializes a time that may be absent.
 pub(crate) fn known_in_views<S: Serializer>(
     time: &Option<Timestamp>,
     serializer: S,
@@ -185,7 +184,7 @@ mod tests {
         assert_eq!(shown(0), "1970-01-01T00:00:00.000Z");
         assert_eq!(shown(1_767_602_820_000_000), "2026-01-05T08:47:00.000Z");
         assert_eq!(shown(1_767_602_820_250_000), "2026-01-05T08:47:00.250Z");
-        // what `strftime('%Y-%m-%dT%H:%M:%fZ', microseconds / 1000000.0, 'unixepoch')` makes of them
+        // result of `strftime('%Y-%m-%dT%H:%M:%fZ', microseconds / 1000000.0, 'unixepoch')`
         assert_eq!(shown(1_767_602_820_000_484), "2026-01-05T08:47:00.000Z");
         assert_eq!(shown(1_767_602_820_000_493), "2026-01-05T08:47:00.001Z");
         assert_eq!(shown(1_767_602_820_999_500), "2026-01-05T08:47:01.000Z");

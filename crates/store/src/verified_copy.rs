@@ -1,4 +1,4 @@
-//! Copies of a database that are verified before they are used, and what a file says of being one.
+//! Copies of a database that are verified before use, and the marks in a file's header that identify them.
 
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -16,15 +16,15 @@ use super::{question, write_ahead_log};
 /// Set in the header of the file by the first migration.
 pub(super) const APPLICATION_ID: i64 = 0x4177_6462;
 
-/// `PRAGMA user_version` of a copy. It has no triggers, so that nothing may write to it; and only a copy is replaced by
-/// another one.
+/// `PRAGMA user_version` of a snapshot. A snapshot has no triggers, so nothing may write to it; and only a snapshot is
+/// replaced by another one.
 pub(super) const SNAPSHOT: i64 = 0x736e_6170;
 
 /// Pause before a locked page is tried again.
 const LOCK_RETRY: Duration = Duration::from_millis(20);
 
-/// Free space that a change of all tables needs for its log and for the new tables, in addition to the copy, as a multiple
-/// of the database.
+/// Free space that a change of all tables needs for its log and for the new tables, in addition to the copy, as a
+/// multiple of the database.
 const ROOM_OF_MIGRATION: u64 = 2;
 
 /// Content of a verified backup.
@@ -36,10 +36,12 @@ pub struct Backup {
     pub rows: Vec<(String, u64)>,
 }
 
-/// Copies a database into its folder before its schema `schema` is changed, if there is room for the copy and the change.
+/// Copies a database into its folder before its schema `schema` is changed, if there is room for the copy and the
+/// change.
 ///
 /// # Errors
-/// [`StoreError::Corrupt`] for a damaged database, which must not be changed. Any other reason for having no copy is logged.
+/// [`StoreError::Corrupt`] for a damaged database, which must not be changed. Any other reason for having no copy is
+/// logged.
 pub(super) async fn before_migration(database: &Path, schema: i64) -> Result<(), StoreError> {
     let name_of = |schema: i64| {
         let mut name = database.as_os_str().to_owned();
@@ -130,7 +132,7 @@ struct TableContent {
     hash: blake3::Hash,
 }
 
-/// Checks the pages of the database and copies one moment of it; gives the content of its tables at that moment.
+/// Checks the pages of the database and copies one moment of it; returns the content of its tables at that moment.
 fn copy(source: &Path, partial: &Path, target: &Path) -> Result<Vec<TableContent>, StoreError> {
     let broken = |error: rusqlite::Error| StoreError::from_rusqlite(source, &error);
     let connection = question::connect(source).map_err(broken)?;
@@ -221,26 +223,26 @@ fn content(connection: &Connection, name: String) -> Result<TableContent, rusqli
     Ok(TableContent { name, rows: count, hash: hash.finalize() })
 }
 
-/// The error of copying from `source`: damage that is found while copying is that of the source, whatever the name of the
-/// copy is by then.
+/// The error of copying from `source`. Damage found while copying is that of the source, even if the error names the
+/// copy.
 pub(super) fn copy_error(source: &Path, error: StoreError) -> StoreError {
     match error {
         StoreError::Corrupt { detail, .. }
         | StoreError::NotADatabase { detail, .. }
-        // rows that break a rule of the schema which they were stored under
+        // rows that violate a rule of the schema
         | StoreError::Refused { detail, .. } => StoreError::Corrupt { path: source.to_owned(), detail },
         error => error,
     }
 }
 
-/// Whether the file at `target` is a database of this program; `None` if there is none.
+/// True if the file at `target` is a database of this program; `None` if there is no file.
 pub(super) fn is_ours(target: &Path) -> std::io::Result<Option<bool>> {
     let found = header_of(target)?;
     Ok(found.map(|found| found.is_some_and(|[_, application_id]| application_id == APPLICATION_ID)))
 }
 
-/// The numbers that tell what a database is, of its user and of its application, by the header of the file (SQLite,
-/// "Database File Format"); inner `None` of what is too short or no file, outer of nothing.
+/// Identifying numbers of a database, those of the user and of the application, from the header of the file (SQLite,
+/// "Database File Format"). The inner `None` is for a file that is too short or no regular file, the outer for no file.
 pub(super) fn header_of(target: &Path) -> std::io::Result<Option<Option<[i64; 2]>>> {
     const HEADER: usize = 72;
     let mut file = match std::fs::File::open(target) {

@@ -1,5 +1,5 @@
-//! What the public views and their columns mean: `docs/schema.md`, which is compiled in, as data. The view
-//! `view_columns` and exported files have it from here.
+//! Meaning of the public views and their columns: data parsed from `docs/schema.md`, which is compiled in. The view
+//! `view_columns` and exported files use it.
 
 use std::sync::LazyLock;
 
@@ -8,7 +8,7 @@ use sqlx::{FromRow, QueryBuilder, Row};
 use super::values::ROWS_PER_STATEMENT;
 use crate::engine::{Engine, EnginePool, EngineRow, begin_writing};
 
-/// The one place in which views and columns are described.
+/// The only description of views and columns.
 const SCHEMA: &str = include_str!("../../../docs/schema.md");
 
 static VIEWS: LazyLock<Vec<PublicView>> = LazyLock::new(|| read(SCHEMA));
@@ -18,7 +18,7 @@ static VIEWS: LazyLock<Vec<PublicView>> = LazyLock::new(|| read(SCHEMA));
 pub struct PublicView {
     /// Its name in SQL.
     pub name: String,
-    /// What a row of it is.
+    /// Meaning of a row.
     pub row_is: String,
     /// Its columns in order.
     pub columns: Vec<ViewColumn>,
@@ -31,12 +31,12 @@ pub struct ViewColumn {
     pub name: String,
     /// `integer`, `real` or `text`.
     pub kind: String,
-    /// Unit of its values: `1` for a dimensionless figure, `UTC` for a time, `UTC day` for a day, words where it differs
-    /// by row; `None` for counts, numbers of things and texts.
+    /// Unit of its values: `1` for a dimensionless value, `UTC` for a time, `UTC day` for a day, words if it differs by
+    /// row; `None` for counts, numbers of things and texts.
     pub unit: Option<String>,
-    /// When it is NULL; `None` if never.
+    /// Condition under which it is NULL; `None` if never.
     pub null_when: Option<String>,
-    /// What it says.
+    /// Meaning.
     pub meaning: String,
 }
 
@@ -52,14 +52,14 @@ impl FromRow<'_, EngineRow> for ViewColumn {
     }
 }
 
-/// The public views, in the order in which `docs/schema.md` describes their columns.
+/// The public views, in the order of their descriptions in `docs/schema.md`.
 #[must_use]
 pub fn public_views() -> &'static [PublicView] {
     &VIEWS
 }
 
-/// Writes the descriptions into the database, where those in it are others. A program that only reads leaves them: they
-/// are those of the program that wrote last.
+/// Stores the descriptions in the database if they differ from the stored ones. A program that only reads leaves the
+/// stored ones: they belong to the program that wrote last.
 pub(super) async fn fill(writer: &EnginePool) -> Result<(), sqlx::Error> {
     let described: Vec<(&str, i64, &ViewColumn)> = public_views()
         .iter()
@@ -114,8 +114,8 @@ impl FromRow<'_, EngineRow> for StoredColumns {
     }
 }
 
-/// Sections whose heading is a view in backticks, with a table of its columns: name, type, unit, meaning, when NULL. What
-/// a row is stands in the table of all views.
+/// Reads the sections whose heading is a view in backticks, with a table of its columns: name, type, unit, meaning,
+/// when NULL. The meaning of a row is in the table of all views.
 fn read(schema: &str) -> Vec<PublicView> {
     let mut views: Vec<PublicView> = Vec::new();
     let mut rows_are: Vec<(String, String)> = Vec::new();
@@ -154,7 +154,7 @@ fn read(schema: &str) -> Vec<PublicView> {
     views
 }
 
-/// A cell of Markdown as plain text: without backticks, and links without where they lead.
+/// A cell of Markdown as plain text: without backticks, and links without their targets.
 fn plain(cell: &str) -> String {
     let mut text = cell.replace('`', "");
     while let Some(middle) = text.find("](") {

@@ -1,4 +1,4 @@
-//! Rows of views one after the other, all from one moment of the database, however many there are.
+//! Rows of views, read one by one from one moment of the database; memory does not grow with their number.
 
 use std::future::poll_fn;
 use std::path::Path;
@@ -14,18 +14,18 @@ use super::table::cells;
 use super::view_columns::PublicView;
 use crate::engine::{Engine, EngineTransaction, begin_reading};
 
-/// Which rows of views are wanted.
+/// Selection of rows of views.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RowFilter {
-    /// Only of these robots; of all where there are none. Views without robots are not filtered.
+    /// Only of these robots; an empty list selects all. Views without robots are not filtered.
     pub robots: Vec<String>,
-    /// Only from this moment on; see [`ViewReader::rows`].
+    /// Only from this time on; see [`ViewReader::rows`].
     pub since: Option<Timestamp>,
-    /// Only before this moment.
+    /// Only before this time.
     pub until: Option<Timestamp>,
 }
 
-/// A reader that sees the database as it was when it was made, whatever is written meanwhile. The write-ahead log grows
+/// A reader that sees the database as it was when the reader was made, despite later writes. The write-ahead log grows
 /// until it is dropped.
 #[derive(Debug)]
 pub struct ViewReader {
@@ -34,13 +34,13 @@ pub struct ViewReader {
 }
 
 impl Store {
-    /// Begins to read the database as it is now.
+    /// Begins to read the present state of the database.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn read_views(&self) -> Result<ViewReader, StoreError> {
         let mut transaction = self.checked(begin_reading(&self.readers).await)?;
-        // the moment is that of the first read
+        // the first read determines the moment
         let read = sqlx::query("SELECT count(*) FROM (SELECT 1 FROM robot LIMIT 1) AS first")
             .execute(&mut *transaction)
             .await;
@@ -50,12 +50,12 @@ impl Store {
 }
 
 impl ViewReader {
-    /// As [`Self::rows`], in the order of robot and month, with the month (`2026-01`) as a last value: that of the column
-    /// `at` where the view has one, else that of the start of the run; NULL for rows of no run. Rows of a month have an order
-    /// that depends on themselves alone.
+    /// Like [`Self::rows`], in the order of robot and month, with the month (`2026-01`) as a last value. The month is
+    /// that of the column `at` if the view has one, otherwise that of the start of the run; NULL for rows without a
+    /// run. The order of rows of a month depends only on their content.
     ///
     /// # Errors
-    /// As [`Self::rows`].
+    /// Those of [`Self::rows`].
     pub async fn rows_by_month<E: From<StoreError>>(
         &mut self,
         view: &PublicView,
@@ -77,15 +77,15 @@ impl ViewReader {
             .map_err(|error| StoreError::from_sqlx(&self.path, &error))
     }
 
-    /// Hands the rows of a view to `take`, in the order in which the database has them, and says how many there were. A
-    /// row has a value a column, in the order of the columns.
+    /// Passes the rows of a view to `take`, in the order of the database, and returns their number. A row has one value
+    /// per column, in the order of the columns.
     ///
-    /// Times filter the rows of a view with a column `at` by that, and those of a view with `run_id` by the start of the
-    /// run: a run belongs to one side of a moment with all that was made of it. Rows that belong to no run, and views
-    /// with neither column, are not filtered.
+    /// Times filter the rows of a view with a column `at` by that column, and those of a view with `run_id` by the
+    /// start of the run: all rows of a run are on the same side of a limit. Rows without a run, and views with neither
+    /// column, are not filtered.
     ///
     /// # Errors
-    /// [`StoreError`] of the database, and what `take` fails with, which ends the reading.
+    /// [`StoreError`] of the database, and any error of `take`, which ends the reading.
     pub async fn rows<E: From<StoreError>>(
         &mut self,
         view: &PublicView,
@@ -124,7 +124,7 @@ fn select(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
     (format!("SELECT {} FROM \"{}\"{condition}", columns(view).join(", "), view.name), values)
 }
 
-/// The same with the month as a last column, in an order that does not depend on how SQLite gets at the rows.
+/// The statement with the month as a last column, in an order that does not depend on how SQLite accesses the rows.
 fn select_by_month(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
     let (condition, values) = condition(view, filter);
     let columns = columns(view);
@@ -156,7 +156,7 @@ fn columns(view: &PublicView) -> Vec<String> {
     view.columns.iter().map(|column| format!("\"{}\"", column.name)).collect()
 }
 
-/// What follows FROM, with the values of its parameters.
+/// The part after FROM, with the values of its parameters.
 fn condition(view: &PublicView, filter: &RowFilter) -> (String, Vec<String>) {
     let has = |name: &str| has(view, name);
     let mut conditions = Vec::new();

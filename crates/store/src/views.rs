@@ -1,4 +1,4 @@
-//! What people ask: runs, fleet health, anomalies, counts. Reads the views, as users do.
+//! Runs, fleet health, anomalies and counts, read from the views that users read.
 
 use jiff::Timestamp;
 use jiff::civil::Date;
@@ -33,11 +33,11 @@ pub struct RunRow {
     pub rows: Option<u64>,
     /// Cycles stored.
     pub cycles: u32,
-    /// Where the run stands.
+    /// Status of the run.
     pub status: RunStatus,
-    /// What it is a recording of.
+    /// Its kind.
     pub kind: RunKind,
-    /// Why it was quarantined.
+    /// Reason for its status, such as a quarantine.
     pub reason: Option<String>,
     /// Line of the export that the reason points at.
     pub reason_line: Option<u64>,
@@ -58,40 +58,40 @@ pub struct FleetHealthRow {
     pub last_run_at: Timestamp,
     /// Median moving relative RMSD of the latest complete run's excitation stages.
     pub moving_relative_rmsd: Option<f64>,
-    /// Warm friction against the joint's own baseline, 1 = unchanged.
+    /// Warm friction relative to the joint's own baseline, 1 = unchanged.
     pub friction_index: Option<f64>,
     /// Anomalies in the state open.
     pub open_anomalies: u32,
-    /// Where the joint stands.
+    /// Status of the joint.
     pub status: HealthStatus,
-    /// Start of the latest complete run that gave a result of this joint.
+    /// Start of the latest complete run that gave a result for this joint.
     #[serde(serialize_with = "known_in_views")]
     pub last_result_at: Option<Timestamp>,
-    /// Why the status is what it is, where there is something to say.
+    /// Reason for the status, if there is one.
     pub reason: Option<String>,
-    /// When the next test should have begun at the latest.
+    /// Latest time for the next test to begin.
     #[serde(serialize_with = "known_in_views")]
     pub expected_by: Option<Timestamp>,
-    /// The quantity that `friction_index` comes from.
+    /// The quantity behind `friction_index`.
     #[serde(skip)]
     pub friction_quantity: Option<Quantity>,
-    /// When friction is expected to reach its limits.
+    /// Forecast of friction reaching its limits.
     #[serde(skip)]
     pub forecast: Option<Forecast>,
 }
 
-/// Where a joint stands.
+/// Status of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HealthStatus {
-    /// Nothing to see.
+    /// No alarm.
     Ok,
     /// The history is too short for a baseline.
     Learning,
-    /// Plan a look.
+    /// A check should be planned.
     Warning,
-    /// Look before the next shift.
+    /// Should be checked before the next shift.
     Critical,
-    /// The latest test does not say; the reason does.
+    /// The latest test gives no status; the reason explains it.
     Unknown,
     /// No test came for longer than usual.
     Overdue,
@@ -104,11 +104,11 @@ impl HealthStatus {
     pub const ALL: [Self; 6] =
         [Self::Ok, Self::Learning, Self::Warning, Self::Critical, Self::Unknown, Self::Overdue];
 
-    /// Every status, the worst first: a robot stands where the worst of its joints does.
+    /// Every status, the worst first: a robot has the status of its worst joint.
     pub const WORST_FIRST: [Self; 6] =
         [Self::Critical, Self::Warning, Self::Overdue, Self::Unknown, Self::Learning, Self::Ok];
 
-    /// Its place among all: 0 is the worst.
+    /// Its rank: 0 is the worst.
     #[must_use]
     pub fn rank(self) -> usize {
         Self::WORST_FIRST.iter().position(|status| *status == self).unwrap_or(Self::WORST_FIRST.len())
@@ -135,11 +135,11 @@ pub struct AnomalyRow {
     pub anomaly_id: i64,
     /// The individual robot.
     pub robot: String,
-    /// Run with which the episode began; `None` if it was taken away and the history is not judged again yet.
+    /// Run with which the episode began; `None` if it was deleted and there is no new conclusion yet.
     pub run_id: Option<i64>,
-    /// Cycle of that run with which it began, where it is a cycle's.
+    /// Cycle of that run with which it began, if it began in a cycle.
     pub cycle: Option<u32>,
-    /// The joint; `None` where the cause is the whole arm's.
+    /// The joint; `None` if the cause affects the whole arm.
     pub joint: Option<JointIndex>,
     /// Kind of change.
     pub kind: AnomalyKind,
@@ -147,15 +147,15 @@ pub struct AnomalyRow {
     pub quantity: Quantity,
     /// Unit of `value`, `baseline` and `peak_value`; `None` if the quantity has no values.
     pub unit: Option<&'static str>,
-    /// How soon a person should look.
+    /// Severity: how soon a person should look.
     pub severity: Severity,
-    /// How far out the value is, in the scale of `threshold`.
+    /// Deviation of the value, in the scale of `threshold`.
     pub score: Option<f64>,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: Option<f64>,
     /// Value in the latest run that showed it.
     pub value: Option<f64>,
-    /// What was expected.
+    /// Expected value.
     pub baseline: Option<f64>,
     /// Start of the first run.
     #[serde(serialize_with = "in_views")]
@@ -163,56 +163,56 @@ pub struct AnomalyRow {
     /// Start of the latest run.
     #[serde(serialize_with = "in_views")]
     pub last_seen_at: Timestamp,
-    /// State that a person has set.
+    /// State of the anomaly.
     pub state: AlarmState,
-    /// What a technician should read.
+    /// Message for a technician.
     pub message: String,
     /// Latest run that showed it.
     pub last_run_id: Option<i64>,
-    /// The value that was furthest out.
+    /// The value that deviated most.
     pub peak_value: Option<f64>,
-    /// The score that was furthest out.
+    /// The score that deviated most.
     pub peak_score: Option<f64>,
-    /// When the change most likely began.
+    /// Most likely beginning of the change.
     #[serde(serialize_with = "known_in_views")]
     pub onset_at: Option<Timestamp>,
-    /// With which run.
+    /// Run of the onset.
     pub onset_run_id: Option<i64>,
-    /// With which cycle of that run, where that can be said.
+    /// Cycle of the onset in that run, if known.
     pub onset_cycle: Option<u32>,
-    /// Odds of the named cause against all others together, where causes were compared.
+    /// Odds of the named cause against all others together, if causes were compared.
     pub odds: Option<f64>,
-    /// Rejected causes, the likeliest first; odds that are not known are not a number.
+    /// Rejected causes, the likeliest first; unknown odds are NaN.
     pub alternatives: Vec<Alternative>,
-    /// Until when it is shelved, or in maintenance by a planned window.
+    /// End of its shelving, or of a planned maintenance window.
     #[serde(serialize_with = "known_in_views")]
     pub shelved_until: Option<Timestamp>,
-    /// Whether later runs no longer show it, whatever people said of it.
+    /// True if later runs no longer show it, whatever a person entered about it.
     pub ended: bool,
-    /// Whether the test that shows it is still being written.
+    /// True if the test that shows it is still being written.
     pub provisional: bool,
-    /// The person who deals with it.
+    /// Person who deals with it.
     pub assignee: Option<String>,
 }
 
 impl AnomalyRow {
-    /// Number of the joint that people read, from 1; `None` where the cause is the whole arm's.
+    /// Number of the joint as people read it, from 1; `None` if the cause affects the whole arm.
     #[must_use]
     pub fn joint_number(&self) -> Option<usize> {
         self.joint.map(JointIndex::number)
     }
 }
 
-/// How much is stored.
+/// Counts of stored rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct StoredCounts {
     /// Robots with a run of any status.
     pub robots: u64,
-    /// Runs of which cycles are being stored.
+    /// Runs that are being stored.
     pub streaming_runs: u64,
-    /// Runs stored completely.
+    /// Complete runs.
     pub complete_runs: u64,
-    /// Exports not understood.
+    /// Quarantined exports.
     pub quarantined_runs: u64,
     /// Cycles stored.
     pub cycles: u64,
@@ -229,7 +229,7 @@ impl Store {
         self.checked(runs(&self.readers).await)
     }
 
-    /// Where every joint of every robot with a complete run stands.
+    /// Health of every joint of every robot with a complete run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -237,7 +237,7 @@ impl Store {
         self.checked(fleet_health(&self.readers).await)
     }
 
-    /// Anomalies found after the one with key `after` (0 for all), in the order found.
+    /// Anomalies found after the one with key `after` (0 for all), oldest finding first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -245,7 +245,7 @@ impl Store {
         self.checked(anomalies_after(&self.readers, after).await)
     }
 
-    /// How much is stored.
+    /// Counts of stored rows.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -254,7 +254,6 @@ impl Store {
     }
 }
 
-/// All runs, by robot and start.
 pub(crate) async fn runs(executor: impl EngineExecutor<'_>) -> Result<Vec<RunRow>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, robot, started_at, source_name, rows, cycles, status, kind, reason, reason_line, reason_column
@@ -314,7 +313,7 @@ pub(crate) async fn fleet_health(
     .await
 }
 
-/// Anomalies with a key above `after`, in the order in which they were found.
+/// Anomalies with a key above `after`, oldest finding first.
 pub(crate) async fn anomalies_after(
     executor: impl EngineExecutor<'_>,
     after: i64,
@@ -381,7 +380,6 @@ fn alternatives(text: &str) -> Result<Vec<Alternative>, sqlx::Error> {
     Ok(rejected.iter().map(one).collect())
 }
 
-/// How much is stored.
 pub(crate) async fn counts(executor: impl EngineExecutor<'_>) -> Result<StoredCounts, sqlx::Error> {
     sqlx::query(
         "SELECT (SELECT count(DISTINCT robot_id) FROM run) AS robots,

@@ -1,4 +1,4 @@
-//! SQLite's write-ahead log, in which commits stand before a checkpoint moves them into the database.
+//! SQLite's write-ahead log, which contains commits until a checkpoint moves them into the database.
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Read};
@@ -9,27 +9,27 @@ use std::sync::Arc;
 use super::descriptor;
 use super::error::StoreError;
 
-/// The log of a database: a file beside it.
+/// The log of a database: a file next to it.
 pub(super) fn path_of(database: &Path) -> PathBuf {
     let mut log = database.as_os_str().to_owned();
     log.push("-wal");
     log.into()
 }
 
-/// The index of the log, which all programs map into memory: a file beside it.
+/// The index of the log, which all programs map into memory: a file next to it.
 pub(super) fn index_path_of(database: &Path) -> PathBuf {
     let mut index = database.as_os_str().to_owned();
     index.push("-shm");
     index.into()
 }
 
-/// Whether commits may stand in the log.
+/// True if the log may contain commits.
 pub(super) fn has_commits(database: &Path) -> bool {
     std::fs::metadata(path_of(database)).is_ok_and(|metadata| metadata.len() > 0)
 }
 
-/// Syncs the log, and the folder that names it. Commits that are not in it any more were moved into the
-/// database by a checkpoint, which syncs.
+/// Syncs the log and its folder. Commits that are no longer in the log were moved into the database by a checkpoint,
+/// which syncs.
 pub(super) async fn sync(path: &Arc<Path>) -> Result<(), StoreError> {
     let database = Arc::clone(path);
     let synced = tokio::task::spawn_blocking(move || {
@@ -54,8 +54,8 @@ const MOST_FRAMES: usize = 4096;
 /// Attempts to read a database and its log between two writes of another program.
 const LOOKS: usize = 3;
 
-/// Refuses a database with the log of another one, as after a restore that left the old log. SQLite would move the commits of
-/// that log into the database and damage it.
+/// Refuses a database with the log of another one, as after a restore that left the old log. SQLite would move the
+/// commits of that log into the database and damage it.
 ///
 /// # Errors
 /// [`StoreError::ForeignLog`], [`StoreError::NotReadable`].
@@ -169,15 +169,15 @@ impl FirstCommits {
         Ok(committed)
     }
 
-    /// A log begins when the log before it is in the database. Its first version of the first page is therefore at most one
-    /// change ahead.
+    /// True if the log belongs to another database. A log begins when the one before it is in the database. Its first
+    /// version of the first page is therefore at most one change ahead.
     fn is_foreign_to(&self, header: &DatabaseHeader) -> bool {
         let is_ahead = |changes: u32| changes.wrapping_sub(header.changes).cast_signed() > 1;
         !header.has_log || self.page_size != header.page_size || self.changes.is_some_and(is_ahead)
     }
 }
 
-/// The running sum over a log (SQLite, "WAL-mode File Format", Checksum Algorithm).
+/// Running checksum over a log (SQLite, "WAL-mode File Format", Checksum Algorithm).
 struct Checksum {
     of: [u32; 2],
     is_big_endian: bool,

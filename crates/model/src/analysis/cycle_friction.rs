@@ -1,6 +1,6 @@
 //! Friction of a joint in a cycle as one number: the geometric mean over the speed levels.
 //!
-//! A factor that acts at all speeds alike, as wear does, adds its logarithm to that of the mean, whatever the levels.
+//! A factor that is equal at all speeds, as of wear, adds its logarithm to that of the mean, whatever the levels.
 
 use crate::analysis::FrictionPoint;
 use crate::analysis::friction::CycleFriction;
@@ -9,8 +9,8 @@ use crate::robot::JointIndex;
 /// Nominal speeds closer than this are one level, as fractions of the largest.
 const SAME_LEVEL: f64 = 1e-6;
 
-/// Friction of each joint with points in a cycle, rising. Levels without both directions, or with torques that do not
-/// oppose the motion, are left out.
+/// Friction of each joint with points in a cycle, ascending. Omits levels without both directions, or with torques that
+/// do not oppose the motion.
 #[must_use]
 pub fn cycle_friction(points: &[FrictionPoint]) -> Vec<CycleFriction> {
     let mut joints: Vec<JointIndex> = points.iter().map(|point| point.joint).collect();

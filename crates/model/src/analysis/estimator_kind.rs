@@ -3,11 +3,11 @@
 /// Estimator of parameters from the rows of several cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EstimatorKind {
-    /// Least squares, all rows alike.
+    /// Least squares with equal weight for all rows.
     Ordinary,
     /// Least squares, rows weighted by the residual variance of their joint.
     Weighted,
-    /// Each joint by its own rows alone.
+    /// Each joint from its own rows alone.
     PerJoint,
     /// Huber's M-estimate.
     Huber,
@@ -18,7 +18,7 @@ pub enum EstimatorKind {
 crate::serialize_by_name!(EstimatorKind);
 
 impl EstimatorKind {
-    /// All of them.
+    /// All estimators.
     pub const ALL: [Self; 5] = [Self::Ordinary, Self::Weighted, Self::PerJoint, Self::Huber, Self::Prior];
 
     /// Name as stored and as typed.
@@ -44,7 +44,7 @@ pub enum ErrorSource {
 }
 
 impl ErrorSource {
-    /// Both.
+    /// Both sources.
     pub const ALL: [Self; 2] = [Self::Cycles, Self::IndependentRows];
 
     /// Name as stored.

@@ -1,35 +1,35 @@
-//! What was found to be wrong, or odd, in a recording or in the model made from it.
+//! Findings: faults and peculiarities of a recording or of the model made from it.
 
 use crate::robot::JointIndex;
 
-/// How the remark begins with which an accepted finding marks its cycle.
+/// First words of the remark with which an accepted finding marks its cycle.
 pub const ACCEPTED: &str = "accepted: ";
 
-/// Whether numbers from such data may pass.
+/// Consequence of a finding for the values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum FindingSeverity {
-    /// Worth knowing; the numbers stand.
+    /// For information; the values count.
     Warn,
-    /// The configuration accepts the finding: the numbers count, and a remark marks them.
+    /// The configuration accepts the finding: the values count, and a remark marks them.
     Accepted,
-    /// The numbers are given, and nothing is concluded from them.
+    /// The values are shown, but nothing is concluded from them.
     Doubt,
-    /// No parameters should be made from this.
+    /// No parameters should be computed from this.
     Refuse,
 }
 
-/// What was found.
+/// Kind of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FindingKind {
     /// A joint does not move during the excitation.
     Still,
     /// A joint moves at one speed only.
     OneSpeed,
-    /// Torque is cut off at a largest value.
+    /// Torque is limited at a largest value.
     Saturated,
     /// A channel repeats one value while the arm moves.
     Stuck,
-    /// A velocity follows from another joint's position.
+    /// A velocity is the derivative of another joint's position.
     VelocitySwapped,
     /// A torque belongs to another joint's motion.
     TorqueSwapped,
@@ -49,7 +49,7 @@ pub enum FindingKind {
     OutsideLimits,
     /// Speeds beyond the description's limits.
     TooFast,
-    /// The identified inertia is one that no body has.
+    /// The identified inertia is physically impossible.
     NegativeInertia,
     /// The identified friction would drive the joint.
     NegativeFriction,
@@ -57,29 +57,28 @@ pub enum FindingKind {
     FarFromNominal,
     /// The model does not explain the torque.
     Unexplained,
-    /// A value far outside all others of its channel, or of the row before.
+    /// A value far outside all others of its channel, or far from the row before.
     Spike,
     /// Rows that repeat the row before.
     Repeated,
-    /// All joints move over a small part of their range only.
+    /// All joints move only over a small part of their range.
     SmallMotion,
     /// The excitation is very short.
     ShortExcitation,
-    /// Torques come earlier or later than the motion that needs them.
+    /// Torques are earlier or later than the motion that needs them.
     TorqueDelay,
     /// Torques contradict lengths, angles, mounting or torque scales of the description.
     Description,
     /// Torques of the motors are read as those of the joints.
     MotorTorque,
-    /// Torque that is computed, or of which gravity or friction was subtracted.
+    /// Torque that is computed, or measured minus gravity or friction.
     ComputedTorque,
-    /// Torque is recorded in steps that are large beside it.
+    /// The resolution of the recorded torque is coarse relative to the torque.
     CoarseTorque,
 }
 
 impl FindingKind {
-    /// All of them, the likeliest cause of others first: what is wrong with a channel comes before what a model makes
-    /// of it.
+    /// All kinds, the likeliest cause of others first: faults of a channel precede their effects on the model.
     pub const ALL: [Self; 27] = [
         Self::Stuck,
         Self::Spike,
@@ -157,24 +156,24 @@ impl FindingKind {
     }
 }
 
-/// Kinds of findings.
+/// A set of kinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FindingKinds(u32);
 
 impl FindingKinds {
-    /// Whether `kind` is among them.
+    /// True if it contains `kind`.
     #[must_use]
     pub fn contains(self, kind: FindingKind) -> bool {
         self.0 & (1 << kind.rank()) != 0
     }
 
-    /// Those of both.
+    /// The union of both.
     #[must_use]
     pub fn union(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// Whether there are none.
+    /// True if it is empty.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0
@@ -187,27 +186,27 @@ impl FromIterator<FindingKind> for FindingKinds {
     }
 }
 
-/// A number that a finding stands on; the unit ends the name.
+/// A number that supports a finding; its name ends with the unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence {
-    /// What it is.
+    /// Name.
     pub name: &'static str,
     /// Its value.
     pub value: f64,
 }
 
-/// Something that a person should know of a recording before trusting numbers from it.
+/// A fact that a person should know about a recording before trusting values from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// What was found.
+    /// Kind.
     pub kind: FindingKind,
-    /// Whether numbers may pass.
+    /// Consequence for the values.
     pub severity: FindingSeverity,
-    /// The joint, if it is about one.
+    /// The joint, if it concerns one.
     pub joint: Option<JointIndex>,
-    /// What is wrong and what to do, as a sentence.
+    /// Fault and remedy, as a sentence.
     pub sentence: String,
-    /// What shows it.
+    /// Numbers that support it.
     pub evidence: Vec<Evidence>,
 }
 

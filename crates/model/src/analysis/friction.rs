@@ -1,5 +1,4 @@
-//! Friction against speed and thermal state: what is computed of it. Speeds in rad/s (m/s for a sliding
-//! joint), torques in Nm (N).
+//! Results on friction over speed and thermal state. Speeds in rad/s (m/s for a sliding joint), torques in Nm (N).
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +21,7 @@ pub enum SpeedModel {
 }
 
 impl SpeedModel {
-    /// All of them, fewest parameters first.
+    /// All forms, fewest parameters first.
     pub const ALL: [Self; 5] =
         [Self::Coulomb, Self::CoulombViscous, Self::PowerLaw, Self::Stribeck, Self::Polynomial];
 
@@ -38,7 +37,7 @@ impl SpeedModel {
         }
     }
 
-    /// Names of its coefficients, in their order.
+    /// Names of its coefficients, in order.
     #[must_use]
     pub fn coefficient_names(self) -> &'static [&'static str] {
         match self {
@@ -56,11 +55,11 @@ impl SpeedModel {
 pub struct SpeedCoefficient {
     /// Name, one of [`SpeedModel::coefficient_names`].
     pub name: &'static str,
-    /// Value and standard error: Nm for `fc`, `fp`, `fs`, `f1`; Nm s/rad, Nm s²/rad², Nm s³/rad³ for `fv`
-    /// and `f2`, `f3`, `f4`; rad/s for `vs`; the exponent has no unit.
+    /// Value and standard error: Nm for `fc`, `fp`, `fs`, `f1`; Nm s/rad, Nm s²/rad², Nm s³/rad³ for `fv` and `f2`,
+    /// `f3`, `f4`; rad/s for `vs`; the exponent has no unit.
     pub estimate: Estimate,
-    /// Whether physics holds it at zero: the data alone would have friction drive the joint. Its
-    /// standard error is zero then and says nothing.
+    /// True if a physical constraint keeps it at zero: with the data alone, friction would drive the joint. Its
+    /// standard error is zero then and has no meaning.
     pub at_bound: bool,
 }
 
@@ -75,18 +74,18 @@ pub struct SpeedFit {
     pub coefficients: Vec<SpeedCoefficient>,
     /// Their covariance, row after row, in the product of their units; zero where at a bound.
     pub covariance: Vec<f64>,
-    /// Smallest and largest measured speed, rad/s. Values beyond are extrapolated.
+    /// Smallest and largest measured speed, rad/s. Values outside are extrapolated.
     pub speeds: [f64; 2],
     /// Root-mean-square deviation of the points, Nm.
     pub rmsd: f64,
-    /// Weighted sum of squared residuals over the degrees of freedom; about one where the form is
-    /// right and the points' scatter tells their error. `None` without freedom.
+    /// Weighted sum of squared residuals over the degrees of freedom; about one if the form is right and the points'
+    /// scatter equals their error. `None` without freedom.
     pub reduced_chi_square: Option<f64>,
     /// Points used.
     pub points: usize,
 }
 
-/// Difference between the directions, forward less backward magnitude over the speeds that both have.
+/// Difference between the directions: forward minus backward magnitude over the speeds that both have.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Asymmetry {
     /// Weighted mean difference, Nm.
@@ -106,48 +105,47 @@ pub struct JointSpeedFits {
     pub directions: Vec<SpeedFit>,
     /// `None` with one direction only.
     pub asymmetry: Option<Asymmetry>,
-    /// Information criterion of each form that could be tried; the smallest was chosen among those
+    /// Information criterion of each form that could be fitted. The form with the smallest one was chosen, among those
     /// whose parts the data support.
     pub criteria: Vec<(SpeedModel, f64)>,
-    /// What was missing, in sentences.
+    /// Missing data, as sentences.
     pub remarks: Vec<String>,
 }
 
-/// How a gearbox warms in motion and cools at rest: two coldnesses, each of first order, of which the
-/// slow one has the share `slow_share` in friction. A coldness is one where the gearbox is as cold as its
-/// surroundings and zero after endless motion.
+/// Warming of a gearbox in motion and cooling at rest: two coldnesses, each of first order; the slow one has the share
+/// `slow_share` in friction. A coldness is one if the gearbox is at ambient temperature, and zero after endless motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThermalLaw {
     /// Time constant of the slow part in motion, s.
     pub slow_s: Estimate,
     /// Time constant of the fast part in motion, s.
     pub fast_s: Estimate,
-    /// Share of the slow part in the coldness that friction sees, 0 to 1.
+    /// Share of the slow part in the coldness that determines friction, 0 to 1.
     pub slow_share: Estimate,
     /// Time constants at rest as a multiple of those in motion.
     pub cooling_ratio: Estimate,
 }
 
-/// What the thermal state of a joint is taken from.
+/// Source of a joint's thermal state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThermalSource {
-    /// Motion and rest alone.
+    /// Only motion and rest.
     Motion,
-    /// The slow part from the motor's temperature `T`: `(exp(k x) - 1) / (exp(k) - 1)` with
-    /// `x = (warm - T) / (warm - cold)`; the fast part, what the sensor does not show, from motion.
+    /// The slow part is computed from the motor's temperature `T`: `(exp(k x) - 1) / (exp(k) - 1)` with `x = (warm - T)
+    /// / (warm - cold)`. The fast part, which the sensor does not show, is computed from motion.
     MotorTemperature {
-        /// Temperature at which the slow part is zero, K.
+        /// Temperature of a slow part of zero, K.
         warm: f64,
-        /// Temperature at which it is one, K.
+        /// Temperature of a slow part of one, K.
         cold: f64,
         /// The curvature `k`; 0 is a line.
         curvature: Estimate,
     },
-    /// Motion and rest, and as many times `coldness` more as the hall is colder than usual, in K.
+    /// Motion and rest, plus `coldness` for each kelvin of an ambient temperature below the usual one.
     AmbientAndMotion {
-        /// The usual temperature of the hall, K.
+        /// The usual ambient temperature, K.
         usual: f64,
-        /// Coldness for a kelvin, 1/K.
+        /// Coldness per kelvin, 1/K.
         coldness: Estimate,
     },
 }
@@ -171,7 +169,7 @@ pub struct MapLevel {
     pub speed_fraction: f64,
     /// Friction of the warm joint, mean of both directions, Nm.
     pub warm: Estimate,
-    /// What a joint as cold as its surroundings has more, Nm; zero or more.
+    /// Additional friction of a joint at ambient temperature, Nm; zero or more.
     pub cold: Estimate,
 }
 
@@ -180,50 +178,50 @@ pub struct MapLevel {
 pub struct FrictionMap {
     /// The joint.
     pub joint: JointIndex,
-    /// Warming and cooling. With a motor's temperature only `fast_s` and `slow_share` are fitted and used; the
-    /// others keep what is assumed.
+    /// Warming and cooling. Only `fast_s` and `slow_share` are fitted and used if the source is a motor's temperature;
+    /// the others keep their assumed values.
     pub law: ThermalLaw,
-    /// What the thermal state is taken from.
+    /// Source of the thermal state.
     pub source: ThermalSource,
     /// By speed level, slowest first.
     pub levels: Vec<MapLevel>,
-    /// Covariance, row after row, of `warm` of each level, `cold` of each level, then the logarithms of
-    /// `slow_s` and `fast_s`, `slow_share` and the logarithm of `cooling_ratio`; then, where the hall's temperature
-    /// is used, of the coldness for a kelvin, where the motor's is, of the curvature.
+    /// Covariance, row after row, of `warm` of each level, `cold` of each level, then the logarithms of `slow_s` and
+    /// `fast_s`, `slow_share` and the logarithm of `cooling_ratio`. Then follows the coldness per kelvin if the ambient
+    /// temperature is used, or the curvature if the motor's temperature is used.
     pub covariance: Vec<f64>,
     /// Root-mean-square of the residuals as a fraction of friction, after each run's offset and index.
     pub relative_rmsd: f64,
-    /// Part of friction's variance at each level that warm-up and ambient explain, 0 to 1.
+    /// Part of friction's variance at each level that warm-up and ambient temperature explain, 0 to 1.
     pub explained: f64,
     /// Runs used.
     pub runs: usize,
     /// Points used, means of both directions.
     pub points: usize,
-    /// What the data do not tell, in sentences.
+    /// Facts that the data do not determine, as sentences.
     pub remarks: Vec<String>,
 }
 
-/// Friction of a joint in one run against the robot's own baseline at equal speed and thermal state.
+/// Friction of a joint in one run relative to the robot's own baseline at equal speed and thermal state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionIndex {
     /// The joint.
     pub joint: JointIndex,
-    /// 1 = unchanged, with its standard error; that of the baseline is in it.
+    /// 1 = unchanged, with its standard error, which includes that of the baseline.
     pub index: Estimate,
-    /// Friction of the run as it was measured, against that of the baseline; not a number without a level in
-    /// common. What it varies by more than the index, warm-up and hall explain.
+    /// Measured friction of the run relative to that of the baseline; NaN without a common level. Warm-up and ambient
+    /// temperature explain its additional variation compared with the index.
     pub raw: f64,
-    /// Coldness beyond the predicted one that lasted through the run, as a colder hall gives.
+    /// Coldness in addition to the predicted one that lasted through the run, as at a lower ambient temperature.
     pub ambient: Estimate,
     /// Predicted coldness at the start of the run, slow and fast part mixed, 0 to 1.
     pub coldness_at_start: f64,
-    /// Points that the run has of the joint.
+    /// Number of the run's points for the joint.
     pub points: usize,
-    /// Whether the run was too short for the map, so that its thermal state stands on the map alone.
+    /// True if the run was too short for the map, so that its thermal state depends on the map alone.
     pub short: bool,
 }
 
-/// Friction of one joint in one cycle as one number that compares between cycles of equal levels.
+/// Friction of one joint in one cycle as one number that is comparable between cycles with equal levels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleFriction {
     /// The joint.
@@ -232,16 +230,17 @@ pub struct CycleFriction {
     pub minute: f64,
     /// Mean over the speed levels of the natural logarithm of half the difference between both directions, of Nm (N).
     pub ln_torque: f64,
-    /// Mean over the levels of half the sum of both directions, Nm (N): what does not turn over with the direction.
+    /// Mean over the levels of half the sum of both directions, Nm (N): the part that does not change its sign with the
+    /// direction.
     pub offset: f64,
     /// Levels with both directions.
     pub levels: u32,
-    /// Mean of their speeds as fractions of the largest. Two cycles compare if this and `levels` are the same.
+    /// Mean of their speeds as fractions of the largest. Two cycles are comparable if this and `levels` are equal.
     pub speed_fraction: f64,
 }
 
 impl CycleFriction {
-    /// Whether two cycles have the same levels.
+    /// True if two cycles have the same levels.
     #[must_use]
     pub fn compares_with(&self, other: &Self) -> bool {
         self.levels == other.levels && (self.speed_fraction - other.speed_fraction).abs() < 1e-3

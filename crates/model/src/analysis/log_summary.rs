@@ -1,20 +1,20 @@
-//! What the windows of one log come to together.
+//! Summary of one log from its windows.
 
 use super::median::median;
 use super::work_evidence::{DEVIATION, JointEvidence, PRODUCTS};
 use super::{FrictionExcess, JointCheck, ProductionJoint};
 use crate::robot::JointIndex;
 
-/// A window deviates more than this many times as far as the median one, as a mean square, is left out: it holds a contact
-/// or a stop.
+/// Largest ratio of a window's mean squared deviation to the median one. A window above it contains a contact or a stop
+/// and is omitted.
 const ODD_WINDOW: f64 = 4.0;
-/// Fewest windows among which one may be odd.
+/// Fewest windows among which one may be omitted.
 const FEWEST_WINDOWS: usize = 3;
 
-/// The windows of one recording against one test, joint by joint: medians over the windows in which the joint moves. What
-/// the test's own error is, the windows do not know.
+/// The windows of one recording compared with one test, by joint: medians over the windows with motion of the joint.
+/// The windows do not contain the test's own error.
 ///
-/// Medians, since single windows hold a contact or a wait.
+/// Medians are used because single windows may contain a contact or a wait.
 #[must_use]
 pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<ProductionJoint> {
     let mut by_joint: Vec<(JointIndex, Vec<[f64; 3]>)> = Vec::new();
@@ -40,7 +40,7 @@ pub fn summarise<'a>(checks: impl IntoIterator<Item = &'a [JointCheck]>) -> Vec<
     by_joint.into_iter().filter_map(summary).collect()
 }
 
-/// Evidence of a whole log from that of its windows, by joint: means over the rows of the windows that are not odd.
+/// Evidence of a whole log from that of its windows, by joint: means over the rows of the windows that are not omitted.
 #[must_use]
 pub fn log_evidence(windows: &[Vec<JointEvidence>]) -> Vec<JointEvidence> {
     let joints = windows.iter().flatten().map(|of| of.joint.index() + 1).max().unwrap_or(0);

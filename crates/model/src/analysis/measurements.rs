@@ -1,22 +1,22 @@
-//! What the cycles of a run measured, all that the analysis of the run as a whole starts from.
+//! Measurements of a run's cycles: all inputs for the analysis of the run as a whole.
 
 use serde::{Deserialize, Serialize};
 
 use super::{FrictionPoint, IdentifiedParameter};
 use crate::robot::{JointIndex, ParameterId};
 
-/// What the analysis of a whole run starts from.
+/// Inputs for the analysis of a whole run.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct RunMeasurements {
     /// Friction points by cycle, in the order of their cycle's analysis.
     pub friction_points: Vec<CyclePoint>,
     /// Parameters by cycle, in natural order; refused cycles have none.
     pub parameters: Vec<CycleParameters>,
-    /// Moving relative RMSD of the excitation stage, by cycle and joint, where it is known.
+    /// Moving relative RMSD of the excitation stage, by cycle and joint, if known.
     pub relative_rmsd: Vec<CycleRmsd>,
-    /// The same of the whole cycle, all stages.
+    /// Moving relative RMSD of the whole cycle, all stages.
     pub whole_cycle_rmsd: Vec<CycleRmsd>,
-    /// Noise of the torque channels by cycle and joint, where it is known.
+    /// Noise of the torque channels by cycle and joint, if known.
     pub torque_noise: Vec<CycleNoise>,
 }
 
@@ -36,20 +36,20 @@ pub struct CycleParameters {
     pub cycle: u32,
     /// Middle of the cycle since the start of the run, min.
     pub minute: f64,
-    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if not known.
+    /// Mean magnitude of each joint's velocity, rad/s (m/s); empty if unknown.
     pub mean_speeds: Vec<f64>,
     /// Values with standard errors.
     pub parameters: Vec<IdentifiedParameter>,
 }
 
-/// Moving relative RMSD of one joint in one cycle, under the cycle's own parameters.
+/// Moving relative RMSD of one joint in one cycle, with the cycle's own parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CycleRmsd {
     /// Number of the cycle, from 1.
     pub cycle: u32,
     /// The joint.
     pub joint: JointIndex,
-    /// As a fraction of the measured torque's RMS.
+    /// RMSD as a fraction of the measured torque's RMS.
     pub relative_rmsd: f64,
 }
 
@@ -60,9 +60,9 @@ pub struct CycleNoise {
     pub cycle: u32,
     /// The joint.
     pub joint: JointIndex,
-    /// As a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
+    /// Noise as a fraction of the torque's RMS ([`super::TorqueNoise::relative`]).
     pub relative_noise: f64,
-    /// The RMS that it is a fraction of, Nm (N).
+    /// That RMS, Nm (N).
     pub torque_rms: f64,
 }
 
@@ -76,7 +76,7 @@ impl RunMeasurements {
         let mut found: Vec<(ParameterId, ByCycle)> = Vec::new();
         for of in &self.parameters {
             for (place, parameter) in of.parameters.iter().filter(|of| of.is_shown()).enumerate() {
-                // cycles have the same parameters in the same order, unless their motion does not show one
+                // cycles have the same parameters in the same order, unless their motion does not determine one
                 let is_it = |(id, _): &(ParameterId, ByCycle)| *id == parameter.id;
                 let place = found.get(place).filter(|of| is_it(of)).map(|_| place);
                 match place.or_else(|| found.iter().position(is_it)) {

@@ -1,6 +1,6 @@
 //! Median.
 
-/// Median; `None` of nothing.
+/// Median; `None` for no values.
 #[must_use]
 pub fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();

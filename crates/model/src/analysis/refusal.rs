@@ -1,10 +1,10 @@
-//! Why a cycle was refused, as data: which check, which channel, which joint.
+//! Causes of a cycle's refusal, as data: check, channel and joint.
 
 use std::fmt;
 
 use crate::robot::JointIndex;
 
-/// What a refusal is about.
+/// Subject of a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Channel {
     /// The position signal.
@@ -17,14 +17,14 @@ pub enum Channel {
     Time,
     /// Whole rows, or channels of every kind.
     Rows,
-    /// What the arm was made to do: too little motion, or a stage that is missing.
+    /// The motion of the arm: too little motion, or a missing stage.
     Motion,
-    /// The identified model: parameters that no arm can have, torque that they do not explain.
+    /// The identified model: physically impossible parameters, or torque that they do not explain.
     Model,
 }
 
 impl Channel {
-    /// All of them.
+    /// All channels.
     pub const ALL: [Self; 7] =
         [Self::Position, Self::Velocity, Self::Torque, Self::Time, Self::Rows, Self::Motion, Self::Model];
 
@@ -42,7 +42,7 @@ impl Channel {
         }
     }
 
-    /// Whether something that is recorded is at fault, so that a sensor, a cable or the export is to be looked at.
+    /// True if recorded data are at fault, so that a sensor, a cable or the export has to be checked.
     #[must_use]
     pub fn is_recorded(self) -> bool {
         match self {
@@ -58,18 +58,18 @@ impl fmt::Display for Channel {
     }
 }
 
-/// Name of the reason of logs without positions: their layout has none, so that no test of theirs has a result.
+/// Name of the reason for logs without positions: their layout has none, so none of their tests has a result.
 pub const NO_POSITIONS: &str = "no_positions";
 
-/// One reason for which a cycle gave no result.
+/// One reason why a cycle has no result.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RefusalCause {
     /// Name of the check, such as `stuck_channel`.
     pub finding: String,
-    /// What it is about.
+    /// Subject.
     pub channel: Channel,
-    /// The joint, if it is about one.
+    /// The joint, if it concerns one.
     pub joint: Option<JointIndex>,
-    /// What is wrong and what to do, as a sentence.
+    /// Fault and remedy, as a sentence.
     pub sentence: String,
 }

@@ -8,12 +8,12 @@ use super::finding::FindingKinds;
 pub struct AnalysisSettings {
     /// Cut-off of the zero-phase low-pass on position, velocity and torque, Hz.
     pub cutoff: f64,
-    /// Speed at which friction is compared over runs, as a fraction of the largest speed; the
-    /// nearest measured level is taken. The thesis prints 0.6.
+    /// Speed for comparing friction over runs, as a fraction of the largest speed; the nearest measured level is used.
+    /// The thesis uses 0.6.
     pub reference_speed_fraction: f64,
-    /// How rows become parameters.
+    /// Method that turns rows into parameters.
     pub estimator: Estimator,
-    /// Findings that do not refuse a cycle but make it doubtful.
+    /// Findings that neither refuse a cycle nor make it doubtful: a remark marks the cycle.
     pub accept: FindingKinds,
 }
 

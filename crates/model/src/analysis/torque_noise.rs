@@ -2,8 +2,7 @@
 
 use crate::robot::JointIndex;
 
-/// Noise of a joint's torque channel in one cycle, as far as the analysis low-pass lets it through: the least that any model
-/// leaves unexplained.
+/// Noise of a joint's torque channel in one cycle after the analysis low-pass: the least residual of any model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TorqueNoise {
     /// The joint.

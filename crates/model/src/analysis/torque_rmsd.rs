@@ -1,4 +1,4 @@
-//! How well estimated torques agree with measured ones.
+//! Agreement of estimated torques with measured ones.
 
 use serde::ser::SerializeStruct;
 use serde::{Serialize, Serializer};
@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 use crate::robot::JointIndex;
 use crate::run::Stage;
 
-/// Rows over which a torque RMSD is taken.
+/// Rows used for a torque RMSD.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RmsdScope {
     /// Rows of one stage.
@@ -35,7 +35,7 @@ pub struct TorqueRmsd {
     pub scope: RmsdScope,
     /// Over all rows.
     pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves; zero samples if it never does.
+    /// Over the moving rows; zero samples if the joint never moves.
     pub moving_rows: Rmsd,
 }
 
@@ -60,12 +60,12 @@ pub struct Rmsd {
     pub value: f64,
     /// `value` divided by the RMS of the measured, low-passed torque over the same rows.
     pub relative: f64,
-    /// Rows.
+    /// Number of rows.
     pub samples: usize,
 }
 
-/// How well one parameter set fits the first and the last third of a warming stage: friction falls
-/// inside a cycle (thesis 5.1.6).
+/// Fit of one parameter set to the first and the last third of a warming stage: friction falls within a cycle (thesis
+/// 5.1.6).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct WarmingContrast {
     /// The joint.
@@ -81,7 +81,7 @@ pub struct WarmingContrast {
 pub struct RmsdPair {
     /// Over all rows.
     pub all_rows: Rmsd,
-    /// Over the rows in which the joint moves.
+    /// Over the moving rows.
     pub moving_rows: Rmsd,
 }
 

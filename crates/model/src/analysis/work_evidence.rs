@@ -1,29 +1,30 @@
-//! What a log of ordinary work leaves of the torque that a test leads to expect, and how much of it each cause could take.
+//! Evidence of a production log: its deviation from the torque expected by a test, and how much of it each cause could
+//! explain.
 //!
-//! A cause changes the torque of a joint along a direction that follows from the motion: more friction along the joint's
-//! friction torque, a gain along all of its torque, a load along what a body at the last link adds. The products of these
-//! directions with each other and with the deviation are all that a fit of any of them needs. They are some dozen numbers
-//! a joint, in place of the rows or their factors.
+//! A cause changes the torque of a joint along a direction that follows from the motion: more friction along the
+//! joint's friction torque, a gain along all of its torque, a load along the torque of an additional body at the last
+//! link. A fit of any of them needs only the products of these directions with each other and with the deviation. These
+//! are some dozen numbers per joint, instead of the rows or their factors.
 
 use crate::robot::JointIndex;
 
-/// A direction in which the torque of a joint may deviate, for a change of size 1.
+/// A direction of a joint's torque deviation, for a change of size 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorkDirection {
-    /// The part of its friction that does not depend on speed, as much again.
+    /// The part of its friction that does not depend on speed; size 1 doubles it.
     Coulomb,
-    /// The part that does, as much again.
+    /// The part that depends on speed; size 1 doubles it.
     Viscous,
-    /// All of its torque, as much again: the torque signal reads twice as much.
+    /// All of its torque; size 1 doubles the torque signal.
     Gain,
-    /// A constant torque of 1 Nm (N). Known only where the friction law has a column for it.
+    /// A constant torque of 1 Nm (N). Known only if the friction law has a column for it.
     Offset,
     /// A standard parameter of the last link, in SI: its mass, or one of the three first moments.
     Load(u8),
 }
 
 impl WorkDirection {
-    /// All of them, in the order of [`JointEvidence`].
+    /// All directions, in the order of [`JointEvidence`].
     pub const ALL: [Self; 8] = [
         Self::Coulomb,
         Self::Viscous,
@@ -38,7 +39,7 @@ impl WorkDirection {
     /// Parameters of a load: mass and first moments.
     pub const LOAD: usize = 4;
 
-    /// Its place among [`Self::ALL`].
+    /// Its position in [`Self::ALL`].
     #[must_use]
     pub fn place(self) -> usize {
         match self {
@@ -51,20 +52,20 @@ impl WorkDirection {
     }
 }
 
-/// Place of the deviation, behind the directions.
+/// Position of the deviation, after the directions.
 pub const DEVIATION: usize = WorkDirection::ALL.len();
-/// Products of each two of the directions and the deviation.
+/// Number of products of each two of the directions and the deviation.
 pub const PRODUCTS: usize = (DEVIATION + 1) * (DEVIATION + 2) / 2;
 
-/// One joint in a window or a log: mean products, over the rows in which it moves, of the torque along each two
-/// directions. Behind the directions stands the deviation: the measured torque less that of the test's parameters.
+/// One joint in a window or a log: mean products, over its moving rows, of the torque along each two directions. The
+/// last direction is the deviation: the measured torque minus that of the test's parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointEvidence {
     /// The joint.
     pub joint: JointIndex,
-    /// Windows behind the means.
+    /// Windows used for the means.
     pub windows: usize,
-    /// Rows behind the means, one at least.
+    /// Rows used for the means, at least one.
     pub samples: usize,
     /// (Nm)² ((N)²) for directions of size 1: the upper triangle, row after row.
     pub products: [f64; PRODUCTS],
@@ -77,7 +78,7 @@ impl JointEvidence {
         self.products[Self::index(a, b)]
     }
 
-    /// Where that stands among [`Self::products`].
+    /// Index of that product in [`Self::products`].
     #[must_use]
     pub fn index(a: usize, b: usize) -> usize {
         let (a, b) = (a.min(b), a.max(b));

@@ -1,14 +1,14 @@
-//! How far the RMSD of each cycle of a test stands out of its neighbours.
+//! Distance of each cycle's RMSD from those of its neighbours in a test.
 
 use std::collections::BTreeMap;
 
 use super::RunSummary;
 use crate::analysis::median::median;
 
-/// Interval between two cycles that is a pause, as a multiple of the usual one.
+/// Shortest interval between two cycles that is a pause, as a multiple of the usual one.
 const PAUSE: f64 = 1.5;
 
-/// How the cycles of a joint in a test differ from their neighbours.
+/// Differences of a joint's cycles in a test from their neighbours.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Peaks {
     /// Signed distance of each cycle from the mean of both neighbours, in logarithms.
@@ -47,7 +47,7 @@ impl Cycles {
         found
     }
 
-    /// Those of the joint at this position.
+    /// The accepted cycles with the RMSD of the joint at this position.
     #[must_use]
     pub fn of(run: &RunSummary, joint: usize) -> Self {
         let of_joint = run.whole_cycle_rmsd.iter().filter(|of| of.joint.index() == joint);
@@ -55,8 +55,8 @@ impl Cycles {
         Self(known.collect())
     }
 
-    /// Distance of the cycle at this place from the mean of its neighbours, and how far it stands out of both, in
-    /// logarithms. `None` without neighbours.
+    /// Distance of the cycle at this place from the mean of its neighbours, and its excess over both, in logarithms.
+    /// `None` without neighbours.
     #[must_use]
     pub fn distances(&self, place: usize) -> Option<(f64, f64)> {
         let [(before, a), (cycle, value), (after, b)] = [place - 1, place, place + 1].map(|of| self.0[of]);
@@ -68,7 +68,7 @@ impl Cycles {
     }
 }
 
-/// Cycles before which the arm paused, as far as friction points tell when they were.
+/// Cycles before which the arm paused, as far as the times of friction points show.
 #[must_use]
 pub fn pauses(run: &RunSummary) -> Vec<u32> {
     let minutes: BTreeMap<u32, f64> =

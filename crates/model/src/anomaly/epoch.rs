@@ -1,40 +1,40 @@
-//! Epochs of a joint: tests compare with each other between two changes, and each epoch has a baseline of its own.
+//! Epochs of a joint: tests between two changes are comparable, and each epoch has its own baseline.
 
 use jiff::Timestamp;
 
 use super::RunSummary;
 use crate::robot::JointIndex;
 
-/// Work on a robot or one of its joints, which begins new baselines.
+/// Maintenance of a robot or one of its joints, which begins new baselines.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Maintenance {
     /// Database key.
     pub maintenance_id: i64,
     /// The joint; `None` for the whole arm.
     pub joint: Option<JointIndex>,
-    /// When it was done. A test that starts at this time is one after it.
+    /// Time of the maintenance. A test that starts at this time counts as after it.
     pub at: Timestamp,
-    /// What was done.
+    /// Work that was done.
     pub what: String,
-    /// Who says so.
+    /// Person who entered it.
     pub who: Option<String>,
 }
 
-/// What an epoch depends on of one test.
+/// Data of one test that determine its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TestMoment<D> {
     /// Start of the recording.
     pub started_at: Timestamp,
-    /// The description that its figures were computed with.
+    /// The description that its results were computed with.
     pub description: D,
 }
 
-/// Why an epoch began.
+/// Reason why an epoch began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EpochCause {
     /// The joint's first test.
     FirstTest,
-    /// Work on the joint or the whole arm: its key.
+    /// Maintenance of the joint or the whole arm: its key.
     Maintenance(i64),
     /// Another description than that of the test before.
     Description,
@@ -52,22 +52,22 @@ impl EpochCause {
     }
 }
 
-/// Tests of one joint that compare with each other.
+/// Tests of one joint that are comparable.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Epoch {
-    /// Why it began.
+    /// Reason why it began.
     pub cause: EpochCause,
-    /// Time of the work that began it, else the start of its first test.
+    /// Time of the maintenance that began it, otherwise the start of its first test.
     pub begins_at: Timestamp,
-    /// Positions of its tests, rising.
+    /// Positions of its tests, ascending.
     pub tests: Vec<usize>,
 }
 
 /// Epochs of a joint, ordered by their first test. `tests` are those of the robot, oldest first.
 ///
-/// Two tests are of one epoch if no work on the joint or the whole arm lies between them and their figures were
-/// computed with the same description. A description that comes back, as after a correction that was taken back,
-/// continues its earlier epoch.
+/// Two tests are in one epoch if there was no maintenance of the joint or the whole arm between them and their results
+/// were computed with the same description. A description that returns, as after a withdrawn correction, continues its
+/// earlier epoch.
 #[must_use]
 pub fn epochs<D: PartialEq>(joint: JointIndex, tests: &[TestMoment<D>], work: &[Maintenance]) -> Vec<Epoch> {
     let mut work: Vec<&Maintenance> = work.iter().filter(|of| of.joint.is_none_or(|j| j == joint)).collect();
@@ -108,8 +108,8 @@ impl RunSummary {
     }
 }
 
-/// Why the latest test of a joint compares with no baseline by its friction index, in words that end a sentence;
-/// `None` where it does, or where the joint never had an index. `history` is oldest first.
+/// Reason why the friction index of a joint's latest test is not compared with a baseline, in words that end a
+/// sentence; `None` if it is compared, or if the joint never had an index. `history` is oldest first.
 #[must_use]
 pub fn not_compared(history: &[RunSummary], joint: JointIndex) -> Option<String> {
     let has_index =
@@ -199,7 +199,7 @@ mod tests {
         assert!(of(JOINT, &[], &[]).is_empty());
     }
 
-    /// A daily test with an index of the joint or without, in an epoch of it.
+    /// A daily test with or without an index of the joint, in an epoch of the joint.
     fn test(at: i64, index: Option<f64>, epoch: u32) -> RunSummary {
         let summary = JointSummary {
             joint: JOINT,

@@ -1,15 +1,15 @@
-//! When a joint's friction is expected to reach its limits.
+//! Forecasts of a joint's friction reaching its limits.
 
 use jiff::civil::Date;
 use serde::Serialize;
 
-/// Where friction of a joint is going, from its tests until the latest.
+/// Forecast of a joint's friction, from its tests until the latest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Forecast {
-    /// Whether it goes anywhere.
+    /// Trend of friction.
     pub trend: Trend,
-    /// When it is expected to reach the limit of a warning; `None` without a trend, where the limit is passed, and
-    /// where it is not expected within the horizon.
+    /// Forecast of reaching the limit of a warning; `None` without a trend, if the limit is already exceeded, and if it
+    /// is not expected within the horizon.
     #[serde(rename = "warning")]
     pub warning_at: Option<Crossing>,
     /// The same for the critical limit.
@@ -17,10 +17,10 @@ pub struct Forecast {
     pub critical_at: Option<Crossing>,
 }
 
-/// Whether friction changes from test to test.
+/// Trend of friction from test to test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Trend {
-    /// No trend that could be told from chance, or none that reaches a limit within the horizon.
+    /// No significant trend, or none that reaches a limit within the horizon.
     #[default]
     None,
     /// Friction rises.
@@ -32,7 +32,7 @@ pub enum Trend {
 crate::serialize_by_name!(Trend);
 
 impl Trend {
-    /// All of them.
+    /// All trends.
     pub const ALL: [Self; 3] = [Self::None, Self::Rising, Self::Falling];
 
     /// Name as in the view `fleet_health`.
@@ -46,14 +46,14 @@ impl Trend {
     }
 }
 
-/// When a limit is expected to be reached, UTC.
+/// Expected day of reaching a limit, UTC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Crossing {
-    /// As likely before this day as after it.
+    /// Day before and after which reaching it is equally likely.
     pub by: Date,
-    /// Begin of the interval of 80 %.
+    /// Start of the 80 % interval.
     pub lower: Date,
-    /// Its end; `None` if it lies beyond the horizon.
+    /// End of the interval; `None` if it is beyond the horizon.
     pub upper: Option<Date>,
 }
 

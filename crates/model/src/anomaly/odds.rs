@@ -1,6 +1,6 @@
 //! Odds of causes in words.
 
-/// Odds as people say them. Beyond a million nobody tells one from another, and no model is so good.
+/// Odds in words. Beyond a million the difference does not matter, and no model is so accurate.
 #[must_use]
 pub fn odds_in_words(odds: f64) -> String {
     match odds {

@@ -5,11 +5,11 @@ use crate::analysis::JointSummary;
 /// Most arms of its model that a robot is compared with.
 pub const MOST_PEERS: usize = 24;
 
-/// Another robot of the same model, by its first tests, as many as a baseline has.
+/// Another robot of the same model with its first tests, as many as a baseline has.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Peer {
     /// Its name.
     pub robot: String,
-    /// What each of these tests says of each joint, oldest first.
+    /// Summaries of the joints in each of these tests, oldest first.
     pub tests: Vec<Vec<JointSummary>>,
 }

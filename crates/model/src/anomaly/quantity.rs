@@ -1,4 +1,4 @@
-//! Quantities of anomalies: names, units, labels and forms of their values, stated once.
+//! Quantities of anomalies: the only list of their names, units, labels and forms.
 
 use std::fmt;
 
@@ -81,8 +81,8 @@ quantities! {
     ProductionLoad "production_load_kg" KG, Production Either WithUnit StandardErrors "load in production";
 }
 
-/// Quantities that replace one another in the episodes of one cause: how friction is measured depends on the test, and a
-/// signal that reads wrong may show it in several ways.
+/// Quantities that may replace one another in the episodes of one cause: the measurement of friction depends on the
+/// test, and several quantities may show a wrong signal.
 const OF_ONE_CAUSE: [&[Quantity]; 3] = [
     &[
         Quantity::FrictionIndex,
@@ -129,7 +129,7 @@ impl Quantity {
         self.facts().history
     }
 
-    /// Which change of the value is a fault.
+    /// Change of the value that is a fault.
     #[must_use]
     pub const fn direction(self) -> FaultDirection {
         self.facts().direction
@@ -169,7 +169,7 @@ impl fmt::Display for Quantity {
 crate::serialize_by_name!(Quantity);
 crate::deserialize_by_name!(Quantity);
 
-/// Which change of a value is a fault.
+/// Change of a value that is a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultDirection {

@@ -1,6 +1,6 @@
 //! Settings of the detectors.
 
-/// When a change counts.
+/// Settings of the detectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DetectSettings {
     /// Runs that form a joint's baseline; below this many the joint is learning.
@@ -9,9 +9,9 @@ pub struct DetectSettings {
     pub drift_warning: f64,
     /// Relative change of friction that is critical.
     pub drift_critical: f64,
-    /// False alarms of a robot and year that may be, by chance, in all joints, kinds and quantities together.
+    /// Permissible false alarms per robot and year, in all joints, kinds and quantities together.
     pub false_alarms_per_robot_year: f64,
-    /// Change of friction, in standard deviations of its smoothed value, that could be chance; `None`: what follows from
+    /// Change of friction, in standard deviations of its smoothed value, that could be chance; `None`: computed from
     /// the rate of false alarms.
     pub drift_sigma: Option<f64>,
     /// Ratio of the RMSD's swing to its baseline that is an oscillation.

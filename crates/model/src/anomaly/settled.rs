@@ -9,7 +9,7 @@ use crate::run::RunKind;
 /// A run's place in time: its start and its key.
 pub type Moment = (Timestamp, i64);
 
-/// The settled part of a history, as far as later windows need it. Nothing is settled in a default value.
+/// The settled part of a history, as far as later windows need it. The default value has nothing settled.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Settled {
     /// Runs before the boundary when it was settled.
@@ -20,13 +20,13 @@ pub struct Settled {
     pub leads_from: Option<Moment>,
     /// The first run that is not settled.
     pub boundary: Option<Moment>,
-    /// The latest run that all of this follows from.
+    /// The latest run that all of this depends on.
     pub follows_until: Option<Moment>,
     /// Keys of the runs with which epochs of joints began before those that lead in.
     pub first_of_epochs: Vec<i64>,
-    /// How many epochs each joint had by then, by position of the joint.
+    /// Number of each joint's epochs by then, by position of the joint.
     pub epochs: Vec<u32>,
-    /// Anomalies that go on beyond the boundary.
+    /// Anomalies that continue beyond the boundary.
     pub open: Vec<Anomaly>,
 }
 

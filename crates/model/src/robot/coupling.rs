@@ -14,7 +14,7 @@ pub enum CouplingTerm {
 }
 
 impl CouplingTerm {
-    /// All of them, in natural order.
+    /// All terms, in natural order.
     pub const ALL: [Self; 3] = [Self::Inertia, Self::Viscous, Self::Coulomb];
 
     pub(super) fn name(self) -> &'static str {
@@ -33,6 +33,6 @@ pub struct Coupling {
     pub joint: JointIndex,
     /// The motor's own joint; the parameters are named after it.
     pub motor_joint: JointIndex,
-    /// How far the motor turns with the other joint, per its own: `R[m, j] / R[m, m]`.
+    /// Motor turn caused by the other joint, relative to that of its own joint: `R[m, j] / R[m, m]`.
     pub ratio: f64,
 }

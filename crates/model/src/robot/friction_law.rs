@@ -1,22 +1,21 @@
-//! How friction depends on speed: the laws, with their terms, columns, names, units and what descriptions write for
-//! them. A new law is an edit of this file and of `docs/robots.md`. `load_friction.rs` has the dependence on load.
+//! Friction over speed: the laws with their terms, columns, names, units and keys in descriptions. A new law needs a
+//! change of this file and of `docs/robots.md`. `load_friction.rs` has the dependence on load.
 
 use super::load_friction::LoadFriction;
 
-/// Which columns describe the friction of a robot's joints.
+/// Columns that describe the friction of a robot's joints.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrictionModel {
     /// The law.
     pub law: FrictionLaw,
-    /// Whether each direction of motion has its own Coulomb and viscous friction. A torque offset is
-    /// then no column of its own: it is half the difference of the two Coulomb parts. Not for
-    /// [`FrictionLaw::Polynomial`].
+    /// True if each direction of motion has separate Coulomb and viscous friction. A torque offset has no column then:
+    /// it is half the difference of the two Coulomb parts. Not for [`FrictionLaw::Polynomial`].
     pub asymmetric: bool,
-    /// Friction in addition that depends on the torque that the gear carries.
+    /// Additional friction that depends on the torque of the gear.
     pub load: LoadFriction,
 }
 
-/// How friction depends on speed.
+/// Dependence of friction on speed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum FrictionLaw {
     /// `f1 sign(v) + f2 v + f3 v² sign(v) + f4 v³` [3.10].
@@ -24,27 +23,27 @@ pub enum FrictionLaw {
     Polynomial,
     /// `fs sign(v) + fv v + off`.
     ViscousCoulomb,
-    /// No friction in the measured torque, as of sensors behind gears without seals.
+    /// No friction in the measured torque, as for sensors behind gears without seals.
     None,
     /// `fs tanh(v / speed) + fv v + off`.
     Smooth {
-        /// Speed at which three quarters of the Coulomb friction act, rad/s (m/s).
+        /// Speed with three quarters of the Coulomb friction, rad/s (m/s).
         speed: f64,
     },
 }
 
-/// What descriptions write for a law, and what it needs.
+/// Keys of a law in descriptions, and its needs.
 #[derive(Debug)]
 pub struct LawKind {
     /// Value of the key `friction_model`.
     pub name: &'static str,
-    /// What it is, for messages.
+    /// Description of the law, for messages.
     pub about: &'static str,
-    /// Keys of the speed that it has, of a revolute joint in rad/s and of a prismatic one in m/s.
+    /// Keys of its speed, in rad/s for a revolute joint and in m/s for a prismatic one.
     pub speed_keys: Option<[&'static str; 2]>,
-    /// Whether each direction of motion may have coefficients of its own.
+    /// True if each direction of motion may have separate coefficients.
     pub has_directions: bool,
-    /// The law with this speed, rad/s (m/s), where it has one.
+    /// The law with this speed, rad/s (m/s), if it has one.
     pub with_speed: fn(f64) -> FrictionLaw,
 }
 
@@ -92,7 +91,7 @@ impl FrictionLaw {
         }
     }
 
-    /// The speed that it has, rad/s (m/s), where it has one.
+    /// Its speed, rad/s (m/s), if it has one.
     #[must_use]
     pub fn speed(self) -> Option<f64> {
         match self {
@@ -101,7 +100,7 @@ impl FrictionLaw {
         }
     }
 
-    /// What its Coulomb friction is multiplied by at a speed, rad/s (m/s); 0 at rest.
+    /// Factor of its Coulomb friction at a speed, rad/s (m/s); 0 at rest.
     #[inline]
     #[must_use]
     pub fn sign(self, speed: f64) -> f64 {
@@ -130,7 +129,7 @@ impl FrictionModel {
     /// Most terms that a model has.
     pub const MAX_TERMS: usize = 4;
 
-    /// Terms of each joint that depend on its speed alone, in natural order. Those of [`LoadFriction::terms`] follow.
+    /// Terms of each joint that depend only on its speed, in natural order. Those of [`LoadFriction::terms`] follow.
     #[must_use]
     pub fn terms(&self) -> &'static [FrictionTerm] {
         use FrictionTerm::{
@@ -145,7 +144,7 @@ impl FrictionModel {
         }
     }
 
-    /// What the friction coefficients of a joint multiply at the speed `qd` (rad/s or m/s), in the order of
+    /// Factors of a joint's friction coefficients at the speed `qd` (rad/s or m/s), in the order of
     /// [`FrictionModel::terms`]; zero beyond them. `sign(0) = 0`.
     ///
     /// - polynomial [3.10]: `sign(qd), qd, qd² sign(qd), qd³`;
@@ -177,7 +176,7 @@ impl FrictionModel {
         self.terms().iter().chain(self.load.terms()).copied()
     }
 
-    /// What the load coefficients multiply where the gear carries `load`, Nm (N), at the speed `qd`, rad/s (m/s), in the
+    /// Factors of the load coefficients if the gear carries `load`, Nm (N), at the speed `qd`, rad/s (m/s), in the
     /// order of [`LoadFriction::terms`]; zero beyond them.
     #[inline]
     #[must_use]
@@ -216,8 +215,8 @@ impl FrictionModel {
         }
     }
 
-    /// How it differs from a line over speed that is the same in both directions, as formats of other programs have;
-    /// completes "friction was identified as ..".
+    /// Difference from a line over speed that is equal in both directions, as in formats of other programs; completes
+    /// "friction was identified as ..".
     #[must_use]
     pub fn beside_a_line(&self) -> &'static str {
         if self.load != LoadFriction::None {
@@ -232,8 +231,8 @@ impl FrictionModel {
         }
     }
 
-    /// Numbers that stand for it in the hash of a description. A model without load friction has those that it had
-    /// before there was any.
+    /// Numbers that represent it in the hash of a description. A model without load friction has the same numbers as
+    /// before load friction existed.
     #[must_use]
     pub fn numbers(&self) -> Vec<f64> {
         let of_speed =
@@ -276,11 +275,11 @@ pub enum FrictionTerm {
     Offset,
     /// `mu`: friction per torque that the gear carries.
     Load,
-    /// `mu_a`: what it is more while the motor drives the load, and less while the load drives the motor.
+    /// `mu_a`: increase of `mu` while the motor drives the load, and decrease while the load drives the motor.
     LoadAsymmetry,
     /// `mu2`: friction per square of the torque that the gear carries.
     LoadSquared,
-    /// `mu_s`: what `mu` has more at a standstill.
+    /// `mu_s`: increase of `mu` at standstill.
     LoadStribeck,
 }
 
@@ -324,7 +323,7 @@ impl FrictionTerm {
         }
     }
 
-    /// What the coefficient multiplies.
+    /// Factor of the coefficient.
     pub(super) fn factor(self) -> TermFactor {
         match self {
             Self::F1 | Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative | Self::Offset => {
@@ -338,14 +337,14 @@ impl FrictionTerm {
         }
     }
 
-    /// Whether it multiplies the torque that the gear carries.
+    /// True if it multiplies the torque that the gear carries.
     #[must_use]
     pub fn is_of_load(self) -> bool {
         matches!(self.factor(), TermFactor::Load(_))
     }
 
-    /// Its value by the nominal friction, a polynomial with these coefficients [3.10]. The laws without its higher
-    /// powers have one only where these vanish; a drive without a fault has no offset.
+    /// Its value from the nominal friction, a polynomial with these coefficients [3.10]. Laws without the higher powers
+    /// have a value only if these vanish; a drive without a fault has no offset.
     #[must_use]
     pub fn nominal(self, [f1, f2, f3, f4]: &[f64; 4]) -> Option<f64> {
         let is_linear = *f3 == 0.0 && *f4 == 0.0;
@@ -357,12 +356,12 @@ impl FrictionTerm {
             Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative => is_linear.then_some(*f1),
             Self::Viscous | Self::ViscousPositive | Self::ViscousNegative => is_linear.then_some(*f2),
             Self::Offset => Some(0.0),
-            // the nominal friction knows no load
+            // the nominal friction has no load
             Self::Load | Self::LoadAsymmetry | Self::LoadSquared | Self::LoadStribeck => None,
         }
     }
 
-    /// Whether its column jumps where a motion turns round.
+    /// True if its column jumps when a motion reverses.
     #[must_use]
     pub fn jumps(self) -> bool {
         matches!(self, Self::F1 | Self::Coulomb | Self::CoulombPositive | Self::CoulombNegative)
@@ -373,7 +372,7 @@ impl FrictionTerm {
 mod tests {
     use super::*;
 
-    /// A few operations.
+    /// Rounding errors of a few operations.
     const ROUNDING: f64 = 1e-14;
 
     fn model(law: FrictionLaw, asymmetric: bool) -> FrictionModel {
@@ -419,7 +418,7 @@ mod tests {
         }
     }
 
-    /// Every law, with and without coefficients of each direction.
+    /// Every law, with and without separate coefficients for each direction.
     pub(in crate::robot) fn models() -> Vec<FrictionModel> {
         let of_kind = |kind: &LawKind| {
             let law = (kind.with_speed)(0.1);

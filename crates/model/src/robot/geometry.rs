@@ -1,4 +1,4 @@
-//! Where joints sit: rigid transforms, and the conventions in which descriptions give them.
+//! Places of joints: rigid transforms, and the conventions of descriptions for them.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,7 +12,7 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// A frame that lies in the other one.
+    /// A frame that coincides with the other one.
     pub const IDENTITY: Self = Self {
         rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
         translation: Vector3::new(0.0, 0.0, 0.0),
@@ -38,7 +38,7 @@ impl Transform {
         Self { translation: Vector3::new(x, y, z), ..Self::IDENTITY }
     }
 
-    /// Origin `xyz` in m and roll, pitch, yaw in rad as URDF has them: `Rz(yaw) Ry(pitch) Rx(roll)`.
+    /// Origin `xyz` in m and roll, pitch, yaw in rad as in URDF: `Rz(yaw) Ry(pitch) Rx(roll)`.
     #[must_use]
     pub fn from_xyz_rpy(xyz: [f64; 3], rpy: [f64; 3]) -> Self {
         let (s, c) = rpy[1].sin_cos();
@@ -47,7 +47,7 @@ impl Transform {
         Self { rotation, translation: Vector3::from(xyz) }
     }
 
-    /// The smallest turn that takes the z axis to the unit vector `axis`.
+    /// The smallest rotation that takes the z axis to the unit vector `axis`.
     ///
     /// `1 + [v] + [v]² / (1 + c)` with `v = z x axis`, `c = z axis` (Rodrigues): exact for axes
     /// along x, y or z. Opposite to z, a half turn about x.
@@ -119,35 +119,35 @@ pub struct DhParameters {
     pub theta_offset: f64,
 }
 
-/// Joint of a URDF file as it stands there.
+/// Joint of a URDF file, unchanged.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UrdfOrigin {
     /// Origin in the parent link's frame, m.
     pub xyz: [f64; 3],
     /// Roll, pitch, yaw of the joint's frame in the parent link's, rad.
     pub rpy: [f64; 3],
-    /// Axis in the joint's frame, as given.
+    /// Axis in the joint's frame, as in the file.
     pub axis: [f64; 3],
 }
 
-/// How a description gives the place of a joint.
+/// Form of a joint's place in a description.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum GeometrySource {
-    /// Modified Denavit-Hartenberg (Craig): `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2],
-    /// where `a` and `alpha` belong to axis `i-1` and frame `i` lies on axis `i`.
+    /// Modified Denavit-Hartenberg (Craig): `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2]. `a` and `alpha`
+    /// belong to axis `i-1`, and frame `i` is on axis `i`.
     ModifiedDh(DhParameters),
-    /// Standard Denavit-Hartenberg: `T(i-1,i) = Rz(theta) Dz(d) Dx(a) Rx(alpha)`, where frame `i` lies
-    /// at the far end of link `i`, on axis `i+1`.
+    /// Standard Denavit-Hartenberg: `T(i-1,i) = Rz(theta) Dz(d) Dx(a) Rx(alpha)`. Frame `i` is at the far end of link
+    /// `i`, on axis `i+1`.
     StandardDh(DhParameters),
     /// A joint of a URDF file.
     Urdf(UrdfOrigin),
 }
 
-/// Place of a joint on the link before it, made once.
+/// Place of a joint on the link before it, computed once.
 ///
-/// The joint's frame has its z along the axis; the joint turns it about or slides it along that z.
-/// Whatever the convention of the description, the moving frame is at the near (proximal) end of the
-/// link that the joint moves, and that link's parameters are about it.
+/// The joint's frame has its z along the axis; the joint rotates about that z or slides along it. In every convention,
+/// the moving frame is at the near (proximal) end of the link that the joint moves, and that link's parameters refer to
+/// it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointGeometry {
     placement: Transform,
@@ -164,11 +164,11 @@ impl JointGeometry {
         Self { placement, source: GeometrySource::ModifiedDh(row) }
     }
 
-    /// From a whole standard DH table, base outwards; the second value is the table's last frame in
-    /// the frame of the last joint.
+    /// From a complete standard DH table, base outwards; the second value is the table's last frame in the frame of the
+    /// last joint.
     ///
-    /// Joint `i` acts along `z(i-1)`, so its place is what the row before leaves after its own joint,
-    /// `Dz(d) Dx(a) Rx(alpha)` of row `i-1`, then `Rz(theta_offset)` of row `i`.
+    /// Joint `i` acts along `z(i-1)`. Its place therefore consists of the part of row `i-1` after that row's joint,
+    /// `Dz(d) Dx(a) Rx(alpha)`, and of `Rz(theta_offset)` of row `i`.
     #[must_use]
     pub fn standard_dh(rows: &[DhParameters]) -> (Vec<Self>, Transform) {
         let mut before = Transform::IDENTITY;
@@ -183,8 +183,8 @@ impl JointGeometry {
         (joints, before)
     }
 
-    /// A joint of a URDF file whose frame, turned so that z is the axis, lies at `placement` in the
-    /// frame of the link before.
+    /// A joint of a URDF file. Its frame, rotated so that z is the axis, is at `placement` in the frame of the link
+    /// before.
     #[must_use]
     pub fn urdf(placement: Transform, origin: UrdfOrigin) -> Self {
         Self { placement, source: GeometrySource::Urdf(origin) }
@@ -197,7 +197,7 @@ impl JointGeometry {
         &self.placement
     }
 
-    /// The row of a Denavit-Hartenberg table, of either convention, that it comes from.
+    /// Its row of a Denavit-Hartenberg table of either convention, if it has one.
     #[must_use]
     pub fn dh_row(&self) -> Option<DhParameters> {
         match self.source {
@@ -206,7 +206,7 @@ impl JointGeometry {
         }
     }
 
-    /// How the description gives it.
+    /// Its form in the description.
     #[must_use]
     pub fn source(&self) -> &GeometrySource {
         &self.source
@@ -219,7 +219,7 @@ mod tests {
 
     use super::*;
 
-    /// A handful of operations.
+    /// Rounding errors of a handful of operations.
     const ROUNDING: f64 = 1e-15;
 
     #[test]

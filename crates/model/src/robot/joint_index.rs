@@ -4,15 +4,14 @@ use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// A joint of a chain. Counts from 0 inside; people read [`JointIndex::number`], which counts
-/// from 1.
+/// A joint of a chain. It counts from 0 internally; people read [`JointIndex::number`], which counts from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct JointIndex(
-    // every row of a friction stage has one
+    // small, since every row of a friction stage has one
     u16,
 );
 
-/// JSON has the number that people read.
+/// JSON contains the number that people read.
 impl Serialize for JointIndex {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_u64(self.number() as u64)
@@ -33,7 +32,7 @@ impl JointIndex {
         Self(if index < u16::MAX as usize { index as u16 } else { u16::MAX })
     }
 
-    /// The joint that people call `number`, counted from 1 at the base; `None` for 0.
+    /// The joint with the number `number`, counted from 1 at the base; `None` for 0.
     #[must_use]
     pub const fn from_number(number: usize) -> Option<Self> {
         match number.checked_sub(1) {
@@ -48,7 +47,7 @@ impl JointIndex {
         self.0 as usize
     }
 
-    /// The number people read, from 1 at the base.
+    /// The number that people read, from 1 at the base.
     #[must_use]
     pub const fn number(self) -> usize {
         self.index() + 1

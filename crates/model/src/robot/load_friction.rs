@@ -1,9 +1,9 @@
-//! How friction depends on the torque that a gear carries: terms, columns, names and what descriptions write for them.
+//! Friction over the torque that a gear carries: terms, columns, names and keys in descriptions.
 
 use super::friction_law::FrictionTerm;
 
 /// Friction in addition to that of speed, from the torque `L` that the gear carries: the rigid-body torque of the links
-/// at the joint. `s` is the sign of the speed, smooth where the law of speed has a smooth sign.
+/// at the joint. `s` is the sign of the speed, smooth if the law of speed has a smooth sign.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum LoadFriction {
     /// No such friction.
@@ -13,25 +13,25 @@ pub enum LoadFriction {
     Linear,
     /// `(mu |L| + mu2 L²) s`.
     Quadratic,
-    /// `mu |L| s + mu_a L |s|`: `mu + mu_a` while the motor drives the load, `mu - mu_a` while the load drives the motor. A
-    /// gear of constant efficiency `e` has `1/e - 1` and `1 - e`. At speed, `mu_a` is a gain of the joint's torque: only what
-    /// other joints say of the same links shows it.
+    /// `mu |L| s + mu_a L |s|`: `mu + mu_a` while the motor drives the load, `mu - mu_a` while the load drives the
+    /// motor. A gear of constant efficiency `e` has `1/e - 1` and `1 - e`. At speed, `mu_a` acts like a gain of the
+    /// joint's torque: only measurements of other joints that carry the same links determine it.
     Directional,
     /// `(mu + mu_s exp(-(v / speed)²)) |L| s`.
     Stribeck {
-        /// Speed at which `mu_s` has fallen to 1/e, rad/s (m/s).
+        /// Speed where `mu_s` has fallen to 1/e, rad/s (m/s).
         speed: f64,
     },
 }
 
-/// What descriptions write for a dependence on load.
+/// Keys of a dependence on load in descriptions.
 #[derive(Debug)]
 pub struct LoadKind {
     /// Value of the key `load_friction`.
     pub name: &'static str,
-    /// What it is, for messages.
+    /// Description of the dependence, for messages.
     pub about: &'static str,
-    /// The dependence with this speed, rad/s (m/s), where it has one.
+    /// The dependence with this speed, rad/s (m/s), if it has one.
     pub with_speed: fn(f64) -> LoadFriction,
 }
 
@@ -76,7 +76,7 @@ impl LoadFriction {
         self.kind().1.name
     }
 
-    /// The speed that it has, rad/s (m/s), where it has one.
+    /// Its speed, rad/s (m/s), if it has one.
     #[must_use]
     pub fn speed(self) -> Option<f64> {
         match self {
@@ -98,7 +98,7 @@ impl LoadFriction {
         }
     }
 
-    /// What the coefficients multiply where the gear carries `load`, Nm (N), at the speed `qd`, rad/s (m/s), with the sign
+    /// Factors of the coefficients if the gear carries `load`, Nm (N), at the speed `qd`, rad/s (m/s), with the sign
     /// `sign` of that speed; zero beyond the terms.
     #[inline]
     #[must_use]
@@ -113,7 +113,7 @@ impl LoadFriction {
         }
     }
 
-    /// What multiplies the sign of the speed, as a formula.
+    /// Factor of the sign of the speed, as a formula.
     pub(super) fn formula(self) -> String {
         match self {
             Self::None => "0".to_owned(),
@@ -124,7 +124,7 @@ impl LoadFriction {
         }
     }
 
-    /// Numbers that stand for it in the hash of a description; none without load friction.
+    /// Numbers that represent it in the hash of a description; none without load friction.
     pub(super) fn numbers(self) -> Vec<f64> {
         match self {
             Self::None => Vec::new(),

@@ -10,12 +10,12 @@ pub fn composed(name: &str) -> Cow<'_, str> {
     if name.is_ascii() || is_nfc(name) { Cow::Borrowed(name) } else { Cow::Owned(name.nfc().collect()) }
 }
 
-/// Why a new name may be that of a known robot.
+/// Reason why a new name may be that of a known robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NameLikeness {
     /// It differs from this known name only in case, blanks or the form of characters.
     Spelling(String),
-    /// A file manager or a program that copies files calls copies of this robot's exports so.
+    /// It is a name that file managers and copying programs give to copies of this robot's exports.
     Copy(String),
 }
 
@@ -40,7 +40,7 @@ pub fn likeness<'a>(new: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     is_certain.then(|| NameLikeness::Copy(rest.to_owned()))
 }
 
-/// The name that a copy of this name would have been made of; `None` for a name without the mark of a copy.
+/// The name of the original if this name has the mark of a copy; `None` without the mark.
 #[must_use]
 pub fn original_of(name: &str) -> Option<&str> {
     let mut rest = None;
@@ -56,15 +56,16 @@ fn bare(name: &str) -> String {
     name.nfkc().filter(|c| !is_blank(*c)).flat_map(char::to_lowercase).nfc().collect()
 }
 
-/// What copies are called before the name of the original.
+/// Marks of a copy before the name of the original.
 const BEFORE: [&str; 8] =
     ["copy of ", "kopie von ", "copia di ", "copia de ", "copie de ", "~$", ".~lock.", "~"];
 
-/// Words for a copy behind the name.
+/// Words for a copy after the name.
 const WORDS: [&str; 8] =
     ["conflicted copy", "copy", "kopie", "copia", "copie", "sync-conflict", "conflict", "konflikt"];
 
-/// A name without one mark of a copy, and whether only copies have that mark: robots have numbers too. `None` without any.
+/// A name without one mark of a copy, and true if only copies have that mark: robots have numbers too. `None` without a
+/// mark.
 fn without_mark(name: &str) -> Option<(&str, bool)> {
     let name = name.trim();
     for mark in BEFORE {
@@ -95,7 +96,7 @@ fn without_mark(name: &str) -> Option<(&str, bool)> {
         let at = lower.rfind(word)?;
         let (before, behind) = (&name[..at], &lower[at + word.len()..]);
         let is_parted = before.ends_with([' ', '-', '_', '.', '#']);
-        // a number or a moment may follow
+        // a number or a time may follow
         let is_end =
             behind.chars().all(|c| c.is_ascii_digit() || " -_.".contains(c)) || *word == "sync-conflict";
         if is_parted && is_end { original(before, true) } else { None }
@@ -106,7 +107,7 @@ fn is_number(text: &str) -> bool {
     !text.is_empty() && text.len() <= 3 && text.bytes().all(|byte| byte.is_ascii_digit())
 }
 
-/// The name that is left without a mark and the characters between them.
+/// The rest of a name without a mark and the characters between them.
 fn original(rest: &str, is_certain: bool) -> Option<(&str, bool)> {
     let rest = rest.trim_matches([' ', '-', '_', '.']);
     (!rest.is_empty()).then_some((rest, is_certain))

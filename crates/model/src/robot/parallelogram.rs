@@ -1,33 +1,33 @@
-//! Parallelograms, as palletisers have: a crank beside the upper arm moves the forearm.
+//! Parallelograms, as in palletisers: a crank next to the upper arm moves the forearm.
 
 use super::joint_index::JointIndex;
 use super::standard_parameters::StandardParameters;
 use super::{Joint, JointKind};
 
-/// Cosine of the largest angle between parallel axes: rounded descriptions are 1e-4 rad off.
+/// Cosine of the largest angle between parallel axes: rounded descriptions are off by 1e-4 rad.
 const PARALLEL: f64 = 1.0 - 1e-7;
 
 /// A parallelogram whose crank turns about the axis of the upper arm's joint, parallel to the forearm.
 ///
-/// The crank is a body of its own with ten parameters. The rod between crank and forearm needs none: the upper arm has its
-/// inertia, and crank and forearm its mass.
+/// The crank is a separate body with ten parameters. The rod between crank and forearm needs none: its inertia is
+/// included in the upper arm, and its mass in crank and forearm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parallelogram {
     /// Joint of the upper arm, about whose axis the crank turns.
     pub upper_arm: JointIndex,
     /// Joint of the forearm, the next one; the parameters are named after it.
     pub forearm: JointIndex,
-    /// 1 where the two axes point alike, -1 where they point against each other: the crank stands at
-    /// `q_upper_arm + sense q_forearm`.
+    /// 1 if the two axes have the same direction, -1 if they are opposite: the position of the crank is `q_upper_arm +
+    /// sense q_forearm`.
     pub sense: f64,
-    /// Parameters of the crank, where known: what the simulator moves. Its frame is that of the upper arm's joint, turned
+    /// Parameters of the crank, if known; the simulator uses them. Its frame is that of the upper arm's joint, turned
     /// with the crank.
     pub nominal: Option<StandardParameters>,
 }
 
 impl Parallelogram {
-    /// The parallelogram that moves the forearm of `joints`; `None` unless it and the joint before it turn about parallel
-    /// axes.
+    /// The parallelogram that moves the forearm of `joints`; `None` unless it and the joint before it turn about
+    /// parallel axes.
     #[must_use]
     pub fn new(joints: &[Joint], forearm: JointIndex, nominal: Option<StandardParameters>) -> Option<Self> {
         let upper_arm = JointIndex::new(forearm.index().checked_sub(1)?);

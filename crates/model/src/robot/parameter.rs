@@ -1,5 +1,5 @@
-//! What a dynamic model is made of: inertial parameters of links, friction columns of joints, motor
-//! inertias, couplings, springs and cranks, with their names, units and natural order.
+//! Parameters of a dynamic model: inertial parameters of links, friction columns of joints, motor inertias, couplings,
+//! springs and cranks, with their names, units and natural order.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use super::spring::SpringTerm;
 use super::standard_parameters::StandardParameters;
 use super::{JointKind, Robot};
 
-/// Which quantity a parameter of a joint or its link is.
+/// Quantity of a parameter of a joint or its link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ParameterKind {
     /// Inertial parameter of the link, index into [`StandardParameters::NAMES`].
@@ -29,7 +29,7 @@ pub enum ParameterKind {
 }
 
 impl ParameterKind {
-    /// Every kind that there is, in natural order.
+    /// Every kind, in natural order.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..10)
             .map(Self::Inertial)
@@ -133,8 +133,8 @@ impl ParameterId {
     }
 }
 
-/// What the ten standard parameters of a link add to a sum of standard parameters, by their place; `terms` are its
-/// coefficients and parameters.
+/// Coefficients of a link's ten standard parameters in a sum of standard parameters, in their order; `terms` are the
+/// coefficients and parameters of the sum.
 #[must_use]
 pub fn shares_of_link(terms: &[(f64, ParameterId)], link: JointIndex) -> [f64; 10] {
     let mut found = [0.0; 10];
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
     use crate::robot::Transform;
 
-    /// A few dozen operations on numbers of about one.
+    /// Rounding errors of a few dozen operations on numbers of about one.
     const ROUNDING: f64 = 1e-14;
 
     #[test]

@@ -1,10 +1,10 @@
-//! Space: what the links take up of it, and what stands around the arm.
+//! Space occupied by the links, and obstacles around the arm.
 
 use nalgebra::Vector3;
 
 use super::geometry::Transform;
 
-/// A capsule round a part of a link: all points within a radius of a line.
+/// A capsule around a part of a link: all points within a radius of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capsule {
     /// Number of the joint that moves the link; 0 for the base.
@@ -15,19 +15,19 @@ pub struct Capsule {
     pub radius: f64,
 }
 
-/// What the links of an arm take up of space.
+/// Space occupied by the links of an arm.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ArmShape {
-    /// Capsules, any number a link.
+    /// Capsules, any number per link.
     pub capsules: Vec<Capsule>,
     /// Pairs of links that must not touch, as numbers of [`Capsule::link`].
     pub pairs: Vec<[usize; 2]>,
 }
 
-/// What stands around an arm.
+/// Surroundings of an arm.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Cell {
-    /// Obstacles, each kept from all capsules of the arm but those of the base.
+    /// Obstacles, which must stay clear of all capsules of the arm except those of the base.
     pub obstacles: Vec<Obstacle>,
 }
 
@@ -47,19 +47,19 @@ pub enum ObstacleForm {
     Plane {
         /// A point of the plane.
         point: Vector3<f64>,
-        /// Unit vector to the side where the arm may be.
+        /// Unit vector to the arm's side.
         normal: Vector3<f64>,
     },
     /// A box.
     Box {
-        /// Its middle and axes.
+        /// Its centre and axes.
         place: Transform,
         /// Half its edges, along its axes.
         half_edges: Vector3<f64>,
     },
     /// A cylinder with flat ends.
     Cylinder {
-        /// Middles of its ends.
+        /// Centres of its ends.
         ends: [Vector3<f64>; 2],
         /// Radius.
         radius: f64,

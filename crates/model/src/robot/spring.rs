@@ -1,29 +1,29 @@
-//! Springs and counterbalances beside a joint's motor, and their parameters.
+//! Springs and counterbalances in parallel with a joint's motor, and their parameters.
 
 use super::joint_index::JointIndex;
 
-/// A spring that drives a joint beside its motor.
+/// A spring that drives a joint in addition to its motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spring {
     /// The joint that it drives.
     pub joint: JointIndex,
-    /// How its force depends on the position.
+    /// Dependence of its force on the position.
     pub form: SpringForm,
-    /// Its two parameters in the order of [`Spring::terms`], where known: what the simulator has.
+    /// Its two parameters in the order of [`Spring::terms`], if known; the simulator uses them.
     pub nominal: Option<[f64; 2]>,
 }
 
-/// How the force of a spring depends on the joint's position.
+/// Dependence of a spring's force on the joint's position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SpringForm {
     /// Wound with the joint: the motor's torque is `k_s q + t_s`.
     Direct,
-    /// Between a pin on the link before and one on the joint's link: a coil spring, gas spring or hydraulic cylinder. It
-    /// pulls the pins together with `t_c + k_c (l - l_0)`, where `l` is their distance and `l_0` the shortest one.
+    /// Between a pin on the link before and one on the joint's link: a coil spring, gas spring or hydraulic cylinder.
+    /// It pulls the pins together with `t_c + k_c (l - l_0)`, where `l` is their distance and `l_0` the shortest one.
     Cylinder {
         /// Distances of the two pins from the joint's axis, m; they differ.
         pins: [f64; 2],
-        /// Position at which both pins are on the same side of the axis, rad.
+        /// Position with both pins on the same side of the axis, rad.
         aligned: f64,
     },
 }
@@ -35,14 +35,14 @@ pub enum SpringTerm {
     Stiffness,
     /// `t_s`: torque at position 0.
     Preload,
-    /// `k_c`: pull of a cylinder per length.
+    /// `k_c`: force of a cylinder per length.
     CylinderStiffness,
-    /// `t_c`: pull of a cylinder at its shortest.
+    /// `t_c`: force of a cylinder at its shortest length.
     CylinderPreload,
 }
 
 impl SpringTerm {
-    /// All of them, in natural order.
+    /// All parameters, in natural order.
     pub const ALL: [Self; 4] =
         [Self::Stiffness, Self::Preload, Self::CylinderStiffness, Self::CylinderPreload];
 
@@ -68,8 +68,8 @@ impl Spring {
 
     /// Torque of the motor per unit of each parameter at the position `q`, rad (m).
     ///
-    /// A cylinder of length `l = sqrt(a² + b² - 2 a b cos p)`, with the angle `p` between the pins at `a` and `b`, has the
-    /// lever `dl/dq = a b sin p / l`.
+    /// A cylinder of length `l = sqrt(a² + b² - 2 a b cos p)`, with the angle `p` between the pins at `a` and `b`,
+    /// has the lever `dl/dq = a b sin p / l`.
     #[inline]
     #[must_use]
     pub fn columns(&self, q: f64) -> [f64; 2] {

@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::geometry::Transform;
 
-/// Ten inertial parameters of a link about the origin of its own frame, in the order
-/// [`StandardParameters::NAMES`]. `mP` is the first moment, mass times centre of mass; inertia is
-/// about the frame's origin, not about the centre of mass.
+/// Ten inertial parameters of a link about the origin of its own frame, in the order of [`StandardParameters::NAMES`].
+/// `mP` is the first moment, mass times centre of mass; inertia is about the frame's origin, not about the centre of
+/// mass.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StandardParameters(pub [f64; 10]);
 
@@ -57,8 +57,7 @@ impl StandardParameters {
         if self.mass() == 0.0 { Vector3::zeros() } else { self.first_moment() / self.mass() }
     }
 
-    /// Inertia about the centre of mass, axes of the link frame, kg m²: the parallel-axis theorem
-    /// backwards.
+    /// Inertia about the centre of mass, axes of the link frame, kg m², by the inverse parallel-axis theorem.
     #[must_use]
     pub fn inertia_about_centre(&self) -> Matrix3<f64> {
         let c = self.centre_of_mass();
@@ -66,7 +65,7 @@ impl StandardParameters {
         self.inertia() - shift * self.mass()
     }
 
-    /// The same body about another frame, in which this one has the pose `frame`.
+    /// The same body about another frame; `frame` is the pose of this frame in the other one.
     ///
     /// With the second moment `S = tr(I)/2 1 - I` and the first moment `h`:
     /// `S' = R S R' + R h t' + t (R h)' + m t t'`; nothing divides by the mass.
@@ -83,7 +82,7 @@ impl StandardParameters {
         Self::new(mass, &(h + t * mass), &inertia)
     }
 
-    /// Two bodies as one, about the same frame.
+    /// Two bodies combined, about the same frame.
     #[must_use]
     pub fn joined(&self, other: &Self) -> Self {
         Self(std::array::from_fn(|k| self.0[k] + other.0[k]))

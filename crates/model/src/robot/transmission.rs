@@ -2,12 +2,12 @@
 
 use nalgebra::DMatrix;
 
-/// Smallest singular value of a transmission with columns scaled to unit norm that still counts: below,
-/// one motor only repeats what others do.
+/// Smallest singular value of a regular transmission with columns scaled to unit norm: below it, one motor only repeats
+/// the motion of others.
 const SINGULAR: f64 = 1e-9;
 
-/// Inverse `[n x n]` of the transmission `R`: joint turns per motor turn. `None` if `R` is not square, has an entry that is
-/// not finite, or is singular.
+/// Inverse `[n x n]` of the transmission `R`: joint turns per motor turn. `None` if `R` is not square, has an entry
+/// that is not finite, or is singular.
 #[must_use]
 pub fn joint_per_motor(r: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     if !r.is_square() || r.iter().any(|x| !x.is_finite()) {

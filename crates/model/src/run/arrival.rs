@@ -1,7 +1,7 @@
 //! Implausible starts of recordings, from the sequence of their arrival.
 //!
-//! The order of tests decides every comparison, so a date is checked as a channel is. Evidence for a date is the time of
-//! the file; evidence against it is its arrival and the recordings that arrived before and after it. The rule is in
+//! The order of tests decides every comparison, so dates are checked like channels. The time of the file supports a
+//! date; its arrival and the recordings that arrived before and after it may contradict the date. The rule is in
 //! docs/method.md.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -15,57 +15,58 @@ pub const GRACE: SignedDuration = SignedDuration::from_hours(24);
 /// A file is written within this time of its recording, time zones included.
 const WRITTEN_WITHIN: SignedDuration = SignedDuration::from_hours(48);
 
-/// A recording that arrives so long after its neighbours is an ordinary straggler.
+/// Delay after its neighbours within which a recording is an ordinary straggler.
 const STRAGGLER: SignedDuration = SignedDuration::from_hours(14 * 24);
 
-/// Recordings that lie further apart than this have no neighbour in common.
+/// Distance in time beyond which recordings have no neighbour in common.
 const YEAR: SignedDuration = SignedDuration::from_hours(365 * 24);
 
-/// An unknown rhythm allows steps of this length.
+/// Allowed step of an unknown rhythm.
 const FIRST_STEP: SignedDuration = SignedDuration::from_hours(31 * 24);
 
 /// No machine that runs this program has a clock before 2026.
 const EARLIEST_ARRIVAL: Timestamp = Timestamp::constant(1_767_225_600, 0);
 
-/// Clocks that lost their battery begin in 1970, 1980 or 2000, and so do the files that they write.
+/// Clocks that lost their battery begin in 1970, 1980 or 2000, and so do the times of files that they write.
 const EARLIEST_FILE: Timestamp = Timestamp::constant(978_307_200, 0);
 
-/// Recordings before which an order of arrival says nothing yet.
+/// Least number of recordings for a meaningful order of arrival.
 const ORDERED: usize = 5;
 
-/// Recordings before which a jump ahead says nothing yet.
+/// Least number of recordings for a meaningful jump ahead.
 const KNOWN_RHYTHM: usize = 3;
 
-/// A jump ahead is longer than this many usual steps.
+/// Number of usual steps that a jump ahead exceeds.
 const JUMP_STEPS: i32 = 4;
 
-/// Most recordings that one jump ahead may have, unless more came before it.
+/// Most recordings of one jump ahead, unless more were recorded before it.
 const MOST_AHEAD: usize = 12;
 
-/// Steps back in an order of arrival that is still one; a twentieth of the recordings, if that is more.
+/// Most steps back in an order of arrival; a twentieth of the recordings, if that is more.
 const STEPS_BACK: usize = 3;
 
-/// Recordings of one start that are no coincidence. More of them are needed on a full hour, where names have no minutes.
+/// Number of recordings with one start that are no coincidence. On a full hour more are needed, since names may have no
+/// minutes.
 const SAME_START: usize = 3;
 const SAME_FULL_HOUR: usize = 5;
 
 /// A recording of a robot, as it arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrival<'a> {
-    /// Start of the recording, as its name, its rows or its file say.
+    /// Start of the recording, from its name, its rows or its file.
     pub started_at: Timestamp,
-    /// When the program first read it, by the clock of its machine.
+    /// Time of its first reading, by the clock of the program's machine.
     pub arrived_at: Timestamp,
     /// Modification time of its file.
     pub file_time: Option<Timestamp>,
     /// Folder of the file.
     pub folder: &'a str,
-    /// Whether a person has said that the start is right.
+    /// True if a person has confirmed the start.
     pub is_confirmed: bool,
 }
 
 impl Arrival<'_> {
-    /// Whether the time of the file agrees with the start, and is another witness than the start itself.
+    /// True if the time of the file agrees with the start and is independent of it.
     fn is_supported(&self) -> bool {
         let agrees = |file: Timestamp| {
             file >= EARLIEST_FILE
@@ -80,7 +81,7 @@ impl Arrival<'_> {
     }
 }
 
-/// Why a start cannot be right.
+/// Reason why a start is implausible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DateProblem {
     /// It is later than the arrival of the file.
@@ -91,23 +92,23 @@ pub enum DateProblem {
     YearsBefore(SignedDuration),
     /// It is before earlier arrivals, by more than any recording of this folder was late.
     OutOfOrder(SignedDuration),
-    /// It is the start of so many other recordings.
+    /// It is the start of this many other recordings.
     SameStart(usize),
 }
 
-/// A start that cannot be right.
+/// An implausible start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImplausibleDate {
     /// The start.
     pub started_at: Timestamp,
-    /// Why.
+    /// Reason.
     pub problem: DateProblem,
-    /// Whether it is in the order of arrival all the same, so that the recording counts.
+    /// True if it is still in the order of arrival, so that the recording counts.
     pub is_in_order: bool,
 }
 
 impl fmt::Display for ImplausibleDate {
-    /// Such as `dated 2036-01-01 08:00Z, 3321 days after the file arrived`.
+    /// For example `dated 2036-01-01 08:00Z, 3321 days after the file arrived`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "dated {}, ", self.started_at.strftime("%Y-%m-%d %H:%MZ"))?;
         match self.problem {
@@ -129,8 +130,8 @@ fn days(length: SignedDuration) -> String {
     }
 }
 
-/// Looks at the starts of a robot's recordings of one kind, given in the order of their arrival. One entry a recording;
-/// `None` for a start that can be right.
+/// Checks the starts of a robot's recordings of one kind, given in the order of their arrival. One entry per recording;
+/// `None` for a plausible start.
 #[must_use]
 pub fn implausible_dates(arrivals: &[Arrival<'_>]) -> Vec<Option<ImplausibleDate>> {
     let isolated = isolated(arrivals);
@@ -153,13 +154,13 @@ pub fn implausible_dates(arrivals: &[Arrival<'_>]) -> Vec<Option<ImplausibleDate
 /// The recordings so far, in the order of arrival.
 struct Sequence<'a> {
     arrivals: &'a [Arrival<'a>],
-    /// By recording, the group of neighbours in time, rising; `None` if a file supports the group.
+    /// By recording, the group of neighbours in time, ascending; `None` if a file supports the group.
     isolated: &'a [Option<usize>],
     ordered: &'a HashSet<&'a str>,
     ahead: &'a HashMap<usize, SignedDuration>,
     /// Those that count, by start.
     counted: BTreeSet<(Timestamp, usize)>,
-    /// By folder: how many count, the latest start, and by how much one came late.
+    /// By folder: the number that count, the latest start, and the largest delay.
     folders: BTreeMap<&'a str, Folder>,
     /// Longest step from one latest start to the next.
     stride: Option<SignedDuration>,
@@ -173,7 +174,7 @@ struct Folder {
     lateness: SignedDuration,
 }
 
-/// Recordings that were ahead, and by how much.
+/// Recordings that were ahead, each with its lead.
 type Ahead = Vec<(usize, SignedDuration)>;
 
 impl<'a> Sequence<'a> {
@@ -283,14 +284,14 @@ impl<'a> Sequence<'a> {
         }
     }
 
-    /// Longest step between neighbours in time that are not of `block`, which are the latest ones.
+    /// Longest step between neighbours in time outside `block`, which contains the latest ones.
     fn step_before(&self, block: &[usize]) -> Option<SignedDuration> {
         let starts: Vec<Timestamp> =
             self.counted.iter().take(self.counted.len() - block.len()).map(|(start, _)| *start).collect();
         starts.windows(2).map(|pair| pair[1].duration_since(pair[0])).max()
     }
 
-    /// Why a recording is too far before earlier arrivals.
+    /// Reason why a recording is too far before earlier arrivals.
     fn too_early(&self, at: usize) -> Option<DateProblem> {
         let of = &self.arrivals[at];
         let (latest, other) = *self.counted.last()?;
@@ -306,7 +307,7 @@ impl<'a> Sequence<'a> {
     }
 }
 
-/// Tells whether a start continues the rhythm of those before it.
+/// True if a start continues the rhythm of those before it.
 fn goes_on(
     latest: Option<Timestamp>,
     recordings: usize,
@@ -323,7 +324,8 @@ fn goes_on(
     step >= SignedDuration::ZERO && step <= usual.max(GRACE)
 }
 
-/// By recording, the number of its group, unless a file supports one of the group. Groups are more than a year apart.
+/// By recording, the number of its group; `None` if a file supports a recording of the group. Groups are more than a
+/// year apart.
 fn isolated(arrivals: &[Arrival<'_>]) -> Vec<Option<usize>> {
     let mut by_start: Vec<usize> =
         (0..arrivals.len()).filter(|at| !arrivals[*at].is_after_arrival()).collect();
@@ -339,8 +341,8 @@ fn isolated(arrivals: &[Arrival<'_>]) -> Vec<Option<usize>> {
     groups
 }
 
-/// Folders in which recordings arrive in the order of their starts, on the whole: an archive that is read in any order says
-/// nothing.
+/// Folders whose recordings mostly arrive in the order of their starts. In other folders, such as an archive read in
+/// any order, the order of arrival has no meaning.
 fn ordered_folders<'a>(arrivals: &'a [Arrival<'a>]) -> HashSet<&'a str> {
     let mut folders: HashMap<&str, (usize, usize, Timestamp)> = HashMap::new();
     for of in arrivals.iter().filter(|of| !of.is_after_arrival() && !of.is_supported()) {
@@ -354,7 +356,7 @@ fn ordered_folders<'a>(arrivals: &'a [Arrival<'a>]) -> HashSet<&'a str> {
     ordered.map(|(folder, _)| folder).collect()
 }
 
-/// Names recordings of one start, which count in the order of arrival.
+/// Marks recordings with the same start, which count in the order of arrival.
 fn same_starts(arrivals: &[Arrival<'_>], found: &mut [Option<ImplausibleDate>]) {
     let mut by_start: BTreeMap<Timestamp, Vec<usize>> = BTreeMap::new();
     for (at, of) in arrivals.iter().enumerate().filter(|(_, of)| !of.is_confirmed) {

@@ -1,15 +1,15 @@
-//! Channels that have a value in some rows of a recording only.
+//! Channels that have a value in only some rows of a recording.
 
 /// The value of a slower channel in a row that has none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slower {
-    /// That of the last row with one.
+    /// The value of the last row with one.
     Hold,
-    /// On the straight line between the rows with one around it.
+    /// A value on the straight line between the nearest rows with one.
     Resample,
 }
 
-/// Which channels may have rows without a value; `None` for those that have one in each row.
+/// Channels that may have rows without a value; `None` for those with a value in each row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SlowerChannels {
     /// Torques.

@@ -1,8 +1,8 @@
-//! Rules that give rows their stage.
+//! Rules that assign stages to rows.
 
 use super::Stage;
 
-/// Where the stage of a row comes from.
+/// Source of a row's stage.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum StageRule {
     /// From the export: it is [`StageReading::Known`](super::StageReading::Known) already.
@@ -12,9 +12,9 @@ pub enum StageRule {
     Levels(LevelSettings),
     /// From the motion.
     Motion,
-    /// From time alone.
+    /// Only from time.
     Schedule(Schedule),
-    /// From nothing: a recording without stages is taken window by window.
+    /// None: a recording without stages is analysed window by window.
     Windows {
         /// Duration of a window, s.
         window: f64,
@@ -26,14 +26,14 @@ pub enum StageRule {
 pub struct LevelSettings {
     /// Stages and their ranges, lower and upper end included; ranges do not overlap.
     pub ranges: Vec<(Stage, [f64; 2])>,
-    /// By how much the signal may leave the range of the present stage.
+    /// Tolerance of the signal outside the range of the present stage.
     pub hysteresis: f64,
-    /// How long another level must last to be another stage, s. The stage then counts from its first row.
+    /// Least duration of another level that is another stage, s. The stage then begins at its first row.
     pub debounce: f64,
 }
 
 impl LevelSettings {
-    /// The stage of a level that comes after `present`; `None` in no stage's range.
+    /// The stage of a level that follows `present`; `None` if no stage's range contains it.
     #[must_use]
     pub fn stage_of(&self, level: f64, present: Stage) -> Option<Stage> {
         let inside = |stage: Stage, margin: f64| {
@@ -47,7 +47,7 @@ impl LevelSettings {
     }
 }
 
-/// A sequence of stages that is repeated from the start of the recording on.
+/// A sequence of stages that repeats from the start of the recording on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Time before the first cycle, s.

@@ -1,51 +1,51 @@
-//! Temperatures beside the rows of a recording. They change once in thousands of rows and are often missing,
-//! so they are kept as stretches of one value.
+//! Temperatures next to the rows of a recording. They change once in thousands of rows and are often missing, so they
+//! are stored as intervals with one value.
 
 use std::collections::VecDeque;
 
 /// Absolute temperature of 0 degC, K.
 pub const ZERO_CELSIUS: f64 = 273.15;
 
-/// Steps of a kelvin in which temperatures are kept: finer than any sensor of a drive resolves, so that a value
-/// which is repeated with rounding stays one stretch.
+/// Steps per kelvin of stored temperatures: finer than the resolution of any drive's sensor, so a value repeated with
+/// rounding stays one interval.
 const STEPS: f64 = 100.0;
 
-/// One temperature along the rows of a recording: stretches of rows with one value, kept to 0.01 K.
+/// One temperature along the rows of a recording: intervals of rows with one value, stored to 0.01 K.
 ///
-/// A row without a value has none; the value before is not carried on.
+/// A row without a value has none; the value before it is not repeated.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct TemperatureTrack {
-    /// Neighbours differ, so that equal tracks are equal however they were put together.
+    /// Neighbours differ, so equal tracks compare as equal, however they were built.
     stretches: VecDeque<Stretch>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stretch {
     rows: u32,
-    /// In steps; [`NOTHING`] where no value stands.
+    /// In steps; [`NOTHING`] if there is no value.
     steps: i32,
 }
 
-/// Stands for no value.
+/// Marks a missing value.
 const NOTHING: i32 = i32::MIN;
 
 impl TemperatureTrack {
-    /// Adds a row with a temperature in K, or with none. What is not finite is none, and what lies beyond
-    /// twenty million kelvin stays there.
+    /// Adds a row with a temperature in K, or with none. A non-finite value counts as none, and values beyond twenty
+    /// million kelvin are limited to that.
     pub fn push(&mut self, kelvin: Option<f64>) {
         let finite = kelvin.filter(|kelvin| kelvin.is_finite());
-        // a cast that saturates; one above the least number, which stands for no value
+        // a saturating cast; the result stays above the least number, which marks a missing value
         let steps = finite.map_or(NOTHING, |kelvin| ((kelvin * STEPS).round() as i32).max(NOTHING + 1));
         self.add(Stretch { rows: 1, steps });
     }
 
-    /// Rows.
+    /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.stretches.iter().map(|stretch| stretch.rows as usize).sum()
     }
 
-    /// Stretches of rows with a value: how many rows, and the temperature, K.
+    /// Intervals of rows with a value: number of rows, and the temperature, K.
     pub fn measured(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         let measured = self.stretches.iter().filter(|stretch| stretch.steps != NOTHING);
         measured.map(|stretch| (stretch.rows as usize, f64::from(stretch.steps) / STEPS))
@@ -56,7 +56,7 @@ impl TemperatureTrack {
         other.stretches.into_iter().for_each(|stretch| self.add(stretch));
     }
 
-    /// Takes away and returns the first `rows` rows; the rest stays.
+    /// Removes and returns the first `rows` rows; the rest stays.
     pub fn take_front(&mut self, rows: usize) -> Self {
         let (mut whole, mut left) = (0, rows);
         while let Some(stretch) = self.stretches.get(whole).filter(|stretch| stretch.rows as usize <= left) {
@@ -67,7 +67,7 @@ impl TemperatureTrack {
         if left > 0
             && let Some(first) = self.stretches.front_mut()
         {
-            // fewer than the rows of this stretch
+            // fewer than the rows of this interval
             let taken = left as u32;
             front.add(Stretch { rows: taken, ..*first });
             first.rows -= taken;
@@ -85,12 +85,12 @@ impl TemperatureTrack {
     }
 }
 
-/// Temperatures of a recording, where it has any.
+/// Temperatures of a recording, if it has any.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Temperatures {
-    /// Of each joint's motor `[n]`; `None` for a joint whose temperature is not recorded.
+    /// Temperature of each joint's motor `[n]`; `None` for a joint whose temperature is not recorded.
     pub motor: Vec<Option<TemperatureTrack>>,
-    /// Of the air around the robot, the hall's.
+    /// Ambient temperature.
     pub ambient: Option<TemperatureTrack>,
 }
 
@@ -105,14 +105,14 @@ impl Temperatures {
         }
     }
 
-    /// No rows, of the same tracks.
+    /// No rows, with the same tracks.
     #[must_use]
     pub fn without_rows(&self) -> Self {
         let empty = |track: &Option<TemperatureTrack>| track.as_ref().map(|_| TemperatureTrack::default());
         Self { motor: self.motor.iter().map(empty).collect(), ambient: empty(&self.ambient) }
     }
 
-    /// Takes away and returns the first `rows` rows; the rest stays.
+    /// Removes and returns the first `rows` rows; the rest stays.
     pub fn take_front(&mut self, rows: usize) -> Self {
         let mut front = |track: &mut Option<TemperatureTrack>| track.as_mut().map(|t| t.take_front(rows));
         Self { motor: self.motor.iter_mut().map(&mut front).collect(), ambient: front(&mut self.ambient) }

@@ -1,4 +1,4 @@
-//! What a message about an anomaly is made of.
+//! Content of a message about an anomaly.
 
 use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row};
@@ -12,45 +12,45 @@ use crate::values::{named, time};
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{AnomalyKind, Severity};
 
-/// Most runs of a series: a trend stands on the latest.
+/// Most runs of a series: the latest runs decide a trend.
 const SERIES_RUNS: i64 = 12;
 
-/// An event of an anomaly, with the anomaly as far as a message says it.
+/// An event of an anomaly, with the data of the anomaly that a message shows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlarmEvent {
     /// Number of the event.
     pub event_id: i64,
     /// Number of the anomaly.
     pub anomaly_id: i64,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
-    /// When.
+    /// Time of the event.
     pub at: Timestamp,
     /// The robot.
     pub robot: String,
-    /// The joint as people count, from 1; `None` where the cause is the whole arm's.
+    /// The joint as people count, from 1; `None` if the cause affects the whole arm.
     pub joint: Option<i64>,
     /// Kind of the anomaly.
     pub kind: AnomalyKind,
     /// The quantity that changed.
     pub quantity: Quantity,
-    /// Severity then.
+    /// Severity at that time.
     pub severity: Severity,
-    /// What a technician should read, as it was then.
+    /// Message for a technician at that time.
     pub message: String,
-    /// How far out it was then, in the scale of `threshold`; smoothed where the detector smooths.
+    /// Deviation at that time, in the scale of `threshold`; smoothed if the detector smooths.
     pub score: Option<f64>,
-    /// Score at which the anomaly begins.
+    /// Least score of an anomaly.
     pub threshold: Option<f64>,
-    /// The value of the latest run that had shown it then.
+    /// Value of the latest run that had shown it at that time.
     pub value: Option<f64>,
-    /// What was expected.
+    /// Expected value.
     pub baseline: Option<f64>,
-    /// The value that was furthest out.
+    /// The value that deviated most.
     pub peak_value: Option<f64>,
     /// Its score.
     pub peak_score: Option<f64>,
-    /// Where the change most likely began.
+    /// Most likely beginning of the change.
     pub onset_at: Option<Timestamp>,
     /// The run of that moment.
     pub onset_run_id: Option<i64>,
@@ -62,19 +62,18 @@ pub struct AlarmEvent {
     pub last_seen_at: Timestamp,
     /// Odds of the named cause against all others together.
     pub odds: Option<f64>,
-    /// Where people have put it, such as `open`.
+    /// State of the anomaly, such as `open`.
     pub state: String,
-    /// Why, in a person's words.
+    /// Reason in a person's words.
     pub why: Option<String>,
-    /// The quantity in the latest runs, oldest first: start of the run and value. Empty where runs have no such
-    /// figure.
+    /// Values of the quantity in the latest runs with their starts, oldest first. Empty if runs have no such value.
     pub series: Vec<(Timestamp, f64)>,
-    /// Kind and severity of the anomaly that the same receiver was told before, where they were others.
+    /// Other kinds and severities of the anomaly that the same receiver was sent before.
     pub told_before: Vec<(String, String)>,
 }
 
-/// Columns of an [`AlarmEvent`] without its series. Score and value are of the event's quantity; they do not compare
-/// with values of another quantity that the anomaly has now.
+/// Columns of an [`AlarmEvent`] without its series. Score and value belong to the quantity of the event. They are not
+/// comparable with values of another quantity that the anomaly has now.
 pub(super) const COLUMNS: &str = "
     anomaly_event.anomaly_event_id, anomaly_event.anomaly_id, anomaly_event.what, anomaly_event.at,
     robot.name AS robot, anomaly.robot_id, anomaly.joint, anomaly.kind, anomaly_event.severity,
@@ -87,7 +86,7 @@ pub(super) const COLUMNS: &str = "
     anomaly.onset_at, anomaly.onset_run_id, anomaly.onset_cycle,
     anomaly.first_seen_at, anomaly.last_seen_at, anomaly.odds, anomaly.state, anomaly_event.why";
 
-/// Reads a row of [`COLUMNS`]; an event of which nobody is told is `None`.
+/// Reads a row of [`COLUMNS`]; `None` for an event that is never announced.
 pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Error> {
     let Some(what) = told(row.try_get("what")?) else { return Ok(None) };
     let onset_at = match row.try_get::<Option<i64>, _>("onset_at")? {
@@ -124,7 +123,7 @@ pub(super) fn from_row(row: &EngineRow) -> Result<Option<AlarmEvent>, sqlx::Erro
     }))
 }
 
-/// Adds what the latest runs gave of the quantity, and what the route was told before.
+/// Adds the values of the quantity in the latest runs, and the earlier announcements on the route.
 pub(super) async fn complete(
     connection: &mut EngineConnection,
     route_id: i64,
@@ -139,7 +138,7 @@ async fn series(
     executor: impl EngineExecutor<'_>,
     event: &AlarmEvent,
 ) -> Result<Vec<(Timestamp, f64)>, sqlx::Error> {
-    // a test has no swing of an RMSD
+    // an RMSD's swing has no value per test
     if event.kind == AnomalyKind::Oscillation {
         return Ok(Vec::new());
     }
@@ -194,7 +193,7 @@ async fn told_before(
 }
 
 impl Store {
-    /// What tells this database from others at a receiver of both.
+    /// Identity of this database, which distinguishes it from others at a common receiver.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -203,7 +202,7 @@ impl Store {
         self.checked(identity.await)
     }
 
-    /// Open alarms, those of the least numbers first: the latest event of each that says there is something to see.
+    /// Open alarms, lowest number first: for each the latest event that calls for attention.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -211,8 +210,8 @@ impl Store {
         self.checked(open_alarms(&self.readers).await)
     }
 
-    /// What the receiver of a route holds for open: of each anomaly that is not closed the latest event that it has had. One that was
-    /// closed while the receiver could not be reached is told as open no more.
+    /// Alarms that are open for the receiver of a route: for each anomaly that is not closed, the latest event sent to
+    /// the receiver. Omits one that was closed while the receiver could not be reached.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -265,7 +264,7 @@ async fn told_alarms(
         let event = from_row(&row)?;
         let told = row.try_get::<Option<&str>, _>("told_kind")?;
         let told = AnomalyKind::ALL.into_iter().find(|kind| told == Some(kind.name()));
-        // under the labels that it was told by
+        // with the labels that were sent
         Ok(event.map(|event| AlarmEvent { kind: told.unwrap_or(event.kind), ..event }))
     };
     let rows = sqlx::query(AssertSqlSafe(statement)).bind(route_id).try_map(read).fetch_all(executor).await?;

@@ -1,4 +1,4 @@
-//! Moments that a clock which was ahead has left in the outbox: what waits for one would be silent until that date.
+//! Times that a fast clock has left in the outbox: a message due at such a time would wait until that date.
 
 use std::time::Duration;
 
@@ -11,25 +11,25 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::known_time;
 
-/// What lies no further ahead is due to clocks that are set right while they run.
+/// Tolerance for clocks that are corrected while they run.
 pub(super) const NOT_AHEAD: SignedDuration = SignedDuration::from_mins(1);
 
-/// The longest that quiet hours and digests hold a message: a day, which has 25 hours where clocks are set back, and an
-/// hour more.
+/// Longest delay of a message by quiet hours and digests: a day, which has 25 hours when clocks are set back, and one
+/// more hour.
 const LONGEST_HOLD: SignedDuration = SignedDuration::from_hours(26);
 
-/// What waits on a route for a moment that no wait of its kind reaches.
+/// Messages on a route that are due later than any delay of their kind allows.
 const AHEAD: &str = "delivery_route_id = $1 AND state = 'pending'
                      AND due_at > CASE WHEN held IN ('quiet', 'digest') THEN $3 ELSE $2 END";
 
 impl Store {
-    /// Makes due now what waits on a route for a moment further ahead than anything is made to wait: the clock was ahead
-    /// when the moment was written. `longest_pause` is the longest for which an attempt or a message that is one of too
-    /// many is put off; quiet hours and digests are at most a day. Gives the furthest moment found, be it that of a
-    /// message sent then, which stays as it is.
+    /// Makes messages on a route due now that are due later than any delay allows: the clock was fast when the time was
+    /// written. `longest_pause` is the longest delay of an attempt or of a message that exceeds the rate limit; quiet
+    /// hours and digests delay by at most a day. Returns the latest such time, including that of a sent message, which
+    /// stays unchanged.
     ///
     /// # Errors
-    /// [`StoreError::LeaseEnded`] where the claim on the route is lost, and others of the database.
+    /// [`StoreError::LeaseEnded`] if the claim on the route is lost; others of the database.
     pub async fn mend_moments(
         &self,
         route: RouteEntry,
@@ -53,7 +53,7 @@ impl Store {
                 let waits = known_time(&row, "due_at")?.max(known_time(&row, "retry_at")?);
                 Ok((waits, known_time(&row, "sent_at")?))
             });
-        // the writer is asked for only where there is something to write
+        // the writer is only needed if there is something to write
         let (waits, sent_at) = self.checked(found.fetch_one(&self.readers).await)?;
         if waits.is_some() {
             let mut transaction = self.begin_on(route).await?;
@@ -75,7 +75,7 @@ impl Store {
     }
 }
 
-/// A moment so long after another one, or the last that there is.
+/// The time `wait` after `now`, or the last possible time, in microseconds.
 fn microseconds(now: Timestamp, wait: SignedDuration) -> i64 {
     now.checked_add(wait).unwrap_or(Timestamp::MAX).as_microsecond()
 }

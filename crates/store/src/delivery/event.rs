@@ -1,14 +1,14 @@
-//! Which events of an anomaly are told.
+//! Events of an anomaly that are announced.
 
 use crate::robot::alarms::alarm_state::EventKind;
 
-/// Kinds of events that say that somebody should look, as a list of SQL.
+/// Kinds of events that call for attention, as a list of SQL.
 pub(super) const SPEAKING: &str = "('opened', 'worse', 'reopened', 'overdue', 'unshelved')";
 
-/// All kinds of events of which somebody is told, as a list of SQL.
+/// All kinds of events that are announced, as a list of SQL.
 pub(super) const TOLD: &str = "('opened', 'worse', 'ended', 'reopened', 'withdrawn', 'overdue', 'unshelved', 'resolved', 'false_alarm')";
 
-/// The kind of that name; `None` for an event of which nobody is told, such as that a person knows of it.
+/// The kind of that name; `None` for an event that is never announced, such as an acknowledgement.
 pub(super) fn told(name: &str) -> Option<EventKind> {
     let told = |kind: &EventKind| kind.calls() || kind.closes();
     EventKind::ALL.into_iter().filter(told).find(|kind| kind.name() == name)

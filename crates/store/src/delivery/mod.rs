@@ -1,4 +1,4 @@
-//! The outbox: events of anomalies, and which receiver has had which.
+//! The outbox: events of anomalies and their deliveries to receivers.
 
 pub(super) mod event;
 pub(super) mod alarm;

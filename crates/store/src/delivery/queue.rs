@@ -1,4 +1,4 @@
-//! What waits for a receiver: the next message, the attempt, and what became of it.
+//! The queue of a receiver: the next message, the attempt, and its outcome.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use crate::handle::Store;
 use crate::ledger::attempts::{self, Attempt, AttemptKind};
 use crate::values::time;
 
-/// Most alarms of one digest: a mail of some pages.
+/// Most alarms of one digest: an e-mail of some pages.
 const DIGEST_ALARMS: i64 = 200;
 
 /// A message that is due: one alarm, or a digest of several.
@@ -24,55 +24,55 @@ pub struct DueMessage {
     pub delivery_ids: Vec<i64>,
     /// Number of the digest.
     pub digest: Option<i64>,
-    /// What it says.
+    /// Alarms that it contains.
     pub alarms: Vec<AlarmEvent>,
     /// Attempts so far.
     pub attempts: u32,
 }
 
-/// Where a route stands.
+/// State of a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RouteState {
     /// Attempts in a row that did not reach the receiver.
     pub failures: u32,
-    /// When the next one is made; `None`: now.
+    /// Time of the next attempt; `None`: now.
     pub retry_at: Option<Timestamp>,
-    /// When the next message is due; `None`: nothing waits.
+    /// Due time of the next message; `None`: no message waits.
     pub next_due_at: Option<Timestamp>,
-    /// Messages sent within the time that was asked for.
+    /// Messages sent within the requested time.
     pub sent: u32,
-    /// When the first of these was sent.
+    /// Sending time of the first of these.
     pub first_sent_at: Option<Timestamp>,
 }
 
-/// Whether a message is sent now.
+/// Decision about sending a message now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SendDecision {
-    /// It is: the attempt is written down.
+    /// Send it; the attempt is stored.
     Begun,
-    /// Something of it does not wait any more.
+    /// At least one of its alarms no longer waits.
     NotWaiting,
     /// It is given up, because sending it has ended the program three times.
     GivenUp,
-    /// It was a digest whose sending has ended the program three times: its alarms are sent one by one.
+    /// It was a digest whose sending has ended the program three times; its alarms are sent one by one.
     TakenApart,
 }
 
-/// Why a message is given up that the program did not survive.
+/// Reason for giving up a message whose sending ended the program.
 const SPENT: &str = "sending it has ended the program three times";
 
-/// What is to be done after an attempt that failed.
+/// Consequence of a failed attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Again {
-    /// Nothing is sent on the route before this moment: the receiver was not reached.
+    /// No message is sent on the route before this time: the receiver was not reached.
     Route(Timestamp),
-    /// This message is not sent before this moment: the receiver has refused it, and may take others.
+    /// This message is not sent before this time: the receiver has refused it, but may accept others.
     Message(Timestamp),
 }
 
 impl Store {
-    /// Where a route stands, with messages counted that were sent within `window` before `now`; what a clock that was
-    /// ahead has put after `now` was not.
+    /// State of a route. Counts the messages sent within `window` before `now`; omits those that a fast clock dated
+    /// after `now`.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -112,12 +112,12 @@ impl Store {
         self.checked(read.fetch_one(&self.readers).await)
     }
 
-    /// The message that is to be sent next on a route, if one is due. Of an anomaly the events go out in their order;
-    /// a message that was refused lets others pass. What was held for a digest or by a flood becomes one message,
-    /// whose number and content are stored before it is sent, so that another attempt is the same message.
+    /// Next message of a route, if one is due. The events of an anomaly are sent in order; a message that was refused
+    /// lets others pass. Events held for a digest or because of a flood become one message. Its number and content are
+    /// stored before it is sent, so that another attempt sends the same message.
     ///
     /// # Errors
-    /// [`StoreError::LeaseEnded`] where the claim on the route is lost, and others of the database.
+    /// [`StoreError::LeaseEnded`] if the claim on the route is lost; others of the database.
     pub async fn next_message(
         &self,
         route: RouteEntry,
@@ -133,7 +133,7 @@ impl Store {
     /// Lets everything that is due on a route wait.
     ///
     /// # Errors
-    /// As [`Store::next_message`].
+    /// Those of [`Store::next_message`].
     pub async fn hold(
         &self,
         route: RouteEntry,
@@ -158,7 +158,7 @@ impl Store {
     /// Lets one message wait.
     ///
     /// # Errors
-    /// As [`Store::next_message`].
+    /// Those of [`Store::next_message`].
     pub async fn hold_message(
         &self,
         route: RouteEntry,
@@ -178,11 +178,11 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Writes down that a message is being sent, before it is: a process that is killed then does not forget that it
-    /// may have arrived, and a message that kills the process is not sent for ever.
+    /// Stores that a message is being sent, before it is sent. A killed process thus remembers that the message may
+    /// have arrived, and a message that kills the process is not sent forever.
     ///
     /// # Errors
-    /// As [`Store::next_message`]; it is not to be sent then either.
+    /// Those of [`Store::next_message`]; the message must not be sent then.
     pub async fn begin_attempt(
         &self,
         route: RouteEntry,
@@ -229,7 +229,7 @@ impl Store {
         Ok(sending)
     }
 
-    /// Whether one more attempt at a message is the last one, since earlier ones have ended the program.
+    /// Returns true if the next attempt at a message is the last one, since earlier ones have ended the program.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -242,10 +242,10 @@ impl Store {
         Ok(Attempt { number: failed + 1 }.is_last())
     }
 
-    /// Writes down that a message has arrived.
+    /// Stores that a message has arrived.
     ///
     /// # Errors
-    /// As [`Store::next_message`]; it is sent again then.
+    /// Those of [`Store::next_message`]; the message is sent again then.
     pub async fn mark_sent(
         &self,
         route: RouteEntry,
@@ -268,11 +268,11 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Writes down that a message did not arrive. Says whether it is given up, which it is if its first attempt was
+    /// Stores that a message did not arrive. Returns true if it is given up, because its first attempt was at least
     /// `give_up_after` ago.
     ///
     /// # Errors
-    /// As [`Store::next_message`].
+    /// Those of [`Store::next_message`].
     pub async fn mark_failed(
         &self,
         route: RouteEntry,
@@ -380,7 +380,7 @@ async fn next_message(
     Ok(Some(message))
 }
 
-/// Makes one message of all that is due, where something of it was held for one.
+/// Makes one message of everything that is due, if part of it waited for a digest.
 async fn compose_digest(
     connection: &mut EngineConnection,
     route_id: i64,

@@ -1,4 +1,4 @@
-//! Alarms that nobody has answered.
+//! Alarms that no one has answered.
 
 use std::time::Duration;
 
@@ -10,8 +10,8 @@ use crate::error::StoreError;
 use crate::handle::Store;
 
 impl Store {
-    /// Writes an event `overdue` for every open alarm, which is an anomaly of severity warning or critical, that has
-    /// said nothing for `after` and that nobody has answered. Gives their number.
+    /// Stores an event `overdue` for every open alarm that has had no event calling for attention for `after` and that
+    /// no one has answered. Alarms are anomalies of severity warning or critical. Returns their number.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -25,7 +25,7 @@ impl Store {
         );
         let any = format!("SELECT EXISTS (SELECT 1 {silent})");
         let any = sqlx::query_scalar(AssertSqlSafe(any)).bind(since).fetch_one(&self.readers);
-        // the writer is asked for only where there is something to write
+        // the writer is only needed if there is something to write
         if !self.checked(any.await)? {
             return Ok(0);
         }

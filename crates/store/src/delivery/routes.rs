@@ -1,4 +1,4 @@
-//! Routes, and which events each of them is to have.
+//! Routes, and the selection of events for each of them.
 
 use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row};
@@ -10,15 +10,15 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::robot::alarms::alarm_state::EventKind;
 
-/// Most events that are handed on in one transaction: a fleet's backlog must not hold the writer for long.
+/// Most events handled in one transaction: a fleet's backlog must not hold the writer for long.
 const EVENTS_AT_ONCE: i64 = 200;
 
-/// Why a message is not sent at once.
+/// Reason why a message is not sent at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Held {
-    /// The hours are quiet.
+    /// Quiet hours.
     Quiet,
-    /// The route sends all of a day as one.
+    /// The route sends all messages of a day as one.
     Digest,
     /// Too many messages within an hour.
     Flood,
@@ -36,36 +36,36 @@ impl Held {
     }
 }
 
-/// What becomes of an event on a route.
+/// Fate of an event on a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EventFate {
-    /// It goes to the receiver, not before a moment.
+    /// The receiver gets it, not before a given time.
     Send {
-        /// That moment.
+        /// The time.
         due_at: Timestamp,
-        /// Why not at once.
+        /// Reason for the delay.
         held: Option<Held>,
     },
-    /// The route wants it, and a person has said to be silent.
+    /// The route selects it, but a person has silenced it.
     Suppress,
-    /// It is none of the route's.
+    /// The route does not select it.
     Nothing,
 }
 
-/// A route as the database knows it.
+/// A route in the database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RouteEntry {
     /// Its key.
     pub route_id: i64,
-    /// Whether it is new, so that it began with the anomalies that are open.
+    /// True if it is new, so that it began with the open anomalies.
     pub is_new: bool,
-    /// The session whose claim on it has to last for what is written; `None` on a file, which has one daemon.
+    /// Session whose claim on the route every write needs; `None` for a database in a file, which has one daemon.
     pub(super) session: Option<i64>,
 }
 
 impl Store {
-    /// Enters a route of the configuration. A new one begins with the alarms that are open, each by its latest event,
-    /// as far as `judge` wants them; what was before is not told.
+    /// Enters a route of the configuration. A new one begins with the open alarms that `judge` selects, each by its
+    /// latest event. Earlier events are not sent.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -82,18 +82,18 @@ impl Store {
         Ok(entered)
     }
 
-    /// The route for as long as the claim lasts that this program has just been given: what is written by this entry fails
-    /// once the claim is lost, under a session that was begun anew too.
+    /// The route, bound to the claim that this program has just obtained. Writes with this entry fail once the claim is
+    /// lost, even under a new session of this program.
     #[must_use]
     pub fn claimed(&self, route: RouteEntry) -> RouteEntry {
         RouteEntry { session: self.session(), ..route }
     }
 
-    /// A transaction that has the write lock, on a route whose claim is not lost. It is not lost until the transaction
-    /// ends: to end a session, others need the lock.
+    /// A transaction that has the write lock, on a route whose claim is valid. The claim stays valid until the
+    /// transaction ends, because ending a session needs the lock.
     ///
     /// # Errors
-    /// [`StoreError::LeaseEnded`] where the claim is lost, and others of the database.
+    /// [`StoreError::LeaseEnded`] if the claim is lost; others of the database.
     pub(super) async fn begin_on(&self, route: RouteEntry) -> Result<EngineTransaction, StoreError> {
         let mut transaction = self.begin().await?;
         let Some(session) = route.session else { return Ok(transaction) };
@@ -113,7 +113,7 @@ impl Store {
         }
     }
 
-    /// Ends the routes whose names are not given: what they have not had is suppressed.
+    /// Ends the routes whose names are not given: events that they have not sent are suppressed.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -124,11 +124,11 @@ impl Store {
         Ok(retired)
     }
 
-    /// Hands events on that a route has not seen, as `judge` says, in one transaction with the mark that it has seen
-    /// them. An event that closes an alarm goes only where the alarm went. Says whether there was one.
+    /// Handles the events that a route has not seen, as `judge` decides, and marks them as seen in the same
+    /// transaction. An event that closes an alarm is sent only if the alarm was. Returns true if there was one.
     ///
     /// # Errors
-    /// [`StoreError`] of the database; nothing is handed on then.
+    /// [`StoreError`] of the database; no event is handled then.
     pub async fn hand_on(
         &self,
         route_id: i64,
@@ -140,7 +140,7 @@ impl Store {
                  SELECT 1 FROM anomaly_event WHERE anomaly_event_id > (
                      SELECT seen_event_id FROM delivery_route WHERE delivery_route_id = $1))",
         );
-        // the writer is asked for only where there is something to write
+        // the writer is only needed if there is something to write
         if !self.checked(unseen.bind(route_id).fetch_one(&self.readers).await)? {
             return Ok(false);
         }
@@ -203,7 +203,7 @@ async fn hand_on(
     now: Timestamp,
     judge: impl Fn(&AlarmEvent) -> EventFate,
 ) -> Result<(), sqlx::Error> {
-    // events of which nobody is told count as seen too
+    // events that are never announced count as seen too
     let last: i64 = sqlx::query_scalar(
         "SELECT coalesce(max(anomaly_event_id), 0) FROM (
              SELECT anomaly_event_id FROM anomaly_event
@@ -242,7 +242,7 @@ async fn hand_on(
     Ok(())
 }
 
-/// Writes down what becomes of one event on one route.
+/// Stores the fate of one event on one route.
 async fn settle(
     connection: &mut EngineConnection,
     route_id: i64,
@@ -263,7 +263,7 @@ async fn settle(
         }
         EventFate::Send { due_at, held } => ("pending", due_at, held, None),
     };
-    // a route that comes back has what it was spared of
+    // a route that returns gets the events that were suppressed
     sqlx::query(
         "INSERT INTO delivery (delivery_route_id, anomaly_event_id, state, held, created_at, due_at, error)
          VALUES ($1, $2, $3, $4, $5, $6, $7)
@@ -284,7 +284,8 @@ async fn settle(
     Ok(())
 }
 
-/// What was no alarm, as more of the history or a person says, before anybody was told need not be told.
+/// Suppresses the waiting messages about an anomaly that was withdrawn or marked as a false alarm before they were
+/// sent.
 async fn spare_untold(
     connection: &mut EngineConnection,
     route_id: i64,
@@ -308,7 +309,7 @@ async fn spare_untold(
     Ok(())
 }
 
-/// Whether the latest that the route has or will have of the anomaly says that there is something to see.
+/// True if the route's latest event of the anomaly, sent or waiting, calls for attention.
 async fn is_told(
     connection: &mut EngineConnection,
     route_id: i64,

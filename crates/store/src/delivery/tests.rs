@@ -1,4 +1,4 @@
-//! The outbox against a real database; moments are given, so that hours pass at once.
+//! The outbox with a real database; times are passed as arguments, so no test has to wait.
 
 use std::time::Duration;
 
@@ -78,7 +78,7 @@ impl Outbox {
         self.store.told_alarms(route.route_id).await.expect("alarms")
     }
 
-    /// Takes everything that is due, as a receiver that is there; events by message.
+    /// Accepts everything that is due, as a receiver that can be reached; events by message.
     async fn take(&self, route: RouteEntry, now: Timestamp) -> Vec<Vec<i64>> {
         let mut taken = Vec::new();
         while let Some(message) = self.next(route, now).await {
@@ -127,7 +127,7 @@ async fn a_new_route_begins_with_what_is_open_and_an_old_one_goes_on() {
     let route = outbox.route("shift", day(2)).await;
     outbox.hand_on(route, day(2), |_| now_(day(2))).await;
     assert_eq!(outbox.take(route, day(2)).await, [[worse]]);
-    // started again, nothing is said twice; what happened meanwhile is
+    // after a restart, nothing is sent twice, but later events are sent
     let ended = outbox.event(open, "ended", day(3)).await;
     assert_eq!(outbox.route("shift", day(3)).await.route_id, route.route_id);
     outbox.hand_on(route, day(3), |_| now_(day(3))).await;
@@ -146,7 +146,7 @@ async fn an_alarm_ends_once_and_only_where_it_was_told() {
     let ended = outbox.event(anomaly, "ended", day(1)).await;
     outbox.event(anomaly, "resolved", day(1)).await;
     for (route, wants) in [(told, true), (other, false)] {
-        // as routes do: they want every end, and the store knows whether there was a beginning
+        // like routes: they select every end, and the store knows if there was a beginning
         let judge = |event: &AlarmEvent| {
             if wants || event.what.closes() { now_(day(1)) } else { EventFate::Nothing }
         };
@@ -228,7 +228,7 @@ async fn what_a_flood_holds_becomes_one_message_that_stays_the_same() {
     let digest = outbox.next(route, day(0) + hour).await.expect("a digest");
     let of = |message: &DueMessage| message.alarms.iter().map(|alarm| alarm.event_id).collect::<Vec<_>>();
     assert_eq!((of(&digest), digest.digest), (events[2..].to_vec(), Some(events[4])));
-    // one that comes later is not in it, whatever became of the first attempt
+    // a later one is not in it, whatever the outcome of the first attempt
     assert_eq!(
         outbox.store.begin_attempt(route, &digest, day(0) + hour).await.expect("an attempt"),
         SendDecision::Begun
@@ -348,7 +348,7 @@ async fn a_message_that_waits_no_more_is_not_begun() {
     assert_eq!((attempts, outbox.states().await), (0, vec!["sent".to_owned()]));
 }
 
-/// A year ahead, a clock put off an attempt and a message, held two, and sent one.
+/// A clock that was a year fast put off an attempt and a message, held two, and sent one.
 #[tokio::test]
 async fn what_a_clock_that_was_ahead_put_off_is_due_now() {
     let outbox = Outbox::new().await;
@@ -374,7 +374,7 @@ async fn what_a_clock_that_was_ahead_put_off_is_due_now() {
     let state = outbox.route_state(route, day(0)).await;
     assert_eq!((state.retry_at, state.next_due_at), (None, Some(day(0))));
     assert_eq!((state.sent, state.first_sent_at), (0, None), "what was sent in a year is not of this hour");
-    // what was held for one message becomes one, and what was tried comes after what was not
+    // messages held for a digest become one, and messages with an attempt follow those without
     let taken = outbox.take(route, day(0)).await.concat();
     assert_eq!(taken, [events[3], events[4], events[1], events[2]]);
     assert_eq!(mend().await.expect("a look"), Some(ahead), "the message that was sent stays as it is");
@@ -401,7 +401,7 @@ async fn what_waits_as_long_as_anything_may_goes_on_waiting() {
     assert_eq!(outbox.store.mend_moments(route, limit).await.expect("a look"), None);
     assert_eq!(outbox.route_state(route, day(0)).await.next_due_at, Some(day(0) + longest));
     assert_eq!(outbox.next(route, day(0)).await, None);
-    // the clock is set back by two minutes: those without a reason of a day are further ahead than anything puts off
+    // the clock is set back by two minutes: messages due at once are now further in the future than any delay allows
     let before = day(0) - SignedDuration::from_mins(2);
     let found = outbox.store.mend_moments(route, (before, limit.1)).await.expect("mended");
     assert_eq!(found, Some(day(0) + longest));
@@ -411,7 +411,7 @@ async fn what_waits_as_long_as_anything_may_goes_on_waiting() {
     assert_eq!(waiting, 2, "the night and the digest");
 }
 
-/// Lets the attempts that are written down be those of a process that was killed.
+/// Makes the stored attempts those of a process that was killed.
 async fn killed(outbox: &Outbox) {
     sqlx::query("UPDATE attempt SET process = 0")
         .execute(&outbox.store.writer)
@@ -452,7 +452,7 @@ async fn a_message_that_ends_the_program_three_times_is_given_up_and_the_next_on
     assert_eq!(left, 0);
 }
 
-/// Sessions of daemons, and what they have claimed, in a file that stands in for a server.
+/// Sessions of daemons and their claims, in a file instead of a server.
 mod sessions {
     use super::*;
     use crate::error::StoreError;
@@ -462,7 +462,7 @@ mod sessions {
             sqlx::query(statement).execute(&self.store.writer).await.expect(statement);
         }
 
-        /// With sessions 1, which has the route, 2 and 3.
+        /// An outbox with sessions 1, which has the route, 2 and 3.
         async fn with_sessions() -> Self {
             let outbox = Self::new().await;
             outbox
@@ -486,7 +486,7 @@ mod sessions {
         assert!(matches!(done, Err(StoreError::LeaseEnded { .. })), "{done:?}");
     }
 
-    /// A daemon is frozen between two messages, another one takes the route, and the first one wakes and joins again.
+    /// A daemon is frozen between two messages, another one claims the route, and the first one wakes and joins again.
     #[tokio::test]
     async fn a_daemon_that_has_lost_its_claim_takes_no_message_under_its_next_session() {
         let outbox = Outbox::with_sessions().await;
@@ -525,7 +525,7 @@ mod sessions {
         );
 
         first.own_host.set_session(3);
-        // what was begun under the first session, and what is begun without the claim
+        // attempts begun under the first session, and attempts begun without the claim
         for route in [route, first.claimed(entered)] {
             lost(first.next_message(route, day(0)).await);
             lost(first.begin_attempt(route, &message, day(0)).await);
@@ -543,7 +543,7 @@ mod sessions {
             .expect("attempts");
         assert_eq!(attempts, [1, 1, 0]);
 
-        // given back, the route is the first one's again
+        // after its release, the route belongs to the first daemon again
         outbox.write("UPDATE claim SET host_session_id = 3").await;
         lost(first.next_message(route, day(0)).await);
         assert_eq!(outbox.take(first.claimed(entered), day(0)).await.len(), 1);

@@ -1,5 +1,4 @@
-//! What an engine says of its own database: the views that there are, their columns, whether something was committed, how
-//! large it is.
+//! Information of an engine about its database: views, their columns, commits and size.
 
 use super::{Dialect, EnginePool, dialect};
 
@@ -23,7 +22,7 @@ pub(crate) async fn views(readers: &EnginePool) -> Result<Vec<(String, String)>,
     .await
 }
 
-/// Columns of one view, which the engine works out from its statement; none where there is no such view.
+/// Columns of one view, which the engine derives from its statement; empty if there is no such view.
 pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar(match dialect(readers) {
         Dialect::Sqlite => {
@@ -45,8 +44,8 @@ pub(crate) async fn columns_of_view(readers: &EnginePool, view: &str) -> Result<
     .await
 }
 
-/// A number that changes when another connection has committed. That of a server changes with every transaction there,
-/// also of other databases.
+/// A number that changes when another connection has committed. On a server it changes with every transaction, also in
+/// other databases.
 pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar(match dialect(probe) {
         Dialect::Sqlite => "PRAGMA data_version",
@@ -56,13 +55,13 @@ pub(crate) async fn data_version(probe: &EnginePool) -> Result<i64, sqlx::Error>
     .await
 }
 
-/// Bytes that the database has on its server.
+/// Size of the database on its server, bytes.
 pub(crate) async fn bytes_on_server(readers: &EnginePool) -> Result<i64, sqlx::Error> {
     sqlx::query_scalar("SELECT pg_database_size(current_database())").fetch_one(readers).await
 }
 
-/// Whether a column of a view equals what is bound to `$place` as a text or to the place after it as a number: a text
-/// equals a text, and a number a number, whatever affinity the column has.
+/// Condition that a column of a view equals the text bound to `$place` or the number bound to the next place. A text
+/// only equals a text, and a number only a number, whatever the affinity of the column.
 pub(crate) fn equals(dialect: Dialect, column: &str, place: usize) -> String {
     match dialect {
         Dialect::Sqlite => format!("(\"{column}\" = ${place} OR \"{column}\" = ${})", place + 1),

@@ -1,7 +1,7 @@
 //! The lock of the one daemon of a host, on a server.
 //!
-//! The connections that write hold it, so that a daemon whose connection is lost cannot write before it has the lock
-//! again: another daemon of the same name that has taken it meanwhile is never worked against.
+//! The connections that write hold it. A daemon that lost its connection therefore cannot write before it has the lock
+//! again, and cannot conflict with another daemon of the same name that has taken the lock since.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,27 +9,27 @@ use std::time::{Duration, Instant};
 
 use super::{EngineConnection, EnginePool, EnginePoolOptions};
 
-/// How long a claim waits: the server needs a moment to notice that the daemon before this one was killed.
+/// Longest wait of a claim: the server needs a moment to notice that the previous daemon was killed.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 const BETWEEN_TRIES: Duration = Duration::from_millis(50);
 
-/// Whether the writer's connections hold the lock. Clones share it.
+/// Lock state of the writer's connections. Clones share it.
 #[derive(Debug, Clone)]
 pub(crate) struct HostLock {
-    /// Name of the host, which the lock is of.
+    /// Name of the host that the lock belongs to.
     host: Arc<str>,
     is_held: Arc<AtomicBool>,
 }
 
 impl HostLock {
-    /// That of a host; the empty name is that of a daemon that has none.
+    /// The lock of a host; the empty name is for a daemon without a name.
     pub(crate) fn of(host: &str) -> Self {
         Self { host: host.into(), is_held: Arc::default() }
     }
 
-    /// Connections of a writer that take the lock when they are opened, from the moment on that it was taken first. One
-    /// that cannot have it is closed, and opened again as long as a turn at the pool may wait.
+    /// Connections of a writer that take the lock when they are opened, after the first claim. A connection that cannot
+    /// get it is closed, and opened again until the timeout of the pool.
     pub(crate) fn of_writer(&self, options: EnginePoolOptions) -> EnginePoolOptions {
         let lock = self.clone();
         options.after_connect(move |connection, _| {
@@ -43,7 +43,7 @@ impl HostLock {
         })
     }
 
-    /// Takes the lock with the connection that writes; whether it was free.
+    /// Takes the lock with the connection that writes; returns true if it was free.
     pub(crate) async fn claim(&self, writer: &EnginePool) -> Result<bool, sqlx::Error> {
         let mut connection = writer.acquire().await?;
         let deadline = Instant::now() + PATIENCE;
@@ -56,13 +56,13 @@ impl HostLock {
         Ok(is_taken)
     }
 
-    /// Gives the lock back, as soon as the writer has a turn for it; it goes with the connection otherwise.
+    /// Releases the lock as soon as the writer is free; otherwise it ends with the connection.
     pub(crate) fn leave(&self, writer: &EnginePool) {
         self.is_held.store(false, Ordering::SeqCst);
         let writer = writer.clone();
         if let Ok(runtime) = tokio::runtime::Handle::try_current() {
             runtime.spawn(async move {
-                // the session holds no other lock: those of transactions are not given back by this
+                // the session holds no other session lock, and this call does not release locks of transactions
                 let left = sqlx::query("SELECT pg_catalog.pg_advisory_unlock_all()").execute(&writer);
                 if let Err(error) = left.await {
                     tracing::debug!(%error, "the lock of the daemon goes with its connection");

@@ -1,10 +1,9 @@
-//! The door to the database engine: what statements are run on and rows are read from has its names here, and nowhere
-//! else in the store.
+//! The interface to the database engine: the store names the types of connections, statements and rows only here.
 //!
-//! The engine is SQLite or PostgreSQL, by the connection. Statements number their places, `$1`, and are written in the part of
-//! SQL that both understand: `coalesce`, `CASE`, `IS NOT DISTINCT FROM`, `ON CONFLICT ... DO`, a name for every subquery,
-//! columns that are grouped by or aggregated, `TRUE` and `FALSE` for flags. What only one engine has is a file of this
-//! folder.
+//! The engine is SQLite or PostgreSQL, by the connection. Statements number their places, `$1`, and use the part of SQL
+//! that both understand: `coalesce`, `CASE`, `IS NOT DISTINCT FROM`, `ON CONFLICT ... DO`, a name for every subquery,
+//! columns that are grouped by or aggregated, `TRUE` and `FALSE` for flags. Code for one engine only is in files of
+//! this folder.
 
 pub(crate) mod catalog;
 pub(crate) mod host_lock;
@@ -13,21 +12,21 @@ pub(crate) mod sqlstate;
 
 pub(crate) use self::either::{Engine, EngineArguments, EngineConnectOptions, EngineConnection, EngineRow};
 
-/// Connections that take turns.
+/// A pool of connections.
 pub(crate) type EnginePool = sqlx::Pool<Engine>;
 
-/// How connections take turns.
+/// Options of a pool.
 pub(crate) type EnginePoolOptions = sqlx::pool::PoolOptions<Engine>;
 
-/// A transaction with a connection of its own.
+/// A transaction with a separate connection.
 pub(crate) type EngineTransaction = sqlx::Transaction<'static, Engine>;
 
-/// Whatever a statement can be run on: a connection, or a pool of them.
+/// Any target of a statement: a connection, or a pool of them.
 pub(crate) trait EngineExecutor<'c>: sqlx::Executor<'c, Database = Engine> {}
 
 impl<'c, T: sqlx::Executor<'c, Database = Engine>> EngineExecutor<'c> for T {}
 
-/// Which engine a database has.
+/// Engine of a database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dialect {
     Sqlite,
@@ -47,7 +46,7 @@ pub(crate) fn dialect(pool: &EnginePool) -> Dialect {
 pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
     match dialect(writer) {
         Dialect::Sqlite => writer.begin_with("BEGIN IMMEDIATE").await,
-        // the lock is the same for all transactions that write, whatever program they are of; it goes with the transaction
+        // the lock is the same for all transactions that write, in all programs; it ends with the transaction
         Dialect::Postgres => {
             let mut transaction = writer.begin().await?;
             let locked = sqlx::query("SELECT pg_catalog.pg_advisory_xact_lock(1098343522, 1)");
@@ -57,7 +56,7 @@ pub(crate) async fn begin_writing(writer: &EnginePool) -> Result<EngineTransacti
     }
 }
 
-/// A transaction that sees one moment of the database, that of its first read.
+/// A transaction that sees the database at the moment of its first read.
 pub(crate) async fn begin_reading(readers: &EnginePool) -> Result<EngineTransaction, sqlx::Error> {
     match dialect(readers) {
         Dialect::Sqlite => readers.begin().await,

@@ -1,37 +1,37 @@
-//! What an error of PostgreSQL means for the store.
+//! Meaning of PostgreSQL's errors for the store.
 
 use sqlx::postgres::PgDatabaseError;
 
-/// What can be done about an error of a server.
+/// Kind of a server's error, by its remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ServerFault {
-    /// Another transaction was in the way, or the server has no connection left.
+    /// Another transaction conflicted, or the server has no connection left.
     Busy,
-    /// The server goes down, comes up, or has ended the connection.
+    /// The server is stopping or starting, or has ended the connection.
     Unreachable,
-    /// The user is not let in.
+    /// The user cannot log in.
     Login,
     /// There is no such database.
     NoDatabase,
-    /// The user may not do this.
+    /// The user lacks a right.
     Rights,
-    /// Nothing can be written: the server is a copy of another one, or the session only reads.
+    /// Nothing can be written: the server is a replica, or the session is read-only.
     ReadOnly,
     /// The server's disk or memory is full.
     Full,
     /// A rule of the schema refuses the values.
     Refused,
-    /// The statement took too long, or was ended by a person.
+    /// The statement took too long, or a person cancelled it.
     Cancelled,
     /// The statement is wrong.
     Statement,
     /// Pages or indices of the server are damaged.
     Corrupt,
-    /// Anything else.
+    /// Any other error.
     Other,
 }
 
-/// The fault of an error of the driver; `None` for one that is not of a server.
+/// The fault of an error of the driver; `None` if it is not an error of a server.
 pub(crate) fn fault_of(error: &sqlx::Error) -> Option<ServerFault> {
     let sqlx::Error::Database(error) = error else { return None };
     error.try_downcast_ref::<PgDatabaseError>().map(|error| of_code(error.code()))
@@ -52,7 +52,7 @@ fn of_code(code: &str) -> ServerFault {
         code => match code.get(..2) {
             Some("08") => ServerFault::Unreachable,
             Some("22" | "23") => ServerFault::Refused,
-            // a statement that the server does not take: of its form, of its state, or of what it asks for
+            // a statement that the server refuses for its form, its state or its demand
             Some(
                 "0A" | "0L" | "0P" | "20" | "21" | "24" | "25" | "26" | "2B" | "2F" | "34" | "38" | "39"
                 | "3B" | "3F" | "42" | "44" | "54" | "55" | "P0",

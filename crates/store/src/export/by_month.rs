@@ -1,11 +1,12 @@
-//! Views divided by robot and month, for histories of years: `cycles/robot=R01/month=2026-11/cycles.parquet`, the names that
-//! engines for many files read as columns (Hive's partitions). Files have all columns but `robot`, which their folder tells.
+//! Views divided by robot and month, for histories of years: `cycles/robot=R01/month=2026-11/cycles.parquet`. Engines
+//! for many files read these names as columns (Hive's partitions). Files have all columns except `robot`, which the
+//! name of their folder contains.
 //!
-//! A row belongs to the month (UTC) of the start of its run, or of its own time in a view of events, and so to one file.
-//! Rows of no run have the month `__HIVE_DEFAULT_PARTITION__`, Hive's name for NULL. The same rows are the same bytes, so a file
-//! whose rows have not changed is left alone: what is copied elsewhere by its time is copied once. A file gets its name as soon
-//! as it is whole, since there may be more of them than a program may hold open; an export that was stopped is made whole by
-//! the next one.
+//! A row belongs to the month (UTC) of the start of its run, or of its own time in a view of events, and thus to one
+//! file. Rows without a run have the month `__HIVE_DEFAULT_PARTITION__`, Hive's name for NULL. Equal rows give equal
+//! bytes, so a file with unchanged rows is not written again, and a copy by modification time transfers it only once. A
+//! file gets its name as soon as it is complete, since there may be more files than a program may have open. The next
+//! export completes one that was stopped.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -20,16 +21,16 @@ use super::sheet::{PartCount, Sheet, SheetFormat, Written};
 use super::target::{Target, existing};
 use crate::{PublicView, RowFilter, ViewReader};
 
-/// What engines take for NULL in the name of a folder.
+/// Name of a folder that engines interpret as NULL.
 const NULL: &str = "__HIVE_DEFAULT_PARTITION__";
 
-/// Whether the rows of a view belong to robots and months.
+/// True if the rows of a view belong to robots and months.
 pub(super) fn has_months(view: &PublicView) -> bool {
     let has = |name: &str| view.columns.iter().any(|column| column.name == name);
     has("robot") && (has("run_id") || has("at"))
 }
 
-/// Robot and month, as the names of the folders have them.
+/// Robot and month, as in the names of the folders.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct RobotMonth {
     robot: String,
@@ -49,7 +50,7 @@ impl RobotMonth {
     }
 }
 
-/// A name as part of a path: what Hive escapes, as it does.
+/// A name as part of a path, escaped as Hive does.
 fn escaped(name: &str) -> String {
     let is_plain = |of: char| !of.is_ascii() || of.is_ascii_alphanumeric() || "_-. ".contains(of);
     name.chars()
@@ -64,19 +65,19 @@ struct OpenMonth<'a> {
     sheet: Sheet<'a>,
 }
 
-/// A view that is to be divided.
+/// A view to be divided.
 pub(super) struct ByMonth<'a> {
     pub(super) view: &'a PublicView,
-    /// Where the folders of robots go.
+    /// Parent of the folders of robots.
     pub(super) folder: PathBuf,
     pub(super) format: SheetFormat,
     pub(super) filter: &'a RowFilter,
-    /// Whether files that are no exports are replaced.
+    /// True if files that are no exports are replaced.
     pub(super) force: bool,
 }
 
 impl ByMonth<'_> {
-    /// Writes the files. `look` is asked before each row.
+    /// Writes the files. `look` is called before each row.
     pub(super) async fn write(
         &self,
         reader: &mut ViewReader,
@@ -128,7 +129,7 @@ impl ByMonth<'_> {
         Ok(Written { view: view.name.clone(), path: folder.clone(), rows, bytes, parts: Some(count) })
     }
 
-    /// Files of earlier exports of a view, of the robots and months that are exported.
+    /// Files of earlier exports of a view, for the exported robots and months.
     fn earlier(&self, name: &str) -> Result<Vec<PathBuf>, ExportError> {
         let month = |time: Option<Timestamp>| time.map(|time| format!("{time:.3}")[..7].to_owned());
         let (since, until) = (month(self.filter.since), month(self.filter.until));
@@ -156,7 +157,8 @@ impl ByMonth<'_> {
     }
 }
 
-/// Folders in a folder whose names begin so, with what follows; none where there is no such folder.
+/// Folders in `folder` whose names begin with `begin`, each with the rest of its name; empty if `folder` does not
+/// exist.
 fn folders(folder: &Path, begin: &str) -> Result<Vec<(String, PathBuf)>, ExportError> {
     let failed = |error: std::io::Error| ExportError::of_file(folder, &error);
     let entries = match fs::read_dir(folder) {
@@ -172,7 +174,7 @@ fn folders(folder: &Path, begin: &str) -> Result<Vec<(String, PathBuf)>, ExportE
     Ok(found)
 }
 
-/// The view without the column that the folders tell.
+/// The view without the column that the folders contain.
 fn without_robot(view: &PublicView) -> PublicView {
     let columns = view.columns.iter().filter(|column| column.name != "robot").cloned().collect();
     PublicView { columns, ..view.clone() }

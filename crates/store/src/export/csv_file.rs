@@ -1,4 +1,4 @@
-//! Rows as CSV: a header, numbers with every digit and never another text for the same number, NULL as nothing.
+//! Rows as CSV: a header, numbers with every digit and always the same text for the same number, NULL as an empty cell.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use super::error::ExportError;
 use super::target;
 use crate::PublicView;
 
-/// Bytes that are written at once.
+/// Bytes per write.
 const BUFFER_BYTES: usize = 1 << 18;
 
 /// A CSV file that is being written.
@@ -46,13 +46,13 @@ impl CsvFile {
     }
 }
 
-/// Whether nothing else lies at `path` than an export of the view: its first line names the columns.
+/// True if `path` is free or contains an export of the view: its first line names the columns.
 pub(super) fn may_replace(view: &PublicView, path: &Path) -> Result<bool, ExportError> {
     let names: Vec<&str> = view.columns.iter().map(|column| column.name.as_str()).collect();
     target::begins_with(path, format!("{}\n", names.join(",")).as_bytes())
 }
 
-/// The error of the system, in words that do not speak of CSV.
+/// The error of the system, in a message that does not mention CSV.
 fn cause(error: csv::Error) -> Box<dyn std::fmt::Display> {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => Box::new(error),

@@ -1,10 +1,10 @@
-//! Why views could not be written to files.
+//! Errors of writing views to files.
 
 use std::path::{Path, PathBuf};
 
 use crate::StoreError;
 
-/// Why views could not be written to files. What was there before stays.
+/// An error of writing views to files. Existing files stay.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The database failed.
@@ -15,10 +15,10 @@ pub enum ExportError {
     File {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Message of the system.
         detail: String,
     },
-    /// The file belongs to somebody else.
+    /// The file is not an export.
     #[error(
         "{} is there and no export of the view {view}; name another place, or replace it with --force",
         .path.display()
@@ -40,10 +40,10 @@ pub enum ExportError {
     NoRobot {
         /// The name.
         name: String,
-        /// A sentence on those that there are.
+        /// A sentence on the known robots.
         known: String,
     },
-    /// The database holds what the description of the column excludes.
+    /// The database contains a value that the description of the column excludes.
     #[error("{view}.{column} holds {value}, which is no {kind}; please report this")]
     Value {
         /// The view.
@@ -52,16 +52,16 @@ pub enum ExportError {
         column: String,
         /// The value.
         value: String,
-        /// What it should be.
+        /// Expected type.
         kind: &'static str,
     },
-    /// A stop was asked for.
+    /// A stop was requested.
     #[error("stopped; no file was written")]
     Stopped,
 }
 
 impl ExportError {
-    /// The error of the system on a file.
+    /// An error of the system for a file.
     pub(super) fn of_file(path: &Path, error: &dyn std::fmt::Display) -> Self {
         Self::File { path: path.to_path_buf(), detail: error.to_string() }
     }

@@ -1,8 +1,8 @@
-//! Public views to files: CSV and Parquet, for programs that do not read SQLite.
+//! Export of public views to CSV and Parquet, for programs that do not read SQLite.
 //!
-//! All files of an export are of one moment of the database. They get their names together, once all are whole. Rows are
-//! written as they come, so memory does not depend on how many there are. `by_month` says what is different where a view
-//! is divided by robot and month.
+//! All files of an export show one moment of the database. They get their names together, once all are complete. Rows
+//! are written as they are read, so memory does not depend on their number. `by_month` describes the differences for a
+//! view that is divided by robot and month.
 
 mod by_month;
 mod error;
@@ -23,37 +23,37 @@ use self::sheet::Sheet;
 use self::target::Target;
 use crate::{PublicView, RowFilter, Store};
 
-/// Rows between two looks at whether to stop.
+/// Rows between two checks for a stop.
 const ROWS_A_LOOK: u64 = 1024;
 
-/// Robots that a message lists at most.
+/// Most robots listed in a message.
 const LISTED_ROBOTS: usize = 20;
 
-/// A view and the file that it goes to.
+/// A view and its file.
 #[derive(Debug, Clone)]
 pub struct Destination {
     /// The view.
     pub view: &'static PublicView,
-    /// The file; of a view that is divided, the folder has its name without the ending.
+    /// The file; for a divided view, the folder has its name without the ending.
     pub path: PathBuf,
 }
 
-/// What is exported.
+/// An export of views.
 #[derive(Debug, Clone)]
 pub struct Export {
     /// Views and their files.
     pub destinations: Vec<Destination>,
-    /// How rows are written.
+    /// Format of rows.
     pub format: SheetFormat,
-    /// Which rows.
+    /// Selection of rows.
     pub filter: RowFilter,
-    /// Whether files that are no exports are replaced.
+    /// True if files that are no exports are replaced.
     pub force: bool,
-    /// Whether views with the rows of runs are divided by robot and month, each into a folder in place of its file.
+    /// True if views with the rows of runs are divided by robot and month, each into a folder instead of its file.
     pub by_month: bool,
 }
 
-/// How far an export is.
+/// Progress of an export.
 #[derive(Debug, Clone, Copy)]
 pub struct ExportProgress<'a> {
     /// The view that is being written.
@@ -68,7 +68,7 @@ impl Export {
     /// Reads the views and writes their files.
     ///
     /// # Errors
-    /// [`ExportError`]; no file then has changed, unless the last step failed: giving the files their names.
+    /// [`ExportError`]; no file has changed then, unless the last step failed, the renaming of the files.
     pub async fn write(
         &self,
         store: &Store,

@@ -1,4 +1,5 @@
-//! Rows as Parquet: times as timestamps of UTC, units and meanings of columns in the metadata of fields and of the file.
+//! Rows as Parquet: times as timestamps of UTC, units and meanings of columns in the metadata of fields and of the
+//! file.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -23,7 +24,7 @@ use super::error::ExportError;
 use super::target;
 use crate::{PublicView, ViewColumn};
 
-/// Rows of a row group, which is in memory until it is whole: some tens of megabytes in the widest view.
+/// Rows of a row group, which is in memory until it is complete: some tens of megabytes in the widest view.
 const ROW_GROUP_ROWS: usize = 65_536;
 
 /// Metadata of the file that names its view; only armwatch writes it.
@@ -88,7 +89,7 @@ impl<'a> ParquetFile<'a> {
     fn write_group(&mut self, columns: Vec<Cells>) -> PolarsResult<()> {
         let encodings = vec![vec![Encoding::RleDictionary]; columns.len()];
         let rows = DataFrame::new(self.rows, columns.into_iter().map(Cells::finish).collect())?;
-        // one, since no column is in pieces
+        // one, since columns are not chunked
         for chunk in rows.iter_chunks(CompatLevel::newest(), false) {
             let types = self.writer.parquet_schema().fields().to_vec();
             let group = row_group_iter(chunk, encodings.clone().into(), types, self.writer.options());
@@ -106,10 +107,10 @@ impl<'a> ParquetFile<'a> {
     }
 }
 
-/// The first error of the system. The errors of polars hold its text only, within a longer one.
+/// The first error of the system. The errors of polars only have its text, within a longer one.
 type Failure = Arc<OnceLock<io::Error>>;
 
-/// The file, which keeps why it could not be written.
+/// The file, with the reason if it could not be written.
 struct ParquetOutput {
     file: File,
     failure: Failure,
@@ -130,7 +131,7 @@ impl Write for ParquetOutput {
     }
 }
 
-/// True if `path` is free or holds an export of the view, whose metadata names it.
+/// True if `path` is free or contains an export of the view, whose metadata names it.
 pub(super) fn may_replace(view: &PublicView, path: &Path) -> Result<bool, ExportError> {
     let Some(mut file) = target::existing(path)? else { return Ok(true) };
     let Ok(metadata) = read_metadata(&mut file) else { return Ok(false) };
@@ -152,7 +153,7 @@ fn kind_of(column: &ViewColumn) -> ArrowDataType {
     }
 }
 
-/// Every column may be NULL, since readers that join files of several exports want one schema.
+/// Every column may be NULL, since readers that join files of several exports need one schema.
 fn field(column: &ViewColumn) -> ArrowField {
     let texts = [
         ("description", Some(&column.meaning)),
@@ -163,7 +164,7 @@ fn field(column: &ViewColumn) -> ArrowField {
     ArrowField::new(name_of(column), kind_of(column), true).with_metadata(told.collect())
 }
 
-/// The schema, and the same for programs that do not show the metadata of fields.
+/// The schema, also as JSON for programs that do not show the metadata of fields.
 fn metadata(view: &PublicView, schema: &ArrowSchema) -> Vec<KeyValue> {
     let columns: Vec<Value> = view
         .columns
@@ -183,7 +184,7 @@ fn metadata(view: &PublicView, schema: &ArrowSchema) -> Vec<KeyValue> {
     [schema_to_metadata_key(schema)].into_iter().chain(told).collect()
 }
 
-/// Values of a column that are not handed on yet.
+/// Values of a column that are not written yet.
 enum Cells {
     Integer(PrimitiveChunkedBuilder<Int64Type>),
     Real(PrimitiveChunkedBuilder<Float64Type>),
@@ -204,7 +205,7 @@ impl Cells {
         }
     }
 
-    /// Fails with the kind that the value should have.
+    /// Fails with the expected kind of the value.
     fn add(&mut self, value: &Value) -> Result<(), &'static str> {
         let text = value.as_str();
         match (self, value) {
@@ -221,7 +222,7 @@ impl Cells {
         Ok(())
     }
 
-    /// Times and days as numbers, of which the schema has the types.
+    /// The column; times and days are numbers, whose types are in the schema.
     fn finish(self) -> Column {
         match self {
             Self::Integer(of) | Self::Time(of) => of.finish().into_column(),
@@ -236,7 +237,7 @@ fn milliseconds(text: &str) -> Option<i64> {
     text.parse::<Timestamp>().ok().map(Timestamp::as_millisecond)
 }
 
-/// Since 1970-01-01.
+/// Days since 1970-01-01.
 fn days(text: &str) -> Option<i32> {
     let date: Date = text.parse().ok()?;
     Date::constant(1970, 1, 1).until((Unit::Day, date)).ok().map(|span| span.get_days())

@@ -1,4 +1,4 @@
-//! A file of rows in one of the formats, and what is said of it.
+//! A file of rows in one of the formats, and the report on it.
 
 use std::path::{Path, PathBuf};
 
@@ -11,17 +11,17 @@ use super::parquet_file::{self, ParquetFile};
 use super::target::Target;
 use crate::PublicView;
 
-/// How rows are written.
+/// Format of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SheetFormat {
-    /// Text, a line a row.
+    /// Text, one line per row.
     Csv,
     /// Columns with types, compressed by zstd.
     Parquet,
 }
 
 impl SheetFormat {
-    /// How names of such files end.
+    /// Ending of the file names.
     #[must_use]
     pub fn suffix(self) -> &'static str {
         match self {
@@ -30,7 +30,7 @@ impl SheetFormat {
         }
     }
 
-    /// Fails where something else than an export of the view lies at `path`, unless it is replaced by force.
+    /// Fails if something else than an export of the view is at `path`, except with `force`.
     pub(super) fn check_is_ours(
         self,
         view: &PublicView,
@@ -61,7 +61,7 @@ pub struct Written {
     pub rows: u64,
     /// Its bytes.
     pub bytes: u64,
-    /// Of a view that is divided: files of it that were written, removed, or left alone since nothing has changed.
+    /// For a divided view: its files that were written, removed, or left unchanged.
     pub parts: Option<PartCount>,
 }
 
@@ -69,14 +69,14 @@ fn shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }
 
-/// What became of the files of a view that is divided.
+/// Counts of the files of a divided view.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct PartCount {
     /// Files that are new or have other rows than before.
     pub written: u64,
-    /// Files whose rows are those of before; nobody has touched them.
+    /// Files with the same rows as before; they were not touched.
     pub unchanged: u64,
-    /// Files of which no row is left.
+    /// Files without rows, which were deleted.
     pub removed: u64,
 }
 

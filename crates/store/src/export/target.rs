@@ -1,5 +1,5 @@
-//! The file that a view is written to: under another name until it is whole, so that a reader sees the earlier file or
-//! the new one.
+//! Output file of a view. It has another name until it is complete, so a reader sees either the earlier file or the new
+//! one.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufRead, BufReader, ErrorKind, Read};
@@ -13,13 +13,14 @@ use super::error::ExportError;
 pub(super) struct Target {
     path: PathBuf,
     file: File,
-    /// Its name until it is whole; `None` for what is no file, such as a pipe, which is written as it is.
+    /// Its name until it is complete; `None` for a path that is no regular file, such as a pipe, which is written
+    /// directly.
     partial: Option<PathBuf>,
 }
 
 impl Target {
-    /// Makes the folder where there is none, and the file under its name for the meantime. Whether `path` may be
-    /// replaced was asked before.
+    /// Creates the folder if needed, and the file under its temporary name. The caller has already checked that `path`
+    /// may be replaced.
     pub(super) fn open(path: &Path) -> Result<Self, ExportError> {
         let failed = |error: std::io::Error| ExportError::of_file(path, &error);
         if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
@@ -31,7 +32,7 @@ impl Target {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let partial = folder.join(format!(".{name}.partial"));
         loop {
-            // what a killed export has left is written over
+            // the remains of a killed export are overwritten
             let file =
                 OpenOptions::new().create(true).truncate(false).write(true).open(&partial).map_err(failed)?;
             match file.try_lock() {
@@ -46,7 +47,7 @@ impl Target {
         }
     }
 
-    /// A handle to write with.
+    /// A handle for writing.
     pub(super) fn file(&self) -> Result<File, ExportError> {
         self.file.try_clone().map_err(|error| ExportError::of_file(&self.path, &error))
     }
@@ -55,7 +56,7 @@ impl Target {
         &self.path
     }
 
-    /// Makes sure that what was written is on the disk, and says how many bytes it is.
+    /// Syncs the written data to the disk, and returns its size in bytes.
     pub(super) fn sync(&self) -> Result<u64, ExportError> {
         let failed = |error: std::io::Error| ExportError::of_file(&self.path, &error);
         if self.partial.is_some() {
@@ -64,7 +65,7 @@ impl Target {
         Ok(self.file.metadata().map_err(failed)?.len())
     }
 
-    /// Whether what was written is what lies at the place already.
+    /// True if the written data equals the present content of the path.
     pub(super) fn is_as_before(&self) -> Result<bool, ExportError> {
         let failed = |error: std::io::Error| ExportError::of_file(&self.path, &error);
         let (Some(partial), Some(before)) = (&self.partial, existing(&self.path)?) else { return Ok(false) };
@@ -88,7 +89,7 @@ impl Target {
         }
     }
 
-    /// Gives the file its name.
+    /// Gives the file its final name.
     pub(super) fn place(mut self) -> Result<(), ExportError> {
         let Some(partial) = self.partial.take() else { return Ok(()) };
         let placed = std::fs::rename(&partial, &self.path)
@@ -103,13 +104,13 @@ impl Target {
 impl Drop for Target {
     fn drop(&mut self) {
         if let Some(partial) = &self.partial {
-            // what is half is of no use
+            // an incomplete file is useless
             let _ = std::fs::remove_file(partial);
         }
     }
 }
 
-/// Whether nothing lies at `path`, or what begins as `begin`, or what is no file, such as a pipe.
+/// True if there is no file at `path`, if it begins with `begin`, or if it is no regular file, such as a pipe.
 pub(super) fn begins_with(path: &Path, begin: &[u8]) -> Result<bool, ExportError> {
     let failed = |error: std::io::Error| ExportError::of_file(path, &error);
     let Some(file) = existing(path)? else { return Ok(true) };
@@ -118,7 +119,8 @@ pub(super) fn begins_with(path: &Path, begin: &[u8]) -> Result<bool, ExportError
     Ok(found == begin)
 }
 
-/// The file at `path`, to look into it; `None` where there is none, and for what is no file, such as a pipe.
+/// The file at `path`, opened for reading; `None` if there is none, and for anything else than a regular file, such as
+/// a pipe.
 pub(super) fn existing(path: &Path) -> Result<Option<File>, ExportError> {
     let failed = |error: std::io::Error| ExportError::of_file(path, &error);
     let there = match std::fs::metadata(path) {

@@ -1,5 +1,6 @@
-//! What sessions have claimed. A claim is one row: whoever enters it has it, nobody waits for it, and it goes with the end of
-//! its session. It is entered only while the session is alive, whose row is locked against its end meanwhile.
+//! Claims of sessions. A claim is one row: the session that inserts it has it, no other session waits for it, and it
+//! ends with its session. It is only inserted while the session is alive; a lock on the session's row prevents its end
+//! during that time.
 
 use std::collections::HashSet;
 
@@ -71,7 +72,7 @@ pub(crate) async fn runs_of_others(
     Ok(runs.into_iter().collect())
 }
 
-/// Whether another session has claimed a run.
+/// True if another session has claimed a run.
 pub(crate) async fn is_of_another(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

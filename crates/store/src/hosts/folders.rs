@@ -1,4 +1,4 @@
-//! Watched folders that do not answer their daemon, for commands that ask.
+//! Watched folders that do not answer their daemon, for display by commands.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -16,13 +16,13 @@ pub struct UnansweredFolder {
     pub host: String,
     /// The folder.
     pub folder: String,
-    /// When the daemon last looked into it; `None` if not since its start.
+    /// Time of the daemon's last scan; `None` if there was none since its start.
     #[serde(rename = "last_scan_at", serialize_with = "known_in_views")]
     pub looked_at: Option<Timestamp>,
 }
 
 impl Store {
-    /// Writes down that a watched folder does not answer and when it was last looked into, or that it answers again.
+    /// Stores that a watched folder does not answer, with the time of its last scan, or that it answers again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -48,7 +48,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Forgets what the last daemon of this host wrote down with [`Store::note_folder`].
+    /// Deletes the entries of this host's last daemon by [`Store::note_folder`].
     ///
     /// # Errors
     /// [`StoreError`] of the database.

@@ -1,6 +1,6 @@
-//! What programs are on a database, and what they claim.
+//! Kinds of programs that use a database, and kinds of their claims.
 
-/// What one daemon works on and no other may.
+/// Work that only one daemon at a time may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ClaimKind {
     /// An export in a shared folder; its subject is the path.
@@ -26,7 +26,7 @@ impl ClaimKind {
     }
 }
 
-/// What kind of program joins.
+/// Kind of a program that joins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SessionKind {
     /// The one daemon of its host.

@@ -1,4 +1,4 @@
-//! Which daemons work on the database, for people.
+//! The daemons that work on the database, for display.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -9,14 +9,14 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::in_views;
 
-/// Whether the daemon of a host is there.
+/// State of the daemon of a host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HostState {
     /// Its lease has not ended.
     AtWork,
-    /// Its lease is over, and nobody has ended it yet.
+    /// Its lease has ended, but its session is not ended yet.
     Silent,
-    /// It was stopped, was started again, or others have taken over.
+    /// It was stopped or restarted, or others have claimed its work.
     Ended,
 }
 
@@ -41,17 +41,17 @@ impl HostState {
 pub struct HostRow {
     /// Its name; empty for a daemon without one.
     pub host: String,
-    /// Whether it is there.
+    /// State of the daemon.
     pub state: HostState,
-    /// Why it has ended: `stopped`, `restarted` or `lease_ended`.
+    /// Reason for its end: `stopped`, `restarted` or `lease_ended`.
     pub end_reason: Option<String>,
-    /// When it was heard of last.
+    /// Time of its last sign of life.
     #[serde(serialize_with = "in_views")]
     pub seen_at: Timestamp,
 }
 
 impl HostRow {
-    /// Whether its daemon is gone without having been stopped.
+    /// True if its daemon is gone without having been stopped.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.state == HostState::Silent || self.end_reason.as_deref() == Some("lease_ended")
@@ -59,7 +59,7 @@ impl HostRow {
 }
 
 impl Store {
-    /// The daemons that have worked on a database of a server, by name; none of a file.
+    /// The daemons that have worked on a database of a server, by name; empty for a file.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

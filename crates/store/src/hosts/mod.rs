@@ -1,5 +1,5 @@
-//! Several daemons on one database of a server: sessions with a lease, what each has claimed, and where its files are. A
-//! database in a file has one daemon, for which everything here is granted without a question.
+//! Several daemons on one database of a server: sessions with a lease, their claims, and the places of their files. A
+//! database in a file has one daemon, and every claim of it succeeds at once.
 
 pub(super) mod claims;
 pub(super) mod folders;
@@ -16,8 +16,8 @@ use super::handle::Store;
 use crate::engine::{Dialect, EngineTransaction};
 use armwatch_model::run::FileId;
 
-/// Membership among the programs that write to a database, until it is left or the process ends. A lease that is renewed
-/// in the background says that it is there.
+/// Membership among the programs that write to a database, until the program leaves or the process ends. A lease,
+/// renewed in the background, shows that the program is alive.
 #[derive(Debug)]
 pub struct HostSession {
     joined: Option<session::Joined>,
@@ -25,10 +25,10 @@ pub struct HostSession {
 }
 
 impl HostSession {
-    /// Gives back what was claimed and says that the program has ended. The lease ends by itself where that cannot be
-    /// said any more. What was being done is not what ended the program.
+    /// Releases all claims and ends the session. If that fails, the lease expires. Attempts in progress do not count as
+    /// having ended the program.
     pub async fn leave(self) {
-        // where it cannot be written down, the program has not ended in good order either
+        // if this cannot be stored, the program has not ended in good order either
         let _ = self.store.break_off_attempts().await;
         if let Some(joined) = self.joined {
             joined.leave().await;
@@ -37,8 +37,8 @@ impl HostSession {
 }
 
 impl Store {
-    /// Joins the programs that write to a database on a server, where each has a session with a lease; on a file there is
-    /// nothing to join. For a daemon, [`Store::claim`] comes first.
+    /// Joins the programs that write to a database on a server, each with a session and a lease. A database in a file
+    /// needs no session. For a daemon, [`Store::claim`] comes first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -50,18 +50,18 @@ impl Store {
         Ok(HostSession { joined, store: self.clone() })
     }
 
-    /// The number of this program's session, under which it writes; `None` on a file, and before it has joined.
+    /// Number of this program's session, under which it writes; `None` on a file, and before it has joined.
     pub(crate) fn session(&self) -> Option<i64> {
         self.own_host.session()
     }
 
-    /// Claims a subject for this program; `false` if another one works on it. What was claimed before is claimed again.
+    /// Claims a subject for this program; `false` if another one works on it. Repeating a claim succeeds.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn claim_work(&self, kind: ClaimKind, subject: &str) -> Result<bool, StoreError> {
         let Some(session) = self.session() else { return Ok(true) };
-        // what is claimed for long is asked for often, and only the first time written
+        // lasting claims are checked often, but written only the first time
         let holder = self.checked(claims::holder(&self.control(), kind, subject).await)?;
         if let Some(holder) = holder {
             return Ok(holder == session);
@@ -69,7 +69,7 @@ impl Store {
         self.checked(claims::claim(&self.control(), kind, subject, session).await)
     }
 
-    /// Gives back what was claimed. It goes with the session where that fails.
+    /// Releases claims. If that fails, they end with the session.
     pub async fn release_work(&self, subjects: &[(ClaimKind, &str)]) {
         let Some(session) = self.session() else { return };
         for (kind, subject) in subjects {
@@ -120,25 +120,25 @@ impl Store {
         if self.checked(is_other)? { Err(self.run_not_open(run_id)) } else { Ok(()) }
     }
 
-    /// The number of a file, told apart from those of other hosts.
+    /// Number of a file, distinct from those of other hosts.
     pub(crate) fn numbered(&self, file: FileId) -> FileId {
         self.own_host.place().file(file)
     }
 
-    /// Whether other daemons see the file at this path under the same path, so that it has to be claimed.
+    /// True if other daemons see the file at this path under the same path, so that it has to be claimed.
     #[must_use]
     pub fn is_shared(&self, path: &Path) -> bool {
         self.own_host.place().is_shared(path)
     }
 
-    /// A path as the ledger has it: with the name of the host where there are several and the file is in no shared
-    /// folder.
+    /// A path as stored in the ledger: with the name of the host if there are several hosts and the file is in no
+    /// shared folder.
     #[must_use]
     pub fn located(&self, path: String) -> String {
         self.own_host.place().located(path)
     }
 
-    /// The file on this host that a path of the ledger names; `None` for one of another host.
+    /// The file on this host for a path of the ledger; `None` for a file of another host.
     #[must_use]
     pub fn local_path(&self, located: &str) -> Option<PathBuf> {
         self.own_host.place().local_path(located)

@@ -1,6 +1,6 @@
-//! Sessions with a lease. The number of a session is the epoch of its lease: every transaction that writes looks whether
-//! its session has ended, so that a daemon that was stopped for longer than its lease and wakes cannot commit what another
-//! one has taken over. Only the server's clock counts.
+//! Sessions with a lease. The number of a session is the epoch of its lease: every transaction that writes checks if
+//! its session has ended. A daemon that was stopped for longer than its lease therefore cannot commit work that another
+//! one has claimed. Only the server's clock counts.
 
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use crate::engine::{EngineExecutor, begin_writing};
 use crate::error::StoreError;
 use crate::handle::Store;
 
-/// A lease is renewed so many times in its length, so that one or two renewals may fail.
+/// Renewals of a lease during its length, so that one or two renewals may fail.
 const RENEWALS: u32 = 4;
 
 /// A session that is renewed in the background.
@@ -37,7 +37,8 @@ impl Joined {
     }
 }
 
-/// Begins a session. For a daemon, those of earlier daemons of the same host end: it holds the host's lock.
+/// Begins a session. For a daemon, this ends the sessions of earlier daemons of the same host, because it holds the
+/// host's lock.
 pub(super) async fn join(store: &Store, kind: SessionKind) -> Result<Joined, StoreError> {
     begin(store, kind).await?;
     let renewing = tokio::spawn(renew(store.clone(), kind));
@@ -73,8 +74,8 @@ async fn begin(store: &Store, kind: SessionKind) -> Result<i64, StoreError> {
     Ok(session)
 }
 
-/// Renews the lease for as long as the program runs, begins a session anew where it has ended, and ends those of others
-/// that are silent for longer than their lease.
+/// Renews the lease for as long as the program runs, begins a new session if the old one has ended, and ends those of
+/// others whose lease has expired.
 async fn renew(store: Store, kind: SessionKind) {
     let own = store.own_host.clone();
     let (lease, host) = (own.lease(), own.place().host().to_owned());
@@ -112,8 +113,9 @@ async fn renew(store: Store, kind: SessionKind) {
     }
 }
 
-/// Begins a session after the one before has ended. A daemon has to hold the lock of its host for that, as each connection
-/// of its writer does: another daemon of the same name may have taken over, and must not lose its session to this one.
+/// Begins a session after the earlier one has ended. A daemon needs the lock of its host for that, as each connection
+/// of its writer does: another daemon of the same name may have claimed the work, and must not lose its session to this
+/// one.
 async fn begin_again(store: &Store, kind: SessionKind) -> Result<i64, StoreError> {
     if kind == SessionKind::Daemon {
         store.checked(store.writer.acquire().await).map(drop)?;
@@ -121,7 +123,7 @@ async fn begin_again(store: &Store, kind: SessionKind) -> Result<i64, StoreError
     begin(store, kind).await
 }
 
-/// Makes a lease longer; `false` if its session has ended.
+/// Extends a lease; `false` if its session has ended.
 async fn extend(
     executor: impl EngineExecutor<'_>,
     session: i64,
@@ -138,8 +140,8 @@ async fn extend(
     Ok(done.rows_affected() > 0)
 }
 
-/// Ends sessions whose lease is over, and frees what they have claimed. A server that was away gives everyone the time of
-/// a lease to say that they are there.
+/// Ends sessions whose lease has expired, and deletes their claims. After a restart of the server, every session has
+/// the time of a lease to renew.
 async fn end_silent(store: &Store) -> Result<(), StoreError> {
     let silent = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM host_session WHERE ended_at IS NULL AND alive_until < clock_us())
@@ -176,7 +178,7 @@ async fn leave(store: &Store, session: i64) -> Result<(), StoreError> {
     store.commit(transaction).await
 }
 
-/// Frees what sessions have claimed that have ended.
+/// Deletes the claims of sessions that have ended.
 async fn free_claims(executor: impl EngineExecutor<'_>) -> Result<(), sqlx::Error> {
     let freed = "DELETE FROM claim USING host_session AS ended
                  WHERE ended.host_session_id = claim.host_session_id AND ended.ended_at IS NOT NULL";

@@ -1,5 +1,4 @@
-//! Cycles that were identified with another estimator than the configured one, and the figures that take the place of
-//! theirs.
+//! Cycles that were identified with another estimator than the configured one, and the replacement of their results.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,9 +16,9 @@ use crate::values::{count, finite};
 use armwatch_model::analysis::measurements::RunMeasurements;
 use armwatch_model::analysis::{Estimator, Identification, ParameterStatistics, TorqueRmsd};
 
-/// Why cycles keep their estimator that have no factors.
+/// Reason why cycles without factors keep their estimator.
 const NO_FACTORS: &str = "kept: no factors of its rows are stored; read its export again into a new database";
-/// Why cycles keep their estimator where Huber's is configured.
+/// Reason why cycles keep their estimator if Huber's is configured.
 const NO_ROWS: &str =
     "kept: huber weighs single rows, which are not stored; read its export again into a new database";
 
@@ -30,7 +29,7 @@ pub struct OtherEstimate {
     pub run_id: i64,
     /// Name of its robot.
     pub robot: String,
-    /// How many cycles.
+    /// Number of cycles.
     pub cycles: u32,
 }
 
@@ -44,25 +43,25 @@ impl FromRow<'_, EngineRow> for OtherEstimate {
     }
 }
 
-/// What identifying a stored cycle again gave.
+/// Result of identifying a stored cycle again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewEstimate {
     /// Number of the cycle, from 1.
     pub cycle: u32,
     /// Key of the description that its factors were made with.
     pub robot_model_id: i64,
-    /// Parameters and self-verification, or why the cycle keeps what it has.
+    /// Parameters and self-verification, or the reason why the cycle keeps its results.
     pub found: Result<(Identification, Vec<TorqueRmsd>), String>,
 }
 
 impl Store {
-    /// Writes down which cycles cannot be identified again with the estimator `wanted`, and why: those without
-    /// factors, and all of them for an estimator that needs rows. Returns how many were not known before.
+    /// Stores which cycles cannot be identified again with the estimator `wanted`, and why: those without factors, and
+    /// all cycles for an estimator that needs rows. Returns the number of cycles that were not marked before.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn keep_estimates(&self, wanted: Estimator) -> Result<u64, StoreError> {
-        // reading does not wait for another writer, and mostly there is nothing to write
+        // reading does not wait for another writer, and usually there is nothing to write
         if !self.checked(any_to_mark(&self.readers, wanted).await)? {
             return Ok(0);
         }
@@ -73,8 +72,8 @@ impl Store {
         Ok(kept)
     }
 
-    /// Runs with cycles that were identified with another estimator than `wanted` and can be identified again, in the
-    /// order of their starts; of one robot, or of all.
+    /// Runs with cycles that were identified with another estimator than `wanted` and can be identified again, by
+    /// start; for one robot, or for all.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -86,7 +85,7 @@ impl Store {
         self.checked(others(&self.readers, wanted, robot_id).await)
     }
 
-    /// Numbers of the cycles of a run as [`Store::other_estimates`] counts them, rising.
+    /// Numbers of the cycles of a run that [`Store::other_estimates`] counts, ascending.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -112,8 +111,8 @@ impl Store {
     }
 }
 
-/// An open transaction that replaces the estimates of a run's cycles and what follows from them. Dropping it without
-/// [`commit`](Self::commit) leaves the database as it was. It holds the only writer.
+/// An open transaction that replaces the estimates of a run's cycles and the results that follow from them. Dropping it
+/// without [`commit`](Self::commit) leaves the database unchanged. It holds the only writer.
 #[derive(Debug)]
 pub struct EstimateTransaction {
     transaction: EngineTransaction,
@@ -123,8 +122,8 @@ pub struct EstimateTransaction {
 }
 
 impl EstimateTransaction {
-    /// Puts parameters, residuals and self-verification of a cycle in the place of those of another estimator. A cycle
-    /// that has this estimator by now, or is gone, is left alone.
+    /// Replaces parameters, residuals and self-verification of a cycle by those of another estimator. Does nothing for
+    /// a cycle that already has this estimator, or is gone.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -133,7 +132,7 @@ impl EstimateTransaction {
         self.checked(result)
     }
 
-    /// Reads what the cycles of the run measured, with what was replaced.
+    /// Reads the measurements of the run's cycles, including the replaced ones.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -142,7 +141,7 @@ impl EstimateTransaction {
         self.checked(result)
     }
 
-    /// Replaces what the run says as a whole of parameters and torque deviations, if it has ended.
+    /// Replaces the run's overall parameters and torque deviations, if it has ended.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -156,7 +155,7 @@ impl EstimateTransaction {
         self.checked(result)
     }
 
-    /// Makes all of it lasting; conclusions from the robot's history are to be drawn again.
+    /// Commits the changes; the robot needs a new conclusion.
     ///
     /// # Errors
     /// [`StoreError`] of the database; nothing is stored then.
@@ -180,8 +179,8 @@ fn others_than(wanted: Estimator) -> [&'static str; 2] {
     }
 }
 
-/// Whether a cycle of another estimator is not marked as kept yet, and whether one is marked for no reason. Asked with
-/// each conclusion: what is marked already stands apart in the index `cycle_by_estimator` and is not read again.
+/// Checks for a cycle of another estimator that is not marked as kept yet, and for one that is marked without a reason.
+/// Every conclusion runs this query: marked cycles are separate in the index `cycle_by_estimator` and not read again.
 pub(crate) const ANY_TO_MARK: &str = "SELECT EXISTS (
              SELECT 1 FROM cycle
              WHERE estimator IN ($1, $2) AND samples IS NOT NULL AND estimator_wanted IS NULL
@@ -201,7 +200,7 @@ async fn any_to_mark(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Re
     sqlx::query_scalar(ANY_TO_MARK).bind(first).bind(second).bind(wanted.name()).fetch_one(executor).await
 }
 
-/// What was not possible with an estimator that is not wanted any more is no reason now.
+/// Deletes reasons for an estimator that is no longer configured.
 async fn forget_reasons(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE cycle SET estimator_wanted = NULL, estimator_reason = NULL
@@ -231,7 +230,7 @@ async fn mark_kept(executor: impl EngineExecutor<'_>, wanted: Estimator) -> Resu
     Ok(done.rows_affected())
 }
 
-/// Cycles of another estimator by run, without those that are marked as kept, which are not read.
+/// Cycles of another estimator by run, except those that are marked as kept, which are not read.
 pub(crate) const OTHERS: &str = "SELECT run.run_id, robot.name AS robot, count(*) AS cycles
          FROM (
              SELECT run_id FROM cycle
@@ -293,7 +292,7 @@ async fn replace(
     delete_identification(&mut *connection, cycle_id).await?;
     let keys = models::parameter_keys(&mut *connection, new.robot_model_id).await?;
     record::record_identification(&mut *connection, cycle_id, &keys, found, verification).await?;
-    // the thirds of the warming stage keep the deviations of the estimator before
+    // the thirds of the warming stage keep the deviations of the earlier estimator
     name_warming_estimator(&mut *connection, cycle_id).await?;
     set_estimator(connection, cycle_id, estimator, found).await
 }

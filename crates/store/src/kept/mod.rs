@@ -1,4 +1,4 @@
-//! Estimates that people keep, and those of another estimator.
+//! Estimates that people store under a name, and those of another estimator.
 
 pub(super) mod parameter_sets;
 pub(super) mod reestimates;

@@ -1,4 +1,4 @@
-//! Parameters under a name, with the cycles that they come from; and cross-verification.
+//! Parameters under a name, with their source cycles; and cross-verification.
 
 use std::collections::HashMap;
 
@@ -16,22 +16,22 @@ use armwatch_model::analysis::estimator_kind::{ErrorSource, EstimatorKind};
 use armwatch_model::analysis::{Estimator, Identification, IdentifiedParameter, TorqueRmsd};
 use armwatch_model::robot::ParameterId;
 
-/// Parameters from chosen cycles.
+/// Parameters from selected cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterSet {
     /// Description that the parameters belong to.
     pub model: StoredModel,
     /// Values with standard errors, condition numbers and residual.
     pub identification: Identification,
-    /// The cycles that they come from.
+    /// Their source cycles.
     pub sources: Vec<SourceCycle>,
-    /// How their rows became parameters.
+    /// Method that turned their rows into parameters.
     pub estimator: EstimatorKind,
-    /// What the standard errors stand on.
+    /// Source of the standard errors.
     pub errors: ErrorSource,
 }
 
-/// A cycle behind a parameter set.
+/// A source cycle of a parameter set.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct SourceCycle {
     /// Its run.
@@ -55,7 +55,7 @@ impl Store {
         self.checked(of_cycle(&self.readers, run_id, cycle).await)
     }
 
-    /// Keeps parameters under a name. Returns `false`, and writes nothing, if the name is taken.
+    /// Stores parameters under a name. Returns `false` and stores nothing if the name is in use.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -66,7 +66,7 @@ impl Store {
         Ok(saved)
     }
 
-    /// Reads the parameters kept under a name.
+    /// Reads the parameters stored under a name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -75,8 +75,8 @@ impl Store {
         self.checked(find(&mut connection, name).await)
     }
 
-    /// Writes how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given
-    /// by their numbers, in place of what was written of them before. All of it or nothing.
+    /// Stores how well the parameters of run `reference_run_id`, by `estimator`, fit cycles of run `run_id`, given by
+    /// their numbers. Replaces earlier results for these cycles; stores all or nothing.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -97,7 +97,7 @@ impl Store {
     }
 }
 
-/// Writes a set; `false`, and nothing is written, if something of this name is kept.
+/// Stores a set; returns `false` and stores nothing if the name is in use.
 pub(crate) async fn save(
     connection: &mut EngineConnection,
     name: &str,

@@ -1,4 +1,4 @@
-//! Histories identified again, cycle by cycle, under a name; and the names of all that is kept.
+//! Re-estimates: histories identified again, cycle by cycle, under a name. Also the names of all kept estimates.
 
 use std::collections::HashMap;
 
@@ -17,12 +17,12 @@ use armwatch_model::analysis::estimator_kind::EstimatorKind;
 use armwatch_model::analysis::{Identification, IdentifiedParameter, ParameterStatistics};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// Chosen cycles identified again, each alone.
+/// Selected cycles identified again, each alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reestimate {
     /// Description that the parameters belong to.
     pub model: StoredModel,
-    /// How rows became parameters.
+    /// Method that turned rows into parameters.
     pub estimator: EstimatorKind,
     /// The cycles, in the order of runs and cycles.
     pub cycles: Vec<ReestimatedCycle>,
@@ -35,22 +35,22 @@ pub struct Reestimate {
 pub struct ReestimatedCycle {
     /// The cycle.
     pub source: SourceCycle,
-    /// Its parameters: one view of all joints stacked, or one of each joint alone; none if it gave none.
+    /// Its parameters: one view of all joints stacked, or one per joint; none if identification failed.
     pub views: Vec<CycleView>,
-    /// Why it, or some of its joints, gave no parameters.
+    /// Reason why it, or some of its joints, has no parameters.
     pub reason: Option<String>,
 }
 
 /// Parameters of a cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleView {
-    /// The joint whose rows alone they come from; `None` for all joints stacked.
+    /// The joint that supplied the rows; `None` for all joints stacked.
     pub seen_by: Option<JointIndex>,
     /// Values with standard errors.
     pub identification: Identification,
     /// Half the width of the 95 % interval of each.
     pub half_width: Vec<f64>,
-    /// How much of each is data, if a prior took part.
+    /// Share of data in each, if a prior took part.
     pub data_share: Option<Vec<f64>>,
 }
 
@@ -61,29 +61,29 @@ pub struct ReestimatedStatistics {
     pub robot: String,
     /// The run.
     pub run_id: i64,
-    /// As [`CycleView::seen_by`].
+    /// See [`CycleView::seen_by`].
     pub seen_by: Option<JointIndex>,
-    /// The figures.
+    /// The statistics.
     pub statistics: ParameterStatistics,
 }
 
-/// Something that is kept under a name.
+/// An estimate that is kept under a name.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct KeptEstimate {
     /// The name.
     pub name: String,
-    /// What it is.
+    /// Kind of the estimate.
     pub kind: KeptKind,
     /// Name of the model.
     pub model: String,
-    /// How it was made.
+    /// Method of the estimate.
     pub estimator: EstimatorKind,
-    /// Robots whose cycles it comes from, separated by commas.
+    /// Robots of its source cycles, separated by commas.
     #[serde(serialize_with = "robot_names")]
     pub robots: String,
-    /// Cycles that it comes from.
+    /// Number of its source cycles.
     pub cycles: u32,
-    /// When it was kept.
+    /// Time of storing.
     #[serde(serialize_with = "in_views")]
     pub saved_at: Timestamp,
 }
@@ -92,7 +92,7 @@ fn robot_names<S: Serializer>(robots: &str, serializer: S) -> Result<S::Ok, S::E
     serializer.collect_seq(robots.split(','))
 }
 
-/// What is kept under a name.
+/// Kind of a kept estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KeptKind {
     /// One parameter set from cycles together.
@@ -104,7 +104,7 @@ pub enum KeptKind {
 armwatch_model::serialize_by_name!(KeptKind);
 
 impl KeptKind {
-    /// Both.
+    /// Both kinds.
     pub const ALL: [Self; 2] = [Self::Set, Self::EachCycle];
 
     /// Name as printed.
@@ -118,8 +118,7 @@ impl KeptKind {
 }
 
 impl Store {
-    /// Keeps a history identified again under a name, in one transaction; `false`, and nothing is
-    /// written, if something of this name is kept.
+    /// Stores a re-estimate under a name, in one transaction; returns `false` and stores nothing if the name is in use.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for parameters that the model does not have.
@@ -130,7 +129,7 @@ impl Store {
         Ok(saved)
     }
 
-    /// Everything that is kept under a name, by name.
+    /// All kept estimates, by name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -138,7 +137,7 @@ impl Store {
         self.checked(kept(&self.readers).await)
     }
 
-    /// Takes away the parameter set or re-estimate of this name; whether there was one.
+    /// Deletes the parameter set or re-estimate of this name; returns true if there was one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -151,7 +150,7 @@ impl Store {
     }
 }
 
-/// Writes a re-estimate; `false`, and nothing is written, if something of this name is kept.
+/// Stores a re-estimate; returns `false` and stores nothing if the name is in use.
 pub(crate) async fn save(
     connection: &mut EngineConnection,
     name: &str,
@@ -176,7 +175,7 @@ pub(crate) async fn save(
     Ok(true)
 }
 
-/// Everything that is kept, by name.
+/// All kept estimates, by name.
 pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> Result<Vec<KeptEstimate>, sqlx::Error> {
     sqlx::query(
         "SELECT parameter_set.name, 'set' AS kind, robot_model.name AS model, estimator, saved_at,
@@ -215,13 +214,13 @@ pub(crate) async fn kept(executor: impl EngineExecutor<'_>) -> Result<Vec<KeptEs
     .await
 }
 
-/// Takes away the set of this name; whether there was one.
+/// Deletes the set of this name; returns true if there was one.
 async fn delete_set(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query("DELETE FROM parameter_set WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
 }
 
-/// Takes away the re-estimate of this name; whether there was one.
+/// Deletes the re-estimate of this name; returns true if there was one.
 pub(crate) async fn delete(executor: impl EngineExecutor<'_>, name: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query("DELETE FROM reestimate WHERE name = $1").bind(name).execute(executor).await?;
     Ok(done.rows_affected() > 0)
@@ -264,7 +263,7 @@ async fn insert_cycle(
     .await
 }
 
-/// Number of the joint, 0 for all of them together: a key cannot be NULL.
+/// Number of the joint, 0 for all joints together: a key cannot be NULL.
 fn seen_by(joint: Option<JointIndex>) -> i64 {
     joint.map_or(0, joint_number)
 }

@@ -1,9 +1,10 @@
-//! Attempts that are counted before they begin, so that what ends the program is not tried for ever.
+//! Attempts that are counted before they begin, so that work which ends the program is not tried forever.
 //!
-//! The regular end of an attempt deletes its row, so a row that is left names work that the program did not survive. Kills
-//! from outside hit any work. Therefore only consecutive lives of the program add up: [`Store::take_over_attempts`] deletes
-//! the rows of work that was not in progress when the last life ended. Before the [last attempt](Attempt::is_last), the
-//! program lives for [`QUIET_START`], which storms of kills do not allow.
+//! The regular end of an attempt deletes its row, so a remaining row names work that the program did not survive. Kills
+//! from outside hit any work. Therefore only consecutive lives of the program add up: [`Store::take_over_attempts`]
+//! deletes the rows of work that was not in progress when the last life ended. Before the [last
+//! attempt](Attempt::is_last), the program waits until it has lived for [`QUIET_START`], which repeated kills from
+//! outside do not allow.
 
 use std::hash::{BuildHasher, RandomState};
 use std::path::PathBuf;
@@ -15,18 +16,18 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::count;
 
-/// Attempts that may end the program, one after the other.
+/// Most consecutive attempts that may end the program.
 pub const MOST_ATTEMPTS: u32 = 3;
 
-/// Age of the program before it makes the last attempt at some work. Repeated kills from outside come sooner, and no work is
-/// blamed for them.
+/// Age of the program before it makes the last attempt at some work. Repeated kills from outside come sooner, so no
+/// work is blamed for them.
 pub const QUIET_START: Duration = Duration::from_secs(10);
 
 /// This process: a random number that identifies it, and the start of its work.
 static PROCESS: LazyLock<(i64, Instant)> =
     LazyLock::new(|| (RandomState::new().hash_one(std::process::id()).cast_signed(), Instant::now()));
 
-/// How long this process still waits with last attempts; `None` if no longer.
+/// Remaining time before this process may make last attempts; `None` if it may.
 #[must_use]
 pub fn wait_for_quiet() -> Option<Duration> {
     QUIET_START.checked_sub(PROCESS.1.elapsed())
@@ -56,10 +57,10 @@ impl AttemptKind {
     }
 }
 
-/// How often an attempt has ended the program.
+/// Number of an attempt at some work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Attempt {
-    /// Which attempt this is, from 1.
+    /// Number of the attempt, from 1.
     pub number: u32,
 }
 
@@ -77,8 +78,8 @@ impl Attempt {
     }
 }
 
-/// The file of an attempt at an export. Another file at the path starts a new count. So does a file that has more stored
-/// cycles than at the attempt before.
+/// The file of an attempt at an export. Another file at the path starts a new count. So does a file that has more
+/// stored cycles than at the attempt before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AttemptOn {
     /// Number of the file in its file system.
@@ -88,10 +89,10 @@ pub struct AttemptOn {
 }
 
 impl Store {
-    /// Counts an attempt before it is made. One that this process has begun and not ended is the same attempt.
+    /// Counts an attempt before it is made. An attempt that this process has begun and not ended is the same attempt.
     ///
     /// # Errors
-    /// [`StoreError`] of the database; the attempt is not to be made then.
+    /// [`StoreError`] of the database; the attempt must not be made then.
     pub async fn begin_attempt_at(
         &self,
         work: AttemptKind,
@@ -122,7 +123,7 @@ impl Store {
         Ok(self.checked(found)?.map_or(0, |attempts| u32::try_from(attempts).unwrap_or(u32::MAX)))
     }
 
-    /// Notes that an attempt has ended in whatever way. Writes nothing where none is written down.
+    /// Records the end of an attempt with any outcome. Writes nothing if no attempt is stored.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -137,7 +138,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Notes that an attempt was broken off, which says nothing of its work: earlier ones still count.
+    /// Records that an attempt was interrupted, which is no evidence against its work: earlier attempts still count.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -147,7 +148,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Notes that whatever this process was doing is broken off, because it ends in good order.
+    /// Records that all work of this process was interrupted, because it ends in good order.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -187,7 +188,7 @@ pub(crate) async fn begin(
     on: AttemptOn,
     process: i64,
 ) -> Result<Attempt, sqlx::Error> {
-    // a run that was never begun has no cycles
+    // a run that never began has no cycles
     let attempts: i64 = sqlx::query_scalar(
         "INSERT INTO attempt (work, subject, attempts, process, version, inode, bytes, cycles)
          VALUES ($1, $2, 1, $3, $4, $5, $6, coalesce((
@@ -215,7 +216,7 @@ pub(crate) async fn begin(
     Ok(Attempt { number: u32::try_from(attempts).unwrap_or(u32::MAX) })
 }
 
-/// As [`begin`], of a message.
+/// Like [`begin`], for a message.
 pub(crate) async fn begin_delivery(
     connection: &mut EngineConnection,
     delivery_id: i64,
@@ -237,7 +238,7 @@ pub(crate) async fn end(
     Ok(())
 }
 
-/// As [`end`], of messages whose keys are a JSON array.
+/// Like [`end`], for messages whose keys are a JSON array.
 pub(crate) async fn end_deliveries(
     executor: impl EngineExecutor<'_>,
     delivery_ids: &str,
@@ -252,7 +253,7 @@ pub(crate) async fn end_deliveries(
     Ok(())
 }
 
-/// Takes back that a process was at some work, or at any.
+/// Deletes the record that a process was at some work, or at any.
 async fn break_off(
     connection: &mut EngineConnection,
     of: Option<(AttemptKind, &str)>,
@@ -373,7 +374,7 @@ mod tests {
             assert_eq!(lives.suspects().await, [("/a.csv".to_owned(), i64::from(number))]);
         }
         assert!(lives.begin("/a.csv", FILE).await.is_spent());
-        // it stays so while it waits to be judged, whatever ends the program then
+        // it stays spent while it waits for a decision, whatever ends the program then
         for _ in 0..2 {
             lives.killed().await;
         }
@@ -396,7 +397,7 @@ mod tests {
         lives.ended().await;
         lives.ended().await;
         assert_eq!(lives.suspects().await, [("/a.csv".to_owned(), 2)]);
-        // something else ends it
+        // other work ends it
         lives.killed().await;
         assert!(lives.suspects().await.is_empty());
     }

@@ -1,5 +1,5 @@
-//! Growing files that cannot be read on. Their faults are judged when they have settled. Until then the rows of this table
-//! show the faults, because silence would look like health.
+//! Growing files that cannot be read further. Their faults are judged when they have settled. Until then this table
+//! shows the faults, because silence would look like health.
 
 use std::path::Path;
 
@@ -12,12 +12,12 @@ use crate::handle::Store;
 use crate::values::{count, in_views, size, time_text};
 use jiff::Timestamp;
 
-/// Why a growing file cannot be read on.
+/// Reason why a growing file cannot be read further.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockReason<'a> {
     /// Its path in the ledger.
     pub path: &'a str,
-    /// The robot that its name says.
+    /// The robot in its name.
     pub robot: Option<&'a str>,
     /// Its name.
     pub source_name: &'a str,
@@ -32,7 +32,7 @@ pub struct BlockReason<'a> {
 /// A row of the view `blocked_files`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct BlockedFile {
-    /// The robot that its name says.
+    /// The robot in its name.
     pub robot: Option<String>,
     /// Its name.
     pub source_name: String,
@@ -45,16 +45,16 @@ pub struct BlockedFile {
     pub line: Option<u64>,
     /// The remedy.
     pub remedy: String,
-    /// Since when.
+    /// Time since which it is blocked.
     #[serde(serialize_with = "in_views")]
     pub blocked_at: Timestamp,
-    /// Line, time and problem in words that go on after the file's name.
+    /// Line, time and problem in words that follow the file's name.
     pub message: String,
 }
 
 impl Store {
-    /// Records that a growing file cannot be read on. Returns true if the file, its line or its problem is new; otherwise
-    /// the time of the first record is kept.
+    /// Stores that a growing file cannot be read further. Returns true if the file, its line or its problem is new;
+    /// otherwise the time of the first record is kept.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -79,7 +79,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Growing files that cannot be read on, the one that has waited longest first.
+    /// Growing files that cannot be read further, the longest waiting first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -87,7 +87,7 @@ impl Store {
         self.checked(all(&self.readers).await)
     }
 
-    /// Forgets files of this host that are no more.
+    /// Deletes the records of files of this host that no longer exist.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

@@ -1,12 +1,13 @@
-//! Runs by the names of files in which their content was seen. A look through all paths, for one who asks for an upload by its name.
+//! Runs by the names of files with their content. The query scans all paths; it is for a caller that looks for an
+//! upload by its name.
 
 use crate::engine::EngineExecutor;
 use crate::error::StoreError;
 use crate::handle::Store;
 
 impl Store {
-    /// The latest run whose content was seen in a file of this name, in whatever folder. The run may have been read from
-    /// a file of another name.
+    /// The latest run whose content was seen in a file of this name, in any folder. The run may have been read from a
+    /// file of another name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -15,7 +16,7 @@ impl Store {
     }
 }
 
-/// Paths that are alike but for upper and lower case, among which a name is looked for.
+/// Most paths, equal except for upper and lower case, that are searched for a name.
 const MOST_ALIKE: i64 = 64;
 
 async fn run_of_file_named(
@@ -40,7 +41,7 @@ async fn run_of_file_named(
     .bind(MOST_ALIKE)
     .fetch_all(executor)
     .await?;
-    // SQLite takes upper and lower case for alike
+    // SQLite ignores the difference between upper and lower case
     let is_named =
         |path: &str| path.strip_suffix(name).is_some_and(|rest| rest.is_empty() || rest.ends_with('/'));
     Ok(found.into_iter().find(|(path, _)| is_named(path)).map(|(_, run_id)| run_id))

@@ -1,4 +1,4 @@
-//! What tells recordings apart, and what the stored cycles of a run were made with.
+//! Identity of recordings, and the inputs of a run's stored cycles.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -11,7 +11,7 @@ use crate::values::time_in_views;
 use armwatch_model::run::ContentHash;
 
 impl Store {
-    /// The runs of an export with this content, each with its robot and the name of its file: one export may have the
+    /// The runs of an export with this content, each with its robot and the name of its file. One export may have the
     /// columns of several robots.
     ///
     /// # Errors
@@ -37,8 +37,8 @@ impl Store {
     }
 }
 
-/// Whether a run that could go on has cycles that were made with something else. A quarantined or superseded one
-/// begins afresh in any case.
+/// True if a run that could continue has cycles that were made with something else. A quarantined or superseded run
+/// begins from its first row in any case.
 pub(crate) async fn is_made_otherwise(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -69,7 +69,8 @@ pub(crate) async fn set_made_with(
     Ok(())
 }
 
-/// Moves the start of a run, as its export says it, and those of its cycles alike. One that a person has corrected stays.
+/// Moves the start of a run to the time in its export, and those of its cycles by the same amount. Keeps a start that a
+/// person has corrected.
 pub(crate) async fn set_start(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -89,7 +90,7 @@ pub(crate) async fn set_start(
     }
 }
 
-/// Moves the start of a run and those of its cycles alike.
+/// Moves the start of a run, and those of its cycles by the same amount.
 pub(crate) async fn move_start(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -106,7 +107,7 @@ pub(crate) async fn move_start(
     Ok(())
 }
 
-/// Writes down the first rows of a run.
+/// Stores the hash of a run's first rows.
 pub(crate) async fn set_first_rows(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -120,7 +121,7 @@ pub(crate) async fn set_first_rows(
     Ok(())
 }
 
-/// Whether two runs are known to begin with other rows.
+/// True if two runs certainly have different first rows.
 pub(crate) async fn begin_otherwise(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

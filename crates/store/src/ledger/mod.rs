@@ -1,4 +1,4 @@
-//! Which exports there are and how far each is: runs, their files, faults and resume points.
+//! The exports and their progress: runs, files, faults and resume points.
 
 pub(super) mod supersession;
 pub(super) mod stored_cycles;

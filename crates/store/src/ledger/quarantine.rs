@@ -1,7 +1,7 @@
-//! Exports that were not understood: what was found, when, and who asked for another try.
+//! Exports that could not be read: their faults, the times, and who asked for another attempt.
 //!
-//! A content has one row in the ledger, so that a run that is read again keeps its number; the faults that
-//! attempts found stay beside it. Which of them is open follows from the run and is written nowhere.
+//! A content has one row in the ledger, so a run that is read again keeps its number. The faults of all attempts are
+//! stored with it. The state of a fault is derived from the run and not stored.
 
 use std::path::PathBuf;
 
@@ -17,12 +17,12 @@ use crate::handle::Store;
 use crate::values::{count, in_views, known_in_views, named, size, time_text};
 use armwatch_model::run::{RunHeader, RunStatus};
 
-/// What was found wrong in an export.
+/// The fault of an export.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ExportFault {
     /// Place, fault and remedy in one sentence, without the file.
     pub reason: String,
-    /// The fault alone; where there is a value, it goes on after "value is ".
+    /// The fault alone; if there is a value, it follows after "value is ".
     pub problem: String,
     /// Line in the decompressed file, from 1.
     pub line: Option<u64>,
@@ -30,9 +30,9 @@ pub struct ExportFault {
     pub column: Option<String>,
     /// First byte of the cell, or else of the line, in the decompressed file, from 0.
     pub byte: Option<u64>,
-    /// What stands there.
+    /// Content of that place.
     pub value: Option<String>,
-    /// What to do.
+    /// Remedy.
     pub remedy: String,
 }
 
@@ -41,14 +41,14 @@ pub struct ExportFault {
 pub struct QuarantineRow {
     /// Database key of the run.
     pub run_id: i64,
-    /// The individual robot; `unknown` where the name does not say it.
+    /// The individual robot; `unknown` if the file name does not contain it.
     pub robot: String,
     /// File name of the export.
     pub source_name: String,
-    /// Where it was found first.
+    /// First known path.
     #[serde(rename = "file")]
     pub source_path: String,
-    /// Where the fault stands.
+    /// State of the fault.
     pub state: FaultState,
     /// The fault alone.
     pub problem: String,
@@ -58,38 +58,38 @@ pub struct QuarantineRow {
     pub column: Option<String>,
     /// First byte of the cell, or else of the line, in the decompressed file, from 0.
     pub byte: Option<u64>,
-    /// What stands there.
+    /// Content of that place.
     pub value: Option<String>,
-    /// What to do.
+    /// Remedy.
     pub remedy: String,
-    /// Whole cycles before the fault, which were stored.
+    /// Complete cycles before the fault, which were stored.
     pub cycles_stored: u32,
-    /// Attempts that found just this.
+    /// Attempts that found exactly this fault.
     pub tries: u32,
-    /// When the first of them did.
+    /// Time of the first of them.
     #[serde(serialize_with = "in_views")]
     pub first_at: Timestamp,
-    /// When the last of them did.
+    /// Time of the last of them.
     #[serde(serialize_with = "in_views")]
     pub last_at: Timestamp,
-    /// When a person asked for another try that was not made yet.
+    /// Time of a person's request for another attempt, if that was not made yet.
     #[serde(serialize_with = "known_in_views")]
     pub retry_asked_at: Option<Timestamp>,
-    /// The run that has taken this one's place.
+    /// Run that supersedes this one.
     pub superseded_by_run_id: Option<i64>,
-    /// That a person has put it aside.
+    /// Dismissal by a person.
     #[serde(flatten, serialize_with = "dismissal_columns")]
     pub dismissal: Option<Dismissal>,
 }
 
-/// What a person has said who put a fault aside.
+/// A person's statement that nothing is to be done about a fault.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Dismissal {
-    /// When.
+    /// Time.
     pub at: Timestamp,
-    /// Who.
+    /// Person.
     pub by: String,
-    /// Why.
+    /// Reason.
     pub reason: String,
 }
 
@@ -111,20 +111,20 @@ fn dismissal_columns<S: Serializer>(of: &Option<Dismissal>, serializer: S) -> Re
     .serialize(serializer)
 }
 
-/// Where a fault stands.
+/// State of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultState {
-    /// Somebody has to do something.
+    /// Someone has to act.
     Open,
-    /// Somebody has said that nothing is to be done.
+    /// A person has stated that nothing is to be done.
     Dismissed,
     /// A later attempt found another fault.
     Earlier,
     /// The export is being read again.
     Reading,
-    /// The export was understood in the end.
+    /// A later attempt read the export successfully.
     Stored,
-    /// A corrected export has taken its place.
+    /// A corrected export supersedes it.
     Superseded,
 }
 
@@ -149,8 +149,8 @@ impl FaultState {
 }
 
 impl Store {
-    /// Writes down that an export was not understood, why and where. Cycles already stored stay. A
-    /// complete run stays complete. Returns the key of the run.
+    /// Stores that an export could not be read, with the reason and place. Stored cycles stay, and a complete run stays
+    /// complete. Returns the key of the run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -166,7 +166,7 @@ impl Store {
         Ok(run_id)
     }
 
-    /// Every fault of every run, those of the newest run first, the latest of a run first.
+    /// Every fault of every run; newest run first, then latest fault first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -185,7 +185,7 @@ impl Store {
         Ok(is_asked)
     }
 
-    /// Paths at which exports were seen that are marked to be read again.
+    /// Paths of exports that are marked to be read again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -197,8 +197,7 @@ impl Store {
     }
 }
 
-/// Writes down that an export was not understood. Cycles already stored stay; a complete run stays
-/// complete.
+/// Stores that an export could not be read. Stored cycles stay, and a complete run stays complete.
 pub(crate) async fn quarantine(
     connection: &mut EngineConnection,
     header: &RunHeader,
@@ -222,7 +221,8 @@ pub(crate) async fn quarantine(
     Ok(run_id)
 }
 
-/// Gives a run without cycles to another robot, where its name turned out to say none. A robot without runs goes.
+/// Moves a run without cycles to another robot, because its file name turned out to contain none. Deletes a robot that
+/// has no more runs.
 async fn rename_robot(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -272,7 +272,7 @@ async fn mark(
     Ok(())
 }
 
-/// Counts another attempt that found what the one before it found; `false` if it had found something else.
+/// Counts another attempt with the same fault as the one before; `false` if the fault is another one.
 async fn count_again(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -318,7 +318,7 @@ async fn insert(
     Ok(())
 }
 
-/// Every fault of every run, those of the newest run first, the latest of a run first.
+/// Every fault of every run; newest run first, then latest fault first.
 pub(crate) async fn rows(executor: impl EngineExecutor<'_>) -> Result<Vec<QuarantineRow>, sqlx::Error> {
     sqlx::query(
         "SELECT run_id, robot, source_name, source_path, state, problem, line, column_name, byte, value, remedy,
@@ -367,8 +367,8 @@ fn dismissal(row: &EngineRow) -> Result<Option<Dismissal>, sqlx::Error> {
 }
 
 impl Store {
-    /// Puts the latest fault of a quarantined run aside: nothing is to be done about it. `false` if the run is not
-    /// quarantined, or its fault is put aside already.
+    /// Dismisses the latest fault of a quarantined run. `false` if the run is not quarantined, or its fault is already
+    /// dismissed.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -388,7 +388,7 @@ impl Store {
         Ok(is_put_aside)
     }
 
-    /// Takes it back that the fault of a run was put aside; what was said then is kept.
+    /// Withdraws the dismissal of a run's fault; the dismissal stays on record.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -419,7 +419,7 @@ pub(crate) async fn ask_retry(executor: impl EngineExecutor<'_>, run_id: i64) ->
     Ok(done.rows_affected() > 0)
 }
 
-/// Paths at which exports were seen that are to be read again.
+/// Paths of exports that are marked to be read again.
 pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT source_path FROM run WHERE retry_asked_at IS NOT NULL
@@ -430,8 +430,8 @@ pub(crate) async fn paths_to_retry(executor: impl EngineExecutor<'_>) -> Result<
     .await
 }
 
-/// Lets `run_id`, which is complete, take the place of quarantined runs of the same recording: robot, start
-/// and file name are alike. Their content was corrected.
+/// Lets `run_id`, which is complete, supersede quarantined runs of the same recording: those with the same robot, start
+/// and file name. Their content was corrected.
 pub(crate) async fn supersede_faulty(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

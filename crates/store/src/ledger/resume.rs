@@ -1,4 +1,4 @@
-//! Where reading goes on after a restart.
+//! Places for resuming the reading after a restart.
 
 use sqlx::Row;
 
@@ -8,30 +8,30 @@ use crate::handle::Store;
 use crate::values::{count, size};
 use armwatch_model::run::ContentPrefix;
 
-/// A place of an export between two cycles, as bytes whose meaning is their writer's.
+/// A place of an export between two cycles, in a format that only its writer knows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StoredPoint {
     /// Cycles before it.
     pub cycles: u32,
-    /// Byte of the decompressed file at which reading goes on.
+    /// Byte of the decompressed file, the first to be read next.
     pub byte: u64,
-    /// What is known there.
+    /// State of the reader at that byte.
     pub state: Vec<u8>,
 }
 
-/// What the cycles of a run were read from so far.
+/// Source of the cycles of a run so far.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReadSoFar {
     /// First bytes of the file.
     pub prefix: ContentPrefix,
-    /// Where reading goes on; `None` leaves the place that is stored.
+    /// Place for resuming the reading; `None` keeps the stored place.
     pub resume: Option<StoredPoint>,
-    /// Whether the end of the file has cut the cycle, so that it is another one where the file goes on.
+    /// True if the end of the file has cut the cycle, so that the cycle changes if the file grows.
     pub cut_by_end: bool,
 }
 
 impl Store {
-    /// Where reading of a run goes on behind cycles that are stored.
+    /// Place for resuming the reading of a run after its stored cycles.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -39,7 +39,7 @@ impl Store {
         self.checked(of_run(&self.readers, run_id).await)
     }
 
-    /// Lets a run be read from its start when it is read again.
+    /// Deletes the place, so that the run is read from its start next time.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -50,7 +50,7 @@ impl Store {
     }
 }
 
-/// Writes down where reading of a run goes on.
+/// Stores the place for resuming the reading of a run.
 pub(crate) async fn set(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -70,7 +70,7 @@ pub(crate) async fn set(
     Ok(())
 }
 
-/// Where reading of a run goes on, if the cycles before it are stored.
+/// Place for resuming the reading of a run, if the cycles before it are stored.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -92,7 +92,7 @@ pub(crate) async fn of_run(
     .await
 }
 
-/// Lets a run be read from its start.
+/// Deletes the place, so that the run is read from its start next time.
 pub(crate) async fn forget(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM resume_point WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())

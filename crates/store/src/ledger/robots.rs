@@ -19,7 +19,7 @@ impl Store {
         self.checked(names.fetch_all(&self.readers).await)
     }
 
-    /// Whether a robot of this name has runs which were read, or are being read.
+    /// Returns true if a robot of this name has runs which were read, or are being read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -32,8 +32,8 @@ impl Store {
     }
 }
 
-/// Key of a robot, which is entered on its first run. One whose name an earlier version has stored in another form of Unicode
-/// gets this one.
+/// Key of a robot, which is inserted with its first run. A robot whose name an earlier version has stored in another
+/// form of Unicode gets this name.
 pub(crate) async fn robot_id(connection: &mut EngineConnection, name: &str) -> Result<i64, sqlx::Error> {
     if let Some(known) = find_robot(&mut *connection, name).await? {
         return Ok(known);

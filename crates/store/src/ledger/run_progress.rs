@@ -1,15 +1,15 @@
-//! How far a run is read, and its end.
+//! Progress of reading a run, and its end.
 
 use crate::engine::EngineExecutor;
 use crate::values::{count, finite};
 use armwatch_model::run::ContentPrefix;
 
-/// Figures of a run that are known once its last row is read.
+/// Totals of a run that are known after its last row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RunTotals {
     /// Rows of the export.
     pub rows: usize,
-    /// Bad rows that were passed over, beyond those.
+    /// Bad rows that were skipped, in addition to those.
     pub rows_skipped: usize,
     /// Sample rate, Hz.
     pub sample_rate: f64,
@@ -22,11 +22,11 @@ pub struct RunTotals {
 pub(crate) struct Description {
     /// Its key.
     pub(crate) robot_model_id: i64,
-    /// Hash of all that figures depend on.
+    /// Hash of everything that results depend on.
     pub(crate) figures_hash: [u8; 32],
 }
 
-/// Moves the mark of progress by one cycle, and with it what the cycles were read from, where it is known.
+/// Advances the progress by one cycle, and stores the source of the cycles if it is known.
 pub(crate) async fn advance(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

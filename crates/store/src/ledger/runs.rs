@@ -1,7 +1,7 @@
-//! The ledger: one row an export, whatever became of it.
+//! The ledger: one row per export, whatever its outcome.
 //!
-//! A superseded run has the status of a quarantined one and names its successor: whatever leaves out
-//! quarantined runs leaves it out too.
+//! A superseded run has the status `quarantined` and names its successor. Every query that omits quarantined runs
+//! therefore omits it too.
 
 use sqlx::Row;
 
@@ -16,42 +16,42 @@ use crate::values::{count, named, size};
 use armwatch_config::UNKNOWN_ROBOT;
 use armwatch_model::run::{ContentHash, ContentPrefix, RunHeader, RunKind, RunStatus};
 
-/// What the ledger knows of an export.
+/// State of an export in the ledger.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KnownRun {
     /// Database key of the run.
     pub run_id: i64,
-    /// Where it stands.
+    /// Status.
     pub status: RunStatus,
-    /// Why it was quarantined.
+    /// Reason for its quarantine.
     pub reason: Option<String>,
-    /// Cycles stored so far; reading goes on after them.
+    /// Cycles stored so far; reading continues after them.
     pub cycles_stored: u32,
-    /// Whether a person has asked for a quarantined export to be read again.
+    /// True if a person has asked for a quarantined export to be read again.
     pub retry_asked: bool,
 }
 
-/// By what a run is known while it is read.
+/// Identity of a run while it is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Identity {
-    /// By the hash of its content, which has settled.
+    /// Hash of its content, which has settled.
     Content(ContentHash),
-    /// By its beginning: the export still grows. What stored cycles were read from, nothing without any.
+    /// First bytes of an export that still grows: the source of the stored cycles; none without cycles.
     Growing(ContentPrefix),
 }
 
-/// How the run of an export begins, given what its file held before.
+/// How the run of an export begins, given the earlier content of its file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct RunStart {
-    /// As this run, whose stored cycles come from the first bytes of the same content. It goes on without cycles that
-    /// the end of the file had cut; a quarantined or superseded one begins afresh. `None`: as a new run.
+    /// Continues this run, whose stored cycles come from the first bytes of the same content. Cycles that the end of
+    /// the file had cut are read again. A quarantined or superseded run begins from its first row. `None`: a new run.
     pub continues: Option<i64>,
-    /// In the place of this run, whose file was rewritten.
+    /// Replaces this run, whose file was rewritten.
     pub replaces: Option<i64>,
-    /// What decides the cycles of the run besides its bytes. A run that goes on although its stored cycles were made
-    /// with something else begins afresh. `None`: not looked at.
+    /// Everything that determines the cycles of the run, except its bytes. A continued run begins from its first row if
+    /// its stored cycles were made with something else. `None`: not compared.
     pub made_with: Option<ContentHash>,
-    /// A run that goes on begins afresh in any case, as a person asked for.
+    /// True if a continued run begins from its first row in any case, because a person asked for it.
     pub afresh: bool,
 }
 
@@ -60,21 +60,21 @@ pub struct RunStart {
 pub struct BegunRun {
     /// The run.
     pub run: KnownRun,
-    /// Whether cycles were taken away that were made with something else.
+    /// True if cycles were deleted because they were made with something else.
     pub afresh: bool,
 }
 
-/// Whose identity a content is.
+/// The owner of a content's identity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Owner {
-    /// The run's own.
+    /// The run itself.
     Ours,
-    /// That run is complete, or set aside, with the same content.
+    /// This run, which is complete or set aside, with the same content.
     Other(i64),
 }
 
 impl Store {
-    /// What the ledger knows of an export with this content; of several robots, the first one.
+    /// State of the export with this content; if several robots have one, that of the first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -82,7 +82,7 @@ impl Store {
         Ok(self.runs_of_content(hash).await?.into_iter().next().map(|(run, ..)| run))
     }
 
-    /// Whether any run is of an export of so many bytes, so that its content may be that of another such export.
+    /// Returns true if a run has an export of this size. Only then can a content be that of a known export.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -91,8 +91,8 @@ impl Store {
         self.checked(found.bind(count(bytes)).fetch_one(&self.readers).await)
     }
 
-    /// Ends an unfinished run whose file is gone as quarantined, for `reason`. Its cycles stay, and it goes on if
-    /// the file comes back. Returns whether there was such a run.
+    /// Quarantines an unfinished run whose file is gone, for `reason`. Its cycles stay, and reading continues if the
+    /// file returns. Returns true if there was such a run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -104,9 +104,8 @@ impl Store {
         Ok(is_given_up)
     }
 
-    /// Begins a run. A run with this content that was begun before, or is complete, is returned as it
-    /// stands; a quarantined one begins afresh, since its export is only read again after a
-    /// correction.
+    /// Begins a run. Returns an unfinished or complete run with this content unchanged. A quarantined one begins from
+    /// its first row, since its export is only read again after a correction.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -117,7 +116,7 @@ impl Store {
         Ok(run)
     }
 
-    /// What the ledger knows of a run; `None` for an unknown one.
+    /// State of a run; `None` if it is unknown.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -128,22 +127,22 @@ impl Store {
         }
     }
 
-    /// Marks the unfinished run `old` as superseded by `run_id`: its file was written over with the content
-    /// of that run. Its rows stay. One that is complete by now is left alone.
+    /// Marks the unfinished run `old` as superseded by `run_id`, because its file was overwritten with the content of
+    /// that run. Its rows stay. Does nothing if `old` is complete by now.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn supersede_run(&self, run_id: i64, old: i64) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
-        // another daemon may have read it to its end meanwhile
+        // another daemon may have completed it since
         if !self.checked(is_complete(&mut *transaction, old).await)? {
             self.checked(supersede(&mut *transaction, run_id, old).await)?;
         }
         self.commit(transaction).await
     }
 
-    /// Takes away the unfinished run `run_id`, because the complete run `other` has its content. What it has
-    /// superseded is superseded by that one.
+    /// Deletes the unfinished run `run_id`, because the complete run `other` has its content. The runs that it
+    /// superseded become superseded by `other`.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -154,7 +153,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Takes away a run that is not complete, with all its rows. Returns whether there was one.
+    /// Deletes an incomplete run with all its rows. Returns true if there was one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -165,8 +164,8 @@ impl Store {
         Ok(found)
     }
 
-    /// Lets a run of a file that was read while it grew be known by `identity`, since its content is not read. Others keep
-    /// theirs.
+    /// Sets `identity` as the identity of a run that was read while its file grew, since its content is not read. Does
+    /// nothing for other runs.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -181,7 +180,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Writes down what a run is a recording of.
+    /// Stores the kind of a run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -196,7 +195,7 @@ pub(crate) fn status(row: &EngineRow, column: &str) -> Result<RunStatus, sqlx::E
     named(row, column, &RunStatus::ALL, RunStatus::name)
 }
 
-/// Begins a run, goes on with one that was begun, or begins a quarantined one afresh.
+/// Begins a run, continues an unfinished one, or begins a quarantined one from its first row.
 pub(crate) async fn begin_run(
     connection: &mut EngineConnection,
     header: &RunHeader,
@@ -209,7 +208,7 @@ pub(crate) async fn begin_run(
     }
 }
 
-/// Begins a run as `beginning` says, under an identity that no other run has.
+/// Begins a run as `beginning` demands, under an identity that no other run has.
 pub(crate) async fn begin(
     connection: &mut EngineConnection,
     header: &RunHeader,
@@ -249,8 +248,7 @@ async fn insert_new(connection: &mut EngineConnection, header: &RunHeader) -> Re
     Ok(begun(insert_run(connection, robot_id, header).await?))
 }
 
-/// Begins a run again from the first row: what was stored before may rest on a layout or robot that has
-/// been corrected since.
+/// Begins a run from its first row: the stored results may depend on a layout or robot that has been corrected since.
 async fn afresh(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -263,7 +261,7 @@ async fn afresh(
     Ok(begun(run_id))
 }
 
-/// Goes on with a run whose content may have become longer.
+/// Continues a run whose content may have become longer.
 async fn continues(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -299,7 +297,7 @@ async fn continues(
     }
 }
 
-/// Lets `run_id` take the place of `old`: at its end if that one is complete, at once if its file changed
+/// Lets `run_id` supersede `old`: when `run_id` is complete if `old` is complete, at once if the file of `old` changed
 /// before its end.
 async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> Result<(), sqlx::Error> {
     if run_by_key(&mut *connection, old).await?.status == RunStatus::Complete {
@@ -309,8 +307,8 @@ async fn replace(connection: &mut EngineConnection, run_id: i64, old: i64) -> Re
     }
 }
 
-/// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished
-/// run of the same content gives way, and so does a superseded one: its rows would be the same.
+/// Gives a run that is ending the identity of its content, unless a complete run has it. An unfinished or superseded
+/// run of the same content gives way, since its rows would be the same.
 pub(crate) async fn adopt(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -340,7 +338,8 @@ fn begun(run_id: i64) -> KnownRun {
     KnownRun { run_id, status: RunStatus::Streaming, reason: None, cycles_stored: 0, retry_asked: false }
 }
 
-/// The run of a content and a robot, or else of a content whose robot is not known; for an unknown robot, that of any.
+/// The run of a content and a robot, or else the run of the content whose robot is unknown; for an unknown robot, the
+/// run of any robot.
 pub(crate) async fn find_run(
     executor: impl EngineExecutor<'_>,
     hash: &ContentHash,
@@ -410,7 +409,7 @@ pub(crate) async fn insert_run(
     .await
 }
 
-/// Opens a run from its start. A start that a person has corrected stays, unless the file has got another name.
+/// Opens a run at its first row. Keeps a start that a person has corrected, unless the file has another name.
 async fn reopen_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -440,7 +439,7 @@ async fn reopen_run(
     Ok(())
 }
 
-/// Opens a complete run for further cycles. A trigger takes away what is stored of the run as a whole.
+/// Opens a complete run for further cycles. A trigger deletes the results of the run as a whole.
 async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run
@@ -454,7 +453,6 @@ async fn open_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<()
     Ok(())
 }
 
-/// Writes down by which content a run is known.
 async fn identify(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -470,8 +468,8 @@ async fn identify(
     Ok(())
 }
 
-/// Writes down that the export of a run grows. A copy of what it held before must not be taken for it,
-/// so that the key becomes a number that no content has.
+/// Stores that the export of a run grows. The key becomes a random number that no content has, so that a copy of its
+/// earlier content is not assumed to be the same export.
 async fn identify_growing(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -489,7 +487,7 @@ async fn identify_growing(
     Ok(())
 }
 
-/// Start of a run that takes cycles from this session, in microseconds; `None` if it takes none.
+/// Start of a run that accepts cycles from this session, in microseconds; `None` if it accepts none.
 pub(crate) async fn open_run_start(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -500,7 +498,7 @@ pub(crate) async fn open_run_start(
     sqlx::query_scalar(start).bind(run_id).bind(session).fetch_optional(executor).await
 }
 
-/// Robot of a run that is not quarantined, and not read by another session.
+/// Robot of a run that is neither quarantined nor read by another session.
 pub(crate) async fn robot_of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -512,8 +510,8 @@ pub(crate) async fn robot_of_run(
     sqlx::query_scalar(robot).bind(run_id).bind(session).fetch_optional(executor).await
 }
 
-/// Ends a run whose file is gone. Its content will not be known, so that the key becomes a number that no
-/// content has; what its cycles were read from tells the file if it comes back.
+/// Ends a run whose file is gone. Its content remains unknown, so the key becomes a random number that no content has.
+/// The stored first bytes identify the file if it returns.
 async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -> Result<bool, sqlx::Error> {
     let done = sqlx::query(
         "UPDATE run
@@ -529,7 +527,7 @@ async fn give_up(executor: impl EngineExecutor<'_>, run_id: i64, reason: &str) -
     Ok(done.rows_affected() > 0)
 }
 
-/// Whether a run was read to its end.
+/// True if a run was read to its end.
 async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
     sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM run WHERE run_id = $1 AND status = 'complete')")
         .bind(run_id)
@@ -537,7 +535,7 @@ async fn is_complete(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<b
         .await
 }
 
-/// Writes down what a run is a recording of; writes nothing where that stands already.
+/// Stores the kind of a run if it differs from the stored one.
 async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind) -> Result<(), sqlx::Error> {
     sqlx::query("UPDATE run SET kind = $1 WHERE run_id = $2 AND kind <> $1")
         .bind(kind.name())
@@ -547,7 +545,7 @@ async fn set_kind(executor: impl EngineExecutor<'_>, run_id: i64, kind: RunKind)
     Ok(())
 }
 
-/// Takes away a run that is not complete, with its cycles. Returns whether there was one.
+/// Deletes an incomplete run with its cycles. Returns true if there was one.
 async fn discard(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<bool, sqlx::Error> {
     let done = sqlx::query("DELETE FROM run WHERE run_id = $1 AND status <> 'complete'")
         .bind(run_id)

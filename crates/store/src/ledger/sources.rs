@@ -16,7 +16,7 @@ use crate::models::StoredModel;
 use crate::values::{count, named, size, time};
 use armwatch_model::run::{ContentHash, ContentPrefix, FileId, RunHeader, RunKind};
 
-/// A file as the file system describes it, without a look into it.
+/// A file as the file system describes it; its content is not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SourceState {
     /// Size, bytes.
@@ -27,7 +27,7 @@ pub struct SourceState {
     pub file: FileId,
 }
 
-/// A run whose export lay at a path, or in the file that lies there now.
+/// A run whose export was at a path, or in the file that is there now.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EarlierRun {
     /// The run.
@@ -38,17 +38,17 @@ pub struct EarlierRun {
     pub started_at: Timestamp,
     /// File name of its export.
     pub source_name: String,
-    /// What it is a recording of, once a cycle is stored.
+    /// Its kind, once a cycle is stored.
     pub kind: RunKind,
-    /// What is stored of it was read from these first bytes.
+    /// The first bytes of the content, the source of its stored results.
     pub read: ContentPrefix,
-    /// Whether it lay at the path.
+    /// True if it was at the path.
     pub same_path: bool,
-    /// Whether it lay in the file.
+    /// True if it was in the file.
     pub same_file: bool,
 }
 
-/// What the name of a file says of its recording.
+/// Recording of a file, as its name states it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RecordingName<'n> {
     /// The individual robot.
@@ -59,49 +59,50 @@ pub struct RecordingName<'n> {
     pub source_name: &'n str,
 }
 
-/// A file whose run is not complete, as it was when the run was last begun.
+/// File of an incomplete run, as it was when the run was last begun.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnfinishedSource {
     /// The run.
     pub run_id: i64,
-    /// Where the file lay.
+    /// Path of the file.
     pub path: PathBuf,
     /// Its size, bytes.
     pub bytes: u64,
     /// Time of its last modification, to the microsecond.
     pub modified: Timestamp,
-    /// Whether it was read while it grew, and not after it had settled.
+    /// True if it was read while it grew, false if it had settled.
     pub growing: bool,
 }
 
-/// Latest runs of files of one number that are compared with a file. A file that goes, as an archive takes it, leaves its
-/// number to the next one, so that there may be any number of them.
+/// Latest runs of a file number that are compared with a file. A file that an archive removes leaves its number to the
+/// next file, so a number may have any count of runs.
 const MOST_OF_NUMBER: i64 = 4;
 
-/// Runs that may be of one recording that are compared with a file: those that were not refused first, then those of the same
-/// name, then the latest. One recording has few; a folder of broken files with one start may have thousands, of which each would be compared with all.
+/// Runs of possibly the same recording that are compared with a file: first those that were not refused, then those of
+/// the same name, then the latest. One recording has few runs. A folder of broken files with one start may have
+/// thousands, and each would be compared with all others.
 const MOST_OF_RECORDING: i64 = 16;
 
-/// What tells the export of a run, and what its rows were analysed with.
+/// Everything that identifies the export of a run, and the description that its rows were analysed with.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunSource {
     /// Database key of the run.
     pub run_id: i64,
     /// The individual robot.
     pub robot: String,
-    /// File name of the export when it was taken.
+    /// File name of the export when it was read.
     pub source_name: String,
-    /// Where the export lay: where it was found first, then where it was seen later, latest first.
+    /// Paths of the export: first the oldest one, then the later ones, latest first.
     pub paths: Vec<PathBuf>,
     /// Identity of its content.
     pub content_hash: ContentHash,
-    /// The description that it was analysed with; `None` as long as no cycle is stored.
+    /// Description that it was analysed with; `None` until a cycle is stored.
     pub model: Option<StoredModel>,
 }
 
 impl Store {
-    /// Begins the run of the file at `source`, as `beginning` says, and writes down that the file holds it.
-    /// The identity must be no other run's, see [`Store::lookup`].
+    /// Begins the run of the file at `source`, as `beginning` demands, and stores that the file holds it. No other run
+    /// may have the identity, see [`Store::lookup`].
     ///
     /// # Errors
     /// [`StoreError::Refused`] if another run has the identity; others of the database.
@@ -122,7 +123,7 @@ impl Store {
         Ok(begun)
     }
 
-    /// What the ledger knows of the export that lay at `path` in this state when it was last taken.
+    /// State of the export that was at `path` in this state when it was last read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -130,8 +131,8 @@ impl Store {
         self.checked(find(&self.readers, path, state).await)
     }
 
-    /// What the ledger knows of the exports that lay at `paths` when they were last taken, by path: size, bytes, time of
-    /// the last modification, microseconds UTC, and run. Unknown paths are left out.
+    /// State of the exports that were at `paths` when they were last read, by path: size in bytes, time of the last
+    /// modification in microseconds UTC, and run. Unknown paths are omitted.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -142,7 +143,7 @@ impl Store {
         self.checked(find_all(&self.readers, paths).await)
     }
 
-    /// Writes down that the file at `path`, in this state, holds the export of a run. This ends the attempt at it.
+    /// Stores that the file at `path`, in this state, holds the export of a run. This ends the attempt at it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -159,8 +160,8 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Runs whose export lay at `path`, in the file of this number under another name, or is of this recording
-    /// (robot and start): that of the path first, then the newest.
+    /// Runs whose export was at `path`, was in the file of this number under another name, or is of this recording
+    /// (robot and start): first that of the path, then the newest.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -173,8 +174,8 @@ impl Store {
         self.checked(earlier_runs(&self.readers, path, self.numbered(file), recording).await)
     }
 
-    /// Files of runs that are not complete, as they were when the runs were last begun. Those of other hosts, and what
-    /// other programs are reading, are left out.
+    /// Files of incomplete runs, as they were when the runs were last begun. Omits those of other hosts and those that
+    /// other programs read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -191,7 +192,7 @@ impl Store {
         Ok(found)
     }
 
-    /// What tells the export of a run; `None` for an unknown run.
+    /// Identity of the export of a run; `None` if the run is unknown.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -205,7 +206,7 @@ impl Store {
                 source.paths.push(path);
             }
         }
-        // what lies on another host is told with its name, and is no file here
+        // a file of another host keeps the name of that host, since it is no file here
         for path in &mut source.paths {
             if let Some(here) = path.to_str().and_then(|located| self.local_path(located)) {
                 *path = here;
@@ -214,8 +215,8 @@ impl Store {
         Ok(Some(source))
     }
 
-    /// Content that a file name stands for: that of its latest run which is neither quarantined nor superseded
-    /// nor growing.
+    /// Content with this file name: that of the latest run with this name that is neither quarantined, superseded nor
+    /// growing.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -244,7 +245,7 @@ pub(crate) async fn find(
     .await
 }
 
-/// What was last taken at each of `paths`.
+/// Run last read at each of `paths`.
 async fn find_all(
     executor: impl EngineExecutor<'_>,
     paths: &[String],
@@ -270,11 +271,12 @@ async fn find_all(
     Ok(rows.into_iter().collect())
 }
 
-/// Farthest that two time zones lie apart, in microseconds: a start that was read by another one is within.
+/// Largest difference between two time zones, in microseconds. A start that was read with the wrong time zone is within
+/// it.
 const ZONES_APART: i64 = 26 * 3_600_000_000;
 
-/// Runs whose export lay at `path` or in the file of this number, or may be of this recording: robot and start are
-/// alike, or robot and name, where the start was read by the clock of another time zone. That of the path first, then
+/// Runs whose export was at `path` or in the file of this number, or may be of this recording. Such runs have the same
+/// robot and start, or the same robot and name if the start was read in another time zone. First that of the path, then
 /// the newest.
 pub(crate) async fn earlier_runs(
     executor: impl EngineExecutor<'_>,
@@ -337,7 +339,7 @@ pub(crate) async fn earlier_runs(
     .await
 }
 
-/// Files of runs that are not complete.
+/// Files of incomplete runs.
 pub(crate) async fn unfinished(
     executor: impl EngineExecutor<'_>,
 ) -> Result<Vec<UnfinishedSource>, sqlx::Error> {
@@ -360,8 +362,8 @@ pub(crate) async fn unfinished(
     .await
 }
 
-/// A path from the root on. Earlier versions stored paths as they were given, mostly by a daemon that is still started
-/// in the same folder.
+/// Absolute path. Earlier versions stored paths as they were given, mostly by a daemon that is still started in the
+/// same folder.
 fn from_root(path: PathBuf) -> PathBuf {
     std::path::absolute(&path).unwrap_or(path)
 }
@@ -386,7 +388,7 @@ pub(crate) async fn remember(
     Ok(())
 }
 
-/// Writes down which file a run is read from, and by which session.
+/// Stores the file that a run is read from, and the session that reads it.
 async fn set_file(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -442,7 +444,7 @@ pub(crate) async fn of_run(
     .await
 }
 
-/// Paths at which the export of a run was seen, latest modification first.
+/// Known paths of a run's export, latest modification first.
 async fn paths_of_run(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<Vec<String>, sqlx::Error> {
     sqlx::query_scalar("SELECT path FROM source_file WHERE run_id = $1 ORDER BY modified DESC, path")
         .bind(run_id)

@@ -1,9 +1,9 @@
-//! Which cycles of a run stay when its export is read again.
+//! Cycles of a run that stay when its export is read again.
 
 use crate::engine::EngineExecutor;
 use crate::values::count;
 
-/// Whether the stored cycles of a run were read from just the first `bytes` of its content.
+/// True if the stored cycles of a run were read from exactly the first `bytes` of its content.
 pub(super) async fn are_of_first(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -16,7 +16,7 @@ pub(super) async fn are_of_first(
     Ok(read == Some(count(bytes)))
 }
 
-/// Takes away cycles that the end of the file has cut. Returns whether there were any.
+/// Deletes cycles that the end of the file has cut. Returns true if there were any.
 pub(super) async fn delete_cut_by_end(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -28,7 +28,7 @@ pub(super) async fn delete_cut_by_end(
     Ok(done.rows_affected() > 0)
 }
 
-/// Sets the mark of progress to the cycles that are stored.
+/// Sets the progress to the number of stored cycles.
 pub(super) async fn count_again(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run SET cycles_stored = (SELECT count(*) FROM cycle WHERE cycle.run_id = run.run_id)
@@ -40,7 +40,7 @@ pub(super) async fn count_again(executor: impl EngineExecutor<'_>, run_id: i64) 
     Ok(())
 }
 
-/// Takes away the last cycle of a complete run that was stored before cycles said whether the end had cut them.
+/// Deletes the last cycle of a complete run that was stored by a version that did not mark cycles cut by the end.
 pub(super) async fn delete_last(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "DELETE FROM cycle
@@ -52,7 +52,7 @@ pub(super) async fn delete_last(executor: impl EngineExecutor<'_>, run_id: i64) 
     Ok(())
 }
 
-/// Takes away all cycles of a run.
+/// Deletes all cycles of a run.
 pub(super) async fn delete_all(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM cycle WHERE run_id = $1").bind(run_id).execute(executor).await?;
     Ok(())

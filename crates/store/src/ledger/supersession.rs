@@ -1,4 +1,4 @@
-//! Which run takes the place of which.
+//! Supersession of runs.
 
 use sqlx::Row;
 
@@ -17,7 +17,7 @@ pub(crate) async fn set_replaced(
     Ok(())
 }
 
-/// Run that this one takes the place of when it is complete.
+/// Run that this one supersedes when it is complete.
 pub(crate) async fn replaced_by(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -32,16 +32,17 @@ pub(crate) async fn replaced_by(
 /// The outcome for two runs of one recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Contest {
-    /// The new run takes its place.
+    /// The new run supersedes the old one.
     New,
-    /// It keeps its place, because the new run has no result.
+    /// The old run stays in force, because the new one has no result.
     Old,
-    /// Both stand: they are recordings of two kinds, or the new one is a part of a copy.
+    /// Both stay in force: they are recordings of two kinds, or the new one is part of a copy.
     Both,
 }
 
-/// Compares two runs of a recording by their cycles with a result. If the file was written over, its old content is gone, so
-/// one result is enough. A file under another path must have as many results, since a part of a copy is no correction.
+/// Compares two runs of a recording by their cycles with a result. If the file was overwritten, its old content is
+/// gone, so one result is enough. A file under another path must have as many results, since a part of a copy is no
+/// correction.
 async fn contest(executor: impl EngineExecutor<'_>, run_id: i64, old: i64) -> Result<Contest, sqlx::Error> {
     let row = sqlx::query(
         "SELECT new.kind = old.kind AS same_kind, new.source_path = old.source_path AS same_path,
@@ -85,7 +86,7 @@ pub(crate) async fn supersede(
     Ok(())
 }
 
-/// Lets `other` be the successor of what `run_id` has superseded.
+/// Makes `other` the successor of the runs that `run_id` has superseded.
 pub(crate) async fn hand_on(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -103,7 +104,7 @@ pub(crate) async fn hand_on(
     Ok(())
 }
 
-/// Lets `run_id`, which is read to its end, take the place of `old` if it wins the [contest](Contest), which is returned.
+/// Lets `run_id`, which is read to its end, supersede `old` if it wins the [contest](Contest). Returns the outcome.
 pub(crate) async fn supersede_worse(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -116,7 +117,7 @@ pub(crate) async fn supersede_worse(
     Ok(contest)
 }
 
-/// Sets a run aside that is complete and has no result, since `old` is the same recording and has results. Its rows stay.
+/// Sets aside a complete run without a result, since `old` is the same recording and has results. Its rows stay.
 pub(crate) async fn set_aside(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

@@ -1,5 +1,5 @@
-//! Where a file is, among several hosts: `line1:/data/exports/R01.csv` for one that only this host sees, the path alone for
-//! one in a shared folder.
+//! Paths of files in a cluster of several hosts: `line1:/data/exports/R01.csv` for a file that only this host sees, the
+//! path alone for a file in a shared folder.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use armwatch_config::ClusterSettings;
 use armwatch_model::run::FileId;
 use armwatch_model::text;
 
-/// What of a cluster says where files are.
+/// Settings of a cluster that determine the places of files.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct ClusterLocation {
     host: Option<String>,
@@ -30,7 +30,7 @@ impl ClusterLocation {
         self.host.is_some() && self.shared.iter().any(|folder| path.starts_with(folder))
     }
 
-    /// A path as the ledger has it.
+    /// A path as in the ledger.
     pub(crate) fn located(&self, path: String) -> String {
         match &self.host {
             Some(host) if !self.is_shared(Path::new(&path)) => format!("{host}:{path}"),
@@ -38,7 +38,7 @@ impl ClusterLocation {
         }
     }
 
-    /// The file on this host that a path of the ledger names; `None` for one of another host.
+    /// The file on this host for a path of the ledger; `None` for a file of another host.
     pub(crate) fn local_path(&self, located: &str) -> Option<PathBuf> {
         match (located.split_once(":/"), &self.host) {
             (Some((host, path)), Some(own)) if host == own => Some(Path::new("/").join(text::to_path(path))),
@@ -47,7 +47,7 @@ impl ClusterLocation {
         }
     }
 
-    /// The number of a file, which two hosts may give to two files: told apart by the host.
+    /// The number of a file, made distinct by the host: two hosts may give the same number to two files.
     pub(crate) fn file(&self, file: FileId) -> FileId {
         let Some(host) = &self.host else { return file };
         let hash = blake3::hash(host.as_bytes());

@@ -1,4 +1,4 @@
-//! The host that a handle is on: where its files are, its lock on the server, and the session under which it writes.
+//! The host of a handle: the paths of its files, its lock on the server, and the session under which it writes.
 
 pub(crate) mod location;
 
@@ -13,7 +13,7 @@ use super::engine::host_lock::HostLock;
 use super::engine::{EngineExecutor, EnginePool};
 use armwatch_config::ClusterSettings;
 
-/// What a handle knows of the host that it is on. Clones share it.
+/// Host data of a handle. Clones share it.
 #[derive(Debug, Clone)]
 pub(crate) struct OwnHost(Arc<OwnHostData>);
 
@@ -22,11 +22,11 @@ struct OwnHostData {
     place: ClusterLocation,
     lease: Duration,
     lock: HostLock,
-    /// The session under which is written; 0 without one.
+    /// Session of all writes; 0 without one.
     session: AtomicI64,
     /// Woken when a transaction finds that the session has ended.
     ended: Notify,
-    /// A connection of its own for leases and claims: they must not wait for a turn at the writer. `None` on a file.
+    /// A separate connection for leases and claims, which must not wait for the writer. `None` on a file.
     control: Option<EnginePool>,
 }
 
@@ -42,12 +42,12 @@ impl OwnHost {
         }))
     }
 
-    /// Those of a handle that only reads, or of a file.
+    /// Host data of a handle that only reads, or of a file.
     pub(crate) fn none(settings: &ClusterSettings) -> Self {
         Self::new(settings, HostLock::of(""), None)
     }
 
-    /// The same for a handle that only reads.
+    /// A copy for a handle that only reads.
     pub(crate) fn to_look(&self) -> Self {
         Self(Arc::new(OwnHostData {
             place: self.0.place.clone(),
@@ -88,7 +88,7 @@ impl OwnHost {
         self.0.control.clone().unwrap_or_else(|| writer.clone())
     }
 
-    /// Whether the session, if there is one, has not ended. Asked in every transaction that writes.
+    /// True if there is no session, or it has not ended. Every transaction that writes checks it.
     pub(crate) async fn is_alive(&self, executor: impl EngineExecutor<'_>) -> Result<bool, sqlx::Error> {
         let Some(session) = self.session() else { return Ok(true) };
         let alive = sqlx::query_scalar(

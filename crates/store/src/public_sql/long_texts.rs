@@ -1,5 +1,5 @@
-//! Functions of SQLite that compare each place of one value with all of another one: on two long texts they work for
-//! minutes, and nothing stops a function while it works.
+//! Functions of SQLite that compare each place of one value with all of another one: on two long texts they run for
+//! minutes, and nothing can stop a function while it runs.
 
 use rusqlite::functions::{Context, FunctionFlags};
 use rusqlite::types::{ToSqlOutput, Value, ValueRef};
@@ -31,7 +31,7 @@ pub(super) fn bound(connection: &Connection) -> Result<(), Error> {
     Ok(())
 }
 
-/// Bytes of an argument; of a number, those that its digits have at most.
+/// Length of an argument in bytes; for a number, the largest length of its digits.
 fn length(called: &Context<'_>, place: usize) -> usize {
     const NUMBER: usize = 32;
     match called.get_raw(place) {

@@ -1,17 +1,17 @@
-//! Names in a statement that SQLite's authoriser cannot tell from those of the database: tables of WITH.
+//! Names in a statement that SQLite's authoriser cannot distinguish from those of the database: tables of WITH.
 //!
-//! SQLite says in which view a table is read by the name that stands in the statement, and a table of WITH may have the
-//! name of a view. So these names are found here, by the same tokens as in SQLite (`tokenize.c`).
+//! SQLite reports the view that reads a table by its name in the statement, and a table of WITH may have the name of a
+//! view. This module therefore finds these names, with the same tokens as SQLite (`tokenize.c`).
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What a statement begins with, and the names of its tables of WITH, in small letters.
+/// First word of a statement, and the names of its tables of WITH, in lower case.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct Names {
     pub(super) first: Option<String>,
     pub(super) with: BTreeSet<String>,
-    /// Tokens of the statement once SQLite has put each table of WITH in where it is named, at least: it does so while it
-    /// prepares a statement, when nothing stops it.
+    /// Minimum of the statement's tokens after SQLite has replaced each name of a table of WITH by the table. It does
+    /// so while it prepares a statement, when nothing can stop it.
     pub(super) expanded: usize,
 }
 
@@ -19,7 +19,7 @@ pub(super) struct Names {
 enum SqlToken {
     /// A name or a keyword.
     Word(String),
-    /// A name in quotes, or a text: SQLite takes one for the other.
+    /// A name in quotes, or a text: SQLite accepts each as the other.
     Quoted(String),
     Open,
     Close,
@@ -33,10 +33,10 @@ impl SqlToken {
 }
 
 impl Names {
-    /// Reads a statement. Every name that may stand for a table of WITH is found; where there is doubt, it is one.
+    /// Reads a statement. Finds every name that may be a table of WITH, including doubtful ones.
     ///
     /// # Errors
-    /// A sentence on characters that it may not have.
+    /// A sentence on characters that a statement must not contain.
     pub(super) fn of(statement: &str) -> Result<Self, String> {
         let tokens = tokens(statement)?;
         let first = match tokens.first() {
@@ -51,10 +51,10 @@ impl Names {
     }
 }
 
-/// How long tables of WITH become when what they name is put in.
+/// Lengths of tables of WITH after expansion of the names in them.
 struct Expansion<'t> {
     tables: &'t [(String, &'t [SqlToken])],
-    /// `None` while a table is looked at: one that names itself is put in once.
+    /// `None` while a table is being expanded: one that names itself is inserted once.
     known: BTreeMap<String, Option<usize>>,
 }
 
@@ -99,7 +99,7 @@ fn table_of_with(tokens: &[SqlToken]) -> Option<(String, &[SqlToken])> {
     (rest.first() == Some(&SqlToken::Open)).then(|| (name.clone(), within(rest)))
 }
 
-/// What stands between the bracket at the front and the one that closes it.
+/// Tokens between the bracket at the front and the matching one.
 fn within(tokens: &[SqlToken]) -> &[SqlToken] {
     let mut depth = 0_usize;
     let end = tokens.iter().position(|token| {
@@ -130,7 +130,7 @@ fn tokens(statement: &str) -> Result<Vec<SqlToken>, String> {
                 tokens.push(SqlToken::Quoted(name));
                 next
             }
-            // what follows such a parameter may hold a quote
+            // the text after such a parameter may contain a quote
             '$' | '@' | '#' | ':' => return Err("write parameters as ?1, ?2, ...".into()),
             '\0' => return Err("a statement has no character 0".into()),
             '(' => {
@@ -156,7 +156,7 @@ fn tokens(statement: &str) -> Result<Vec<SqlToken>, String> {
     Ok(tokens)
 }
 
-/// What stands between quotes, and what follows; a doubled quote is one of the text.
+/// The text in quotes, and the rest; a doubled quote is one quote in the text.
 fn quoted(text: &str, quote: char) -> (String, &str) {
     if quote == '[' {
         let (name, next) = text.split_once(']').unwrap_or((text, ""));

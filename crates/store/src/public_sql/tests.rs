@@ -133,14 +133,15 @@ async fn an_answer_has_its_limits() {
     let gone = Arc::new(AtomicBool::new(true));
     let abandoned = store.ask_within(&format!("{ENDLESS} count(*) FROM n"), &[], LIMITS_OF_TEST, &gone);
     assert!(matches!(abandoned, Err(SqlError::TooSlow(_))), "{abandoned:?}");
-    // each name doubles what SQLite must prepare
+    // each name doubles the text that SQLite must prepare
     let names: Vec<String> =
         (1..40).map(|i| format!("a{i} AS (SELECT x.c FROM a{0} AS x, a{0} AS y)", i - 1)).collect();
     let doubled = format!("WITH a0 AS (SELECT 1 AS c), {} SELECT * FROM a39", names.join(", "));
     assert!(matches!(ask(&store, &doubled), Err(SqlError::Forbidden(_))));
 }
 
-/// No function may work on long values for longer than a statement may take: nothing stops it meanwhile.
+/// No function may work on long values for longer than a statement may take, because nothing can stop it during that
+/// time.
 #[tokio::test]
 async fn functions_of_long_values_are_bounded_and_give_what_sqlite_gives() {
     let (_folder, store) = database().await;
@@ -158,7 +159,7 @@ async fn functions_of_long_values_are_bounded_and_give_what_sqlite_gives() {
         assert!(matches!(refused, Err(SqlError::Statement { .. })), "{long}: {refused:?}");
     }
     assert!(begun.elapsed() < LIMITS_OF_TEST.time, "{:?}", begun.elapsed());
-    // each of them alone has worked for minutes, and that of ordinary length is as ever
+    // each of them alone has worked for minutes; arguments of ordinary length give the usual results
     let usual = "SELECT instr('äöü', 'ü'), instr(x'00ff', x'ff'), instr(12.5, '.'), instr(NULL, 'a'), replace('a-b', '-', '+'),
                         replace('abc', '', 'x'), trim('xxaxx', 'x'), ltrim('xa', 'x'), rtrim(1.50, '0'), trim(' a '),
                         typeof(replace(1, '1', '2'))";

@@ -1,4 +1,4 @@
-//! What is asked, and why it may have no answer.
+//! A question and its possible errors.
 
 use std::collections::BTreeSet;
 
@@ -10,25 +10,26 @@ use crate::table::ResultTable;
 /// A statement with the values of its parameters.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SqlQuestion {
-    /// One statement that reads.
+    /// One statement that only reads.
     pub statement: String,
-    /// Values by the name of the parameter, without its first character: null, numbers or texts. Parameters without one are NULL.
+    /// Values by the name of the parameter, without its first character: null, numbers or texts. Parameters without a
+    /// value are NULL.
     pub values: Vec<(String, Value)>,
 }
 
-/// What a question is answered with.
+/// Answer to a question.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct QuestionAnswer {
     /// Columns and rows.
     pub table: ResultTable,
-    /// Parameters of the statement that no value was given for, with their first character: they were NULL.
+    /// Parameters of the statement without a value, with their first character: they were NULL.
     pub null_parameters: Vec<String>,
 }
 
-/// Why a question has no answer.
+/// Reason why a question has no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum QuestionError {
-    /// There is nothing but spaces, comments and semicolons.
+    /// The text contains only spaces, comments and semicolons.
     #[error("there is no statement: give one, such as `armwatch sql \"SELECT * FROM fleet_health\"`")]
     Empty,
     /// The text has more than one statement.
@@ -37,7 +38,7 @@ pub enum QuestionError {
          WITH or UNION ALL"
     )]
     Several,
-    /// The statement would change something, write a file, or has no rows to give.
+    /// The statement would change something, write a file, or return no rows.
     #[error(
         "the statement does not only read: `armwatch sql` takes SELECT, WITH, VALUES and EXPLAIN, and the database is \
          opened for reading only; `armwatch backup FILE` copies the database, `armwatch export` writes views into files, \
@@ -59,12 +60,12 @@ pub enum QuestionError {
     /// Two values have one name.
     #[error("--param {0} is given twice: give one value for each parameter")]
     Twice(String),
-    /// A parameter cannot be named.
+    /// A parameter has no name.
     #[error(
         "the statement has the parameter {0}, which has no name: write :NAME in its place, and give --param NAME=VALUE"
     )]
     Nameless(String),
-    /// The engine does not understand the statement, or cannot carry it out.
+    /// The engine does not understand the statement, or cannot execute it.
     #[error("{0}")]
     Statement(String),
     /// The database failed.
@@ -73,8 +74,8 @@ pub enum QuestionError {
 }
 
 impl SqlQuestion {
-    /// The values of the parameters `names` of the statement, in their order; NULL for those that have none, which come with
-    /// them.
+    /// The values of the statement's parameters `names`, in their order, and the names of those without a value, which
+    /// are NULL.
     pub(super) fn values_of(&self, names: &[String]) -> Result<(Vec<&Value>, Vec<String>), QuestionError> {
         let mut given = BTreeSet::new();
         if let Some((name, _)) = self.values.iter().find(|(name, _)| !given.insert(name)) {
@@ -91,7 +92,7 @@ impl SqlQuestion {
     }
 }
 
-/// The name of a parameter without its first character, which only says that it is one.
+/// The name of a parameter without its first character, which only marks a parameter.
 fn bare(parameter: &str) -> &str {
     parameter.strip_prefix([':', '@', '$']).unwrap_or(parameter)
 }

@@ -1,4 +1,4 @@
-//! A statement for PostgreSQL, whose own parameters are numbers with a type each.
+//! A statement for PostgreSQL, whose parameters are numbered and typed.
 
 use serde_json::Value;
 use sqlx::{AssertSqlSafe, Executor, SqlSafeStr, Statement};
@@ -8,7 +8,7 @@ use crate::engine::begin_reading;
 use crate::handle::Store;
 use crate::table::{AskError, ResultTable, cells, names};
 
-/// The answer to one statement that reads.
+/// Answers one statement that only reads.
 pub(super) async fn answer(store: &Store, question: &SqlQuestion) -> Result<QuestionAnswer, QuestionError> {
     let (statement, null_parameters) = with_values(question)?;
     let text = || AssertSqlSafe(statement.clone()).into_sql_str();
@@ -18,7 +18,7 @@ pub(super) async fn answer(store: &Store, question: &SqlQuestion) -> Result<Ques
     };
     let mut transaction = begin_reading(&store.readers).await.map_err(failed)?;
     let columns = names((&mut *transaction).prepare(text()).await.map_err(failed)?.columns());
-    // COPY, VACUUM, SET and the like have none; some of them write files even in a transaction that only reads
+    // COPY, VACUUM, SET and the like have none; some of them write files even in a read-only transaction
     if columns.is_empty() {
         return Err(QuestionError::Changes);
     }
@@ -27,8 +27,8 @@ pub(super) async fn answer(store: &Store, question: &SqlQuestion) -> Result<Ques
     Ok(QuestionAnswer { table: ResultTable { columns, rows }, null_parameters })
 }
 
-/// The statement with its parameters, `:name`, as literals. A literal takes the type of what it is compared with, as it does
-/// in psql (`:'name'`); a bound value would have to say its type. With it come those that are NULL.
+/// The statement with its parameters, `:name`, replaced by literals, and the names of the NULL ones. A literal takes
+/// the type of the value it is compared with, as in psql (`:'name'`); a bound value would need a type.
 fn with_values(question: &SqlQuestion) -> Result<(String, Vec<String>), QuestionError> {
     let pieces = pieces(&question.statement)?;
     let mut names: Vec<String> = Vec::new();
@@ -51,7 +51,7 @@ fn with_values(question: &SqlQuestion) -> Result<(String, Vec<String>), Question
     Ok((filled.collect(), null_parameters))
 }
 
-/// A value as a literal; what is escaped does not depend on the settings of the server.
+/// A value as a literal, escaped independently of the settings of the server.
 fn literal(value: &Value) -> String {
     let text = match value {
         Value::Null => return "NULL".into(),
@@ -65,11 +65,11 @@ fn literal(value: &Value) -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum StatementPart<'s> {
     Text(&'s str),
-    /// With its colon.
+    /// Includes its colon.
     Parameter(&'s str),
 }
 
-/// Cuts a statement at its parameters, by the tokens of PostgreSQL (its documentation, "Lexical Structure").
+/// Splits a statement at its parameters, by the tokens of PostgreSQL (its documentation, "Lexical Structure").
 fn pieces(statement: &str) -> Result<Vec<StatementPart<'_>>, QuestionError> {
     let mut pieces = Vec::new();
     let (mut rest, mut before) = (statement, "");
@@ -92,7 +92,8 @@ fn pieces(statement: &str) -> Result<Vec<StatementPart<'_>>, QuestionError> {
     if has_begun { Ok(pieces) } else { Err(QuestionError::Empty) }
 }
 
-/// Bytes of the token at the front, which stands behind the token `before`, and whether it says anything: spaces, comments and semicolons do not.
+/// Length in bytes of the first token, which follows the token `before`, and true if it has a meaning: spaces, comments
+/// and semicolons have none.
 fn token(rest: &str, first: char, before: &str) -> Result<(usize, bool), QuestionError> {
     let after = rest.get(first.len_utf8()..).unwrap_or_default();
     let name = || rest.find(|c| !is_of_name(c)).unwrap_or(rest.len());
@@ -121,7 +122,7 @@ fn token(rest: &str, first: char, before: &str) -> Result<(usize, bool), Questio
     })
 }
 
-/// Bytes of a comment at the front, which may hold others.
+/// Length in bytes of a comment at the front, which may contain others.
 fn comment(rest: &str) -> usize {
     let (mut depth, mut at) = (0_usize, 0);
     while let Some(here) = rest.get(at..).filter(|here| !here.is_empty()) {
@@ -139,7 +140,8 @@ fn comment(rest: &str) -> usize {
     rest.len()
 }
 
-/// Bytes of a text or name in quotes at the front; of two quotes in a row, the second begins what is read on as one more.
+/// Length in bytes of a text or name in quotes at the front. Two quotes in a row end one text and begin another, which
+/// the next call reads.
 fn quoted(rest: &str, quote: char, has_escapes: bool) -> usize {
     let mut is_escaped = false;
     for (at, c) in rest.char_indices().skip(1) {

@@ -1,4 +1,4 @@
-//! How parameters of a test answer to channels that read wrong.
+//! Response of a test's parameters to channels that read wrong.
 
 use std::sync::Arc;
 
@@ -7,7 +7,7 @@ use crate::values::{standard_parameter, unreadable};
 use armwatch_model::analysis::response::{ChannelFault, ChannelResponse, FaultResponse, STRENGTHS};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// Writes the response of a cycle, in place of that of an earlier cycle of the run.
+/// Stores the response of a cycle, replacing that of an earlier cycle of the run.
 pub(crate) async fn record(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -26,7 +26,7 @@ pub(crate) async fn record(
     Ok(())
 }
 
-/// The response of a run; `None` for one that was stored before responses were, and without parameters.
+/// The response of a run; `None` for a run without parameters, or stored before responses existed.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -45,8 +45,8 @@ pub(crate) async fn of_run(
     .transpose()
 }
 
-/// Numbers of four bytes: a response is a model and needs no more digits. Shifts come last, where all that may have one do:
-/// rows of earlier versions have none.
+/// Numbers of four bytes: a response is a model and needs no more digits. Shifts are last, and only if all faults that
+/// can have one do: rows of earlier versions have none.
 fn packed(response: &ChannelResponse) -> Vec<u8> {
     let numbers = response.faults.iter().flat_map(|of| of.change.iter().chain(&of.unexplained));
     let shifts = || response.faults.iter().filter(|of| may_shift(of));
@@ -55,7 +55,7 @@ fn packed(response: &ChannelResponse) -> Vec<u8> {
     numbers.flat_map(|number| (*number as f32).to_le_bytes()).collect()
 }
 
-/// Whether the weights that go with a fault may move parameters by themselves, and that is looked at.
+/// True if the weights during a fault may themselves move parameters, and this shift is computed.
 fn may_shift(of: &FaultResponse) -> bool {
     of.fault == ChannelFault::TorqueOffset && of.strength > 0
 }
@@ -64,7 +64,7 @@ fn unpacked(parameters: Vec<ParameterId>, bytes: &[u8]) -> Option<ChannelRespons
     let (numbers, rest) = bytes.as_chunks::<4>();
     let numbers: Vec<f64> = numbers.iter().map(|of| f64::from(f32::from_le_bytes(*of))).collect();
     let (b, kinds) = (parameters.len(), ChannelFault::ALL.len() * STRENGTHS.len());
-    // kinds * n faults of b + n numbers each, and as many shifts of b
+    // kinds * n faults of b + n numbers each, and the shifts of b numbers each
     let of_faults = |n: usize| kinds * n * (b + n);
     let of_shifts = |n: usize| (STRENGTHS.len() - 1) * n * b;
     // the last joint has a parameter
@@ -108,7 +108,7 @@ mod tests {
             },
             unexplained: vec![0.5, 0.125, place as f64],
         };
-        // rows of earlier versions are without
+        // rows of earlier versions have none
         for shifts in [true, false] {
             let of_kind = |kind| (0..9).map(move |place| fault(kind, place, shifts));
             let faults = ChannelFault::ALL.into_iter().flat_map(of_kind).collect();

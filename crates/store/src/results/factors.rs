@@ -18,7 +18,7 @@ use armwatch_model::run::Stage;
 
 pub(super) const STAGES: [Stage; 4] = [Stage::Between, Stage::Excitation, Stage::Friction, Stage::Warming];
 
-/// What is stored of a cycle for identification and verification.
+/// Stored data of a cycle for identification and verification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredCycle {
     /// Run of the cycle.
@@ -33,12 +33,12 @@ pub struct StoredCycle {
     pub cutoff: f64,
     /// Sample rate, Hz.
     pub sample_rate: f64,
-    /// For each joint the part of its identified rows that counts as independent; empty for a cycle that
-    /// was stored before this was known, or has no parameters.
+    /// For each joint the part of its identified rows that counts as independent; empty for a cycle that was stored
+    /// before this was known, or has no parameters.
     pub independent_shares: Vec<f64>,
-    /// Whether its numbers count: neither refused nor doubtful.
+    /// True if its values count: neither refused nor doubtful.
     pub counts: bool,
-    /// Whether it was refused for its motion alone: others beside it may show what it does not.
+    /// True if it was refused only for its motion: joined with others, it may still contribute.
     pub joinable: bool,
     /// Its factors.
     pub factors: CycleFactors,
@@ -47,17 +47,17 @@ pub struct StoredCycle {
 /// A description and the parameters of each joint's columns.
 pub(super) type FactorLayout = (StoredModel, Arc<[Vec<ParameterId>]>);
 
-/// Which factors of a run are read.
+/// Selection of a run's factors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FactorsWanted {
-    /// Those that parameters are identified on: excitation stage, moving rows.
+    /// Those for identification: excitation stage, moving rows.
     Identification,
     /// All.
     All,
 }
 
 impl Store {
-    /// Reads the factors of a run's cycles, in the order of the cycles, those without any left out.
+    /// Reads the factors of a run's cycles, in the order of the cycles; omits cycles without any.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -70,8 +70,8 @@ impl Store {
         self.checked(of_run(&mut connection, run_id, wanted).await)
     }
 
-    /// Reads the factors of some cycles of a run, given by their numbers in rising order; those without any are left
-    /// out. Memory does not grow with the run.
+    /// Reads the factors of some cycles of a run, given by their numbers in ascending order; omits cycles without any.
+    /// Memory does not grow with the run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -85,7 +85,7 @@ impl Store {
     }
 }
 
-/// Writes the factors of a cycle. `keys` are those of the model's parameters.
+/// Stores the factors of a cycle. `keys` are those of the model's parameters.
 pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
@@ -105,7 +105,7 @@ pub(crate) async fn record(
     Ok(())
 }
 
-/// Writes how well the parameters of a cycle fit the start and the end of its warming stage.
+/// Stores how well the parameters of a cycle fit the start and the end of its warming stage.
 pub(crate) async fn record_contrast(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
@@ -147,7 +147,7 @@ pub(crate) async fn of_run(
     read(connection, run_id, wanted, 0..=u32::MAX).await
 }
 
-/// All factors of those of `cycles`, numbers in rising order, that have any.
+/// All factors of those of `cycles`, numbers in ascending order, that have any.
 async fn of_cycles(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -342,7 +342,7 @@ async fn read_layout(
     .await
 }
 
-/// Key of a choice of columns, which is entered when it is first met.
+/// Key of a choice of columns, which is inserted if it is new.
 async fn layout_id(
     connection: &mut EngineConnection,
     robot_model_id: i64,

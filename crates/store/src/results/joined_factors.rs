@@ -1,4 +1,4 @@
-//! One factor for the windows of a log of ordinary work, in place of one for each window.
+//! One factor for the windows of a production log, replacing one per window.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -23,11 +23,11 @@ pub struct JoinedFactors {
     pub run_id: i64,
     /// Description that their columns belong to.
     pub model: StoredModel,
-    /// One factor a joint, stage and motion: of all rows of the joined windows.
+    /// One factor per joint, stage and motion: of all rows of the joined windows.
     pub factors: CycleFactors,
 }
 
-/// Windows of a log that have factors of their own, and what is to be joined with them.
+/// Windows of a log that have their own factors, and the factors to be joined.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WindowsToJoin {
     /// The log.
@@ -38,12 +38,12 @@ pub struct WindowsToJoin {
     pub factors: Vec<TorqueFactor>,
     cycle_ids: Vec<i64>,
     layout: i64,
-    /// Rows of the windows that were joined before: a sign that nobody has joined others meanwhile.
+    /// Rows of the windows joined before: an unchanged number shows that no other program has joined more since.
     joined_rows: i64,
 }
 
 impl WindowsToJoin {
-    /// How many windows they are.
+    /// Number of windows.
     #[must_use]
     pub fn windows(&self) -> usize {
         self.cycle_ids.len()
@@ -51,7 +51,7 @@ impl WindowsToJoin {
 }
 
 impl Store {
-    /// Factors that windows of a run were joined into, one entry for each choice of columns; none of a test.
+    /// Factors that windows of a run were joined into, one entry per choice of columns; none for a test.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -60,7 +60,7 @@ impl Store {
         self.checked(joined_factors(&mut connection, run_id).await)
     }
 
-    /// The first windows of a run, `most` at most, that have factors of their own over the same columns; `None` if no
+    /// The first windows of a run, at most `most`, that have their own factors over the same columns; `None` if no
     /// window has.
     ///
     /// # Errors
@@ -74,8 +74,8 @@ impl Store {
         self.checked(windows_to_join(&mut connection, run_id, most).await)
     }
 
-    /// Puts `joined` in the place of the factors of `windows`, in one transaction. `false`, and nothing changes, if they
-    /// are not what is stored any more, or their run is being read.
+    /// Replaces the factors of `windows` by `joined`, in one transaction. Returns `false` and changes nothing if the
+    /// stored factors have changed, or their run is being read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -158,7 +158,7 @@ async fn of_layout(
     .await
 }
 
-/// Whether the windows still have the factors that were read, and nothing is about to be read of their log.
+/// Checks that the windows still have the factors that were read, and that their log is not being read.
 async fn are_as_read(
     connection: &mut EngineConnection,
     windows: &WindowsToJoin,
@@ -221,7 +221,7 @@ async fn insert(
     Ok(())
 }
 
-/// Takes away the factors of cycles and writes down what became of them.
+/// Deletes the factors of cycles and stores their fate.
 pub(crate) async fn remove_of(
     connection: &mut EngineConnection,
     cycle_ids: &[i64],

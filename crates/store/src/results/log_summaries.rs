@@ -1,4 +1,4 @@
-//! What logs of ordinary work come to, as detectors read them: of a window of logs at once.
+//! Summaries of production logs as detectors read them: for a window of logs at once.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,7 +12,7 @@ use armwatch_model::analysis::{FrictionExcess, ProductionJoint};
 use armwatch_model::anomaly::ProductionSummary;
 use armwatch_model::robot::JointIndex;
 
-/// What these logs come to, oldest first, and of one log by the order of the tests that it is held against.
+/// Summaries of these logs, oldest first, and within a log in the order of the tests with which it is compared.
 ///
 /// Tests and starts are read once and not with every row: hundreds of logs have thousands of rows.
 pub(crate) async fn summaries(
@@ -48,7 +48,7 @@ pub(crate) async fn summaries(
     Ok(rows.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter_map(summary).collect())
 }
 
-/// Runs of a list and when they began, oldest first.
+/// Runs of a list and their starts, oldest first.
 async fn begun(
     executor: impl EngineExecutor<'_>,
     run_ids: &str,
@@ -64,14 +64,14 @@ async fn begun(
     .await
 }
 
-/// A test that logs are held against.
+/// A test with which logs are compared.
 struct TestOfLogs {
     run_id: i64,
-    /// What it leaves of its own torque while a joint moves, of joints where that is known.
+    /// Its own relative RMSD while a joint moves, for joints with a known value.
     relative_rmsd: BTreeMap<JointIndex, f64>,
 }
 
-/// The tests that the logs of a list are held against, in the order of recording.
+/// The tests with which the logs of a list are compared, in the order of recording.
 async fn tests_of_logs(
     executor: impl EngineExecutor<'_>,
     run_ids: &str,
@@ -103,8 +103,7 @@ async fn tests_of_logs(
     Ok(rows.chunk_by(|a, b| a.0 == b.0).map(of_test).collect())
 }
 
-/// What joints come to in the logs of a list, each with its log and its test; what the test leaves of its own torque is not
-/// among it.
+/// Summaries of joints in the logs of a list, each with its log and its test; without the RMSD of the test itself.
 async fn joints_of_logs(
     executor: impl EngineExecutor<'_>,
     run_ids: &str,

@@ -1,4 +1,4 @@
-//! What cycles and runs gave.
+//! Results of cycles and runs.
 
 pub(super) mod record;
 pub(super) mod factors;

@@ -1,4 +1,4 @@
-//! Windows of production held against parameters of tests.
+//! Comparison of production windows with parameters of tests.
 
 use std::collections::BTreeMap;
 
@@ -17,8 +17,8 @@ use armwatch_model::analysis::{
 };
 
 impl Store {
-    /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be held against, the best first:
-    /// the latest that started no later, and those before it; then the first that started later.
+    /// At most `most` complete tests of the robot of run `run_id` whose parameters it may be compared with, the best
+    /// first: the latest that started no later and those before it, then the first that started later.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -26,8 +26,8 @@ impl Store {
         self.checked(reference_runs(&self.readers, run_id, most).await)
     }
 
-    /// Complete tests of a robot that windows from a time on may be held against, oldest first: those that started later, and of
-    /// each of these descriptions the latest `most` before.
+    /// Complete tests of a robot that windows from a time on may be compared with, oldest first: those that started
+    /// later, and for each of these descriptions the latest `most` before.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -44,14 +44,14 @@ impl Store {
             before.reverse();
             tests.append(&mut before);
         }
-        // those of one description are in their order
+        // the tests of one description are already in order
         tests.sort_by_key(|test| test.started_at);
         tests.extend(self.checked(tests_after(&self.readers, robot_id, from).await)?);
         Ok(tests)
     }
 
-    /// Windows of production of a robot that have factors, by run and number, with the test that they are held
-    /// against by `estimator`.
+    /// Production windows of a robot that have factors, by run and number, with the test that they are compared with by
+    /// `estimator`.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -63,7 +63,7 @@ impl Store {
         self.checked(windows(&self.readers, robot_id, estimator).await)
     }
 
-    /// The run whose parameters a window of production was held against.
+    /// The run whose parameters a production window was compared with.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -72,7 +72,7 @@ impl Store {
     }
 }
 
-/// Writes the check of a window that has none. Call in a transaction.
+/// Stores the check of a window that has none. Call this in a transaction.
 pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
@@ -81,7 +81,8 @@ pub(crate) async fn record(
     for joints in check.joints.chunks(ROWS_PER_STATEMENT) {
         insert(&mut *connection, cycle_id, check, joints).await?;
     }
-    // that of a window in which no joint moves is of no joint; a log with a window without a row has none as a whole
+    // a window without a moving joint has evidence without joints; one window without a row leaves the whole log
+    // without evidence
     if !check.joints.is_empty() {
         production_evidence::record_window(connection, cycle_id, &check.evidence).await?;
     }
@@ -117,8 +118,8 @@ async fn insert(
     Ok(())
 }
 
-/// At most so many complete tests with parameters of the robot of `run_id`, the latest no later than it first, then
-/// the first later one.
+/// At most `most` complete tests with parameters of the robot of `run_id`: first those that started no later, latest
+/// first, then the first later one.
 pub(crate) async fn reference_runs(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -156,7 +157,7 @@ pub(crate) async fn reference_runs(
     .await
 }
 
-/// A test that production may be held against.
+/// A test that production may be compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReferenceTest {
     /// Database key of the run.
@@ -177,7 +178,7 @@ impl FromRow<'_, EngineRow> for ReferenceTest {
     }
 }
 
-/// A window of production with factors.
+/// A production window with factors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProductionWindow {
     /// Database key of the run.
@@ -188,7 +189,7 @@ pub struct ProductionWindow {
     pub started_at: i64,
     /// Description that its factors were made with.
     pub robot_model_id: i64,
-    /// The test that conclusions have held it against, by the estimator that was asked for.
+    /// The test that conclusions have compared it with, by the requested estimator.
     pub settled_against: Option<i64>,
 }
 
@@ -204,9 +205,9 @@ impl FromRow<'_, EngineRow> for ProductionWindow {
     }
 }
 
-/// Description that the parameters of a row of `run` belong to; no value for a test without parameters, or with cycles of two
-/// descriptions, which cannot be taken together. A test whose factors were removed has them: windows stay with the test that they were
-/// held against.
+/// Description that the parameters of a row of `run` belong to. NULL for a test without parameters, or with cycles of
+/// two descriptions, which cannot be combined. A test whose factors were removed keeps it: windows stay with the test
+/// that they were compared with.
 macro_rules! model_of_test {
     () => {
         "(SELECT CASE WHEN min(coalesce(factor_layout.robot_model_id, run.robot_model_id))
@@ -221,8 +222,8 @@ macro_rules! model_of_test {
     };
 }
 
-/// Complete tests of a robot with parameters that started later, oldest first. Their order follows what was recorded, not when it
-/// was stored.
+/// Complete tests of a robot with parameters that started later, oldest first. The order is that of recording, not of
+/// storing.
 async fn tests_after(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -244,8 +245,8 @@ async fn tests_after(
     .await
 }
 
-/// The latest complete tests of a robot with parameters of a description that started no later, the latest first, of its
-/// latest 256: behind a description that has just come, no older test has it either.
+/// The latest complete tests of a robot with parameters of a description that started no later, latest first. Only its
+/// latest 256 tests are searched: no older test has a description that is new.
 async fn tests_before(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -274,7 +275,7 @@ async fn tests_before(
     .await
 }
 
-/// Windows of production of a robot, by run and number. Those of quarantined logs are among them: they are shown.
+/// Production windows of a robot, by run and number. Includes those of quarantined logs, because these are shown.
 pub(crate) async fn windows(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -300,8 +301,8 @@ pub(crate) async fn windows(
     .await
 }
 
-/// Writes what windows of a run, given by their numbers, are held against from now on, in place of what was written
-/// before, and what the run comes to with it. Call in a transaction.
+/// Stores the tests with which windows of a run, given by their numbers, are compared from now on, replacing earlier
+/// ones, and the new summary of the run. Call this in a transaction.
 pub(crate) async fn settle(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -316,8 +317,8 @@ pub(crate) async fn settle(
     summarise_run(connection, run_id).await
 }
 
-/// Summarises logs of a robot that have settled windows and no summary, of those that began at this time or later: one that was
-/// opened again and ended without a new window. Call in a transaction.
+/// Summarises logs of a robot that began at this time or later and have settled windows but no summary, such as a log
+/// that was opened again and ended without a new window. Call this in a transaction.
 pub(crate) async fn summarise_rest(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -341,7 +342,7 @@ pub(crate) async fn summarise_rest(
     Ok(())
 }
 
-/// Writes what a log comes to with its settled windows, in place of what was written before.
+/// Stores the summary of a log from its settled windows, replacing an earlier one.
 async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
     let mut by_reference: BTreeMap<i64, BTreeMap<u32, Vec<JointCheck>>> = BTreeMap::new();
     for (reference, cycle, check) in checks_of_run(&mut *connection, run_id).await? {
@@ -359,7 +360,7 @@ async fn summarise_run(connection: &mut EngineConnection, run_id: i64) -> Result
             continue;
         }
         insert_summaries(&mut *connection, run_id, reference, &joints).await?;
-        // windows without factors have none of their own any more: what their log came to with them stays
+        // windows without factors have no evidence any more: the evidence of their log with them stays
         let all: Option<Vec<_>> = of_windows.remove(&reference).unwrap_or_default().into_iter().collect();
         let of_log = all.map(|windows| log_evidence(&windows));
         if let Some(evidence) = of_log.or_else(|| known.remove(&reference)).filter(|of| !of.is_empty()) {
@@ -394,7 +395,7 @@ async fn mark_settled(executor: impl EngineExecutor<'_>, cycle_id: i64) -> Resul
     Ok(())
 }
 
-/// Settled checks of a run with the test and the number of the window; what no summary needs is left out.
+/// Settled checks of a run with the test and the number of the window, as far as a summary needs them.
 async fn checks_of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -454,7 +455,7 @@ async fn insert_summaries(
     Ok(())
 }
 
-/// The run whose parameters a window was held against.
+/// The run whose parameters a window was compared with.
 pub(crate) async fn checked_against(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

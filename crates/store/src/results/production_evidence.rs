@@ -1,8 +1,8 @@
-//! What windows and logs of ordinary work leave of the torque that a test leads to expect, along what each cause would
-//! change.
+//! Evidence of windows and logs of production: the torque residual relative to a test, projected on the direction of
+//! each possible cause.
 //!
-//! Each joint has a number of one byte, its windows and rows with four bytes each and the products with eight bytes each,
-//! little-endian.
+//! Format: for each joint its number as one byte, its windows and rows as four bytes each, and the products as eight
+//! bytes each, little-endian.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use armwatch_model::robot::JointIndex;
 const HEAD: usize = 9;
 const BYTES_OF_JOINT: usize = HEAD + 8 * PRODUCTS;
 
-/// Writes the evidence of a window that has none.
+/// Stores the evidence of a window that has none.
 pub(super) async fn record_window(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
@@ -31,7 +31,7 @@ pub(super) async fn record_window(
     Ok(())
 }
 
-/// Evidence of the settled windows of a log with their tests; `None` for windows without.
+/// Evidence of the settled windows of a log with their tests; `None` for windows without evidence.
 pub(super) async fn of_windows(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -57,7 +57,7 @@ pub(super) async fn of_windows(
     rows.into_iter().map(read).collect()
 }
 
-/// Writes the evidence of a log against one test, in place of what was written before.
+/// Stores the evidence of a log for one test, replacing earlier evidence.
 pub(super) async fn record_log(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -110,7 +110,7 @@ pub(super) async fn of_logs(
     rows.into_iter().map(read).collect()
 }
 
-/// Takes away the evidence of windows: that of their logs stays.
+/// Deletes the evidence of windows; that of their logs stays.
 pub(super) async fn remove_windows(
     executor: impl EngineExecutor<'_>,
     cycle_ids: &[i64],
@@ -125,7 +125,7 @@ pub(super) async fn remove_windows(
     Ok(())
 }
 
-/// The format in which evidence is stored.
+/// Evidence in the stored format.
 pub(crate) fn packed(evidence: &[JointEvidence]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(BYTES_OF_JOINT * evidence.len());
     for of in evidence {

@@ -19,20 +19,20 @@ use armwatch_model::analysis::{
 };
 use armwatch_model::robot::{ParameterId, Robot};
 
-/// What became of a cycle that was offered.
+/// Outcome of storing a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Recorded {
-    /// Its rows are written and the run's mark of progress has moved.
+    /// Its rows are stored and the progress of the run has moved.
     Stored,
-    /// It had been stored before; nothing is written.
+    /// It was stored before; nothing is written.
     Known,
-    /// The run takes no cycles.
+    /// The run accepts no cycles.
     RunNotOpen,
 }
 
 impl Store {
-    /// Stores all rows of a cycle and the run's mark of progress in one transaction. Returns `false`,
-    /// and writes nothing, if the run has this cycle already.
+    /// Stores all rows of a cycle and the progress of the run in one transaction. Returns `false` and stores nothing if
+    /// the run already has this cycle.
     ///
     /// # Errors
     /// [`StoreError::RunNotOpen`] if the run is not streaming.
@@ -45,11 +45,11 @@ impl Store {
         self.record_cycle_read(run_id, analysis, robot, None).await
     }
 
-    /// As [`Store::record_cycle`], and moves with the mark of progress what the cycles so far were read
-    /// from, and where reading goes on after them.
+    /// Like [`Store::record_cycle`]. Also stores the source of the cycles so far, and the place for resuming the
+    /// reading after them.
     ///
     /// # Errors
-    /// As [`Store::record_cycle`].
+    /// Those of [`Store::record_cycle`].
     pub async fn record_cycle_read(
         &self,
         run_id: i64,
@@ -68,7 +68,7 @@ impl Store {
     }
 }
 
-/// Writes the rows of a cycle of a run that the session reads, and moves the mark of progress. Call in a transaction.
+/// Stores the rows of a cycle of a run that the session reads, and moves the progress. Call this in a transaction.
 pub(crate) async fn record_cycle(
     connection: &mut EngineConnection,
     (run_id, session): (i64, Option<i64>),
@@ -88,7 +88,7 @@ pub(crate) async fn record_cycle(
     let columns = analysis.factors.columns.iter().flatten().copied();
     let wanted: HashSet<ParameterId> = parameters.iter().map(|p| p.id).chain(columns).collect();
     let mut wanted: Vec<ParameterId> = wanted.into_iter().collect();
-    // a set has no order, and keys must come out the same on every machine
+    // a set has no order, but keys must be the same on every machine
     wanted.sort_unstable();
     let model = models::robot_model_id(&mut *connection, robot).await?;
     let keys = models::ensure_parameters(&mut *connection, model, robot, &wanted).await?;
@@ -121,7 +121,7 @@ pub(crate) async fn record_cycle(
     Ok(Recorded::Stored)
 }
 
-/// Writes what identification gave: parameters, what is left of each joint's torque, and self-verification.
+/// Stores the results of identification: parameters, the residual of each joint's torque, and self-verification.
 pub(crate) async fn record_identification(
     connection: &mut EngineConnection,
     cycle_id: i64,
@@ -141,7 +141,7 @@ pub(crate) async fn record_identification(
     Ok(())
 }
 
-/// Enters a cycle; `None` if the run has one of that number.
+/// Inserts a cycle; `None` if the run has one of that number.
 async fn insert_cycle(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -210,7 +210,7 @@ async fn insert_parameters(
     Ok(())
 }
 
-/// Enters why a cycle was refused.
+/// Stores the causes of a cycle's refusal.
 async fn insert_causes(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,
@@ -254,7 +254,7 @@ async fn insert_residuals(
     Ok(())
 }
 
-/// Enters self-verification, or cross-verification with the parameters of a run by an estimator.
+/// Stores self-verification, or cross-verification with the parameters of a run by an estimator.
 pub(crate) async fn insert_rmsd(
     executor: impl EngineExecutor<'_>,
     cycle_id: i64,

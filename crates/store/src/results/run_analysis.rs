@@ -1,4 +1,4 @@
-//! Results of a whole run: fits over time, statistics, summaries. Writing them again replaces them.
+//! Results of a whole run: fits over time, statistics, summaries. Storing them again replaces them.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use armwatch_model::analysis::{
 };
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// Replaces everything that is stored of a run as a whole. Call in a transaction.
+/// Replaces all stored results of a run as a whole. Call this in a transaction.
 pub(crate) async fn replace(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -35,8 +35,8 @@ pub(crate) async fn replace(
     set_estimator(&mut *connection, run_id).await
 }
 
-/// Replaces what is stored of a run that follows from its cycles' parameters: their statistics, and the torque
-/// deviations of its summary. Nothing is written of a run that has no summary yet. Call in a transaction.
+/// Replaces the results of a run that follow from its cycles' parameters: their statistics, and the torque deviations
+/// of its summary. Stores nothing for a run that has no summary yet. Call this in a transaction.
 pub(crate) async fn replace_of_parameters(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -57,14 +57,14 @@ pub(crate) async fn replace_of_parameters(
     set_estimator(&mut *connection, run_id).await
 }
 
-/// What a run says of how well a joint's torque is explained.
+/// Deviation of a joint's torque from the model in a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointDeviation {
     /// The joint.
     pub joint: JointIndex,
     /// Median over cycles of the moving relative RMSD of the excitation stage.
     pub relative_rmsd: Option<f64>,
-    /// How much it swings from cycle to cycle.
+    /// Swing of that RMSD between cycles.
     pub rmsd_swing: Option<RmsdSwing>,
 }
 
@@ -94,8 +94,8 @@ async fn update_deviation(
     Ok(())
 }
 
-/// Writes down which estimator the torque deviations of a run's summary come from: that of its last identified cycle,
-/// which chose the cycles.
+/// Stores the estimator of the torque deviations in a run's summary: that of its last identified cycle, which selected
+/// the cycles.
 async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query(
         "UPDATE run_joint_summary
@@ -109,7 +109,7 @@ async fn set_estimator(executor: impl EngineExecutor<'_>, run_id: i64) -> Result
     Ok(())
 }
 
-/// Replaces the fits over all runs of a robot. Call in a transaction.
+/// Replaces the fits over all runs of a robot. Call this in a transaction.
 pub(crate) async fn replace_mixed_fits(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -128,7 +128,7 @@ async fn delete_run_fits(executor: impl EngineExecutor<'_>, run_id: i64) -> Resu
 }
 
 async fn delete_mixed_fits(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
-    // coalesce() as in the unique index, which this then uses.
+    // coalesce() as in the unique index, so that the index is used.
     sqlx::query("DELETE FROM warmup_fit WHERE robot_id = $1 AND coalesce(run_id, 0) = 0")
         .bind(robot_id)
         .execute(executor)

@@ -1,4 +1,4 @@
-//! Mean temperatures of cycles: kelvin inside, degC in the database.
+//! Mean temperatures of cycles: kelvin in the program, degC in the database.
 
 use std::collections::HashMap;
 
@@ -9,10 +9,10 @@ use crate::values::{ROWS_PER_STATEMENT, finite, size};
 use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// The hall among the joints, which count from 1.
+/// Number of the ambient temperature among the joints, which count from 1.
 const HALL: usize = 0;
 
-/// Enters the temperatures of a cycle. Call in a transaction.
+/// Inserts the temperatures of a cycle. Call this in a transaction.
 pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,
@@ -34,7 +34,7 @@ async fn insert(
 ) -> Result<(), sqlx::Error> {
     QueryBuilder::<Engine>::new("INSERT INTO cycle_temperature (cycle_id, joint, temperature_degc) ")
         .push_values(rows, |mut row, (joint, kelvin)| {
-            // what joint there is, is less than what an i64 holds
+            // joint numbers are far below the limit of an i64
             row.push_bind(cycle_id).push_bind(*joint as i64).push_bind(finite(kelvin - ZERO_CELSIUS));
         })
         .build()

@@ -7,7 +7,7 @@ use crate::values::{ROWS_PER_STATEMENT, joint, joint_number, size};
 use armwatch_model::analysis::TorqueNoise;
 use armwatch_model::analysis::measurements::CycleNoise;
 
-/// Enters the noise of a cycle. Call in a transaction.
+/// Inserts the noise of a cycle. Call this in a transaction.
 pub(crate) async fn record(
     connection: &mut EngineConnection,
     cycle_id: i64,

@@ -1,4 +1,4 @@
-//! Self-verification of a run's cycles, read back: what estimated and measured torque differ by.
+//! Self-verification of a run's stored cycles: differences of estimated and measured torque.
 
 use sqlx::Row;
 
@@ -9,7 +9,7 @@ use crate::values::{joint, named, size};
 use armwatch_model::analysis::{Rmsd, RmsdPair, RmsdScope, TorqueRmsd, WarmingContrast};
 use armwatch_model::run::Stage;
 
-/// What the ledger has of one cycle.
+/// State of a cycle in the ledger.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleState {
     /// Number of the cycle, from 1.
@@ -18,20 +18,20 @@ pub struct CycleState {
     pub rows: usize,
     /// Cut-off of the analysis low-pass, Hz; `None` for a cycle that could not be filtered.
     pub cutoff: Option<f64>,
-    /// Why the cycle has no parameters, where it has none.
+    /// Reason if the cycle has no parameters.
     pub reason: Option<String>,
-    /// What is to be known of the cycle, a line each.
+    /// Remarks on the cycle, one per line.
     pub remarks: Option<String>,
-    /// What became of its factors, if it had any and has none of its own any more.
+    /// Fate of its factors, if it had separate ones and has none any more.
     pub factors_gone: Option<FactorsGone>,
 }
 
-/// What became of the factors of a cycle.
+/// Fate of the factors of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FactorsGone {
     /// They are part of the factors of its log.
     Joined,
-    /// They had had their time.
+    /// They were removed after the retention time.
     Removed,
 }
 
@@ -46,17 +46,17 @@ impl FactorsGone {
     }
 }
 
-/// A deviation that is known by its cycle.
+/// A value of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OfCycle<T> {
     /// Number of the cycle, from 1.
     pub cycle: u32,
-    /// What is known of it.
+    /// The value.
     pub value: T,
 }
 
 impl Store {
-    /// What the ledger has of each cycle of a run, in order.
+    /// States of the cycles of a run, in order.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -137,7 +137,7 @@ pub(crate) async fn self_rmsd(
     .await
 }
 
-/// Start against end of the warming stages of a run's cycles, by cycle and joint.
+/// Contrast of start and end of the warming stages of a run's cycles, by cycle and joint.
 pub(crate) async fn warming_contrasts(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

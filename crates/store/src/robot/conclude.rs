@@ -1,5 +1,4 @@
-//! What follows from a robot's history: which robots wait for it, what it is drawn from, and the transaction
-//! that stores it.
+//! Conclusions from a robot's history: the robots that wait for one, its inputs, and the transaction that stores it.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -19,14 +18,14 @@ use armwatch_model::anomaly::settled::NewlySettled;
 use armwatch_model::anomaly::{Anomaly, Findings};
 use armwatch_model::run::RunKind;
 
-/// A robot whose conclusions are older than its history.
+/// A robot whose conclusion is older than its history.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StaleRobot {
     /// Its key.
     pub robot_id: i64,
     /// Its name.
     pub name: String,
-    /// How often its history had changed when this was read.
+    /// Number of changes of its history when this was read.
     pub history: i64,
 }
 
@@ -40,9 +39,8 @@ impl FromRow<'_, EngineRow> for StaleRobot {
     }
 }
 
-/// An open transaction that stores what a robot's history says. Dropping it without
-/// [`commit`](Self::commit) leaves the database as it was. It holds the only writer: read and compute before
-/// opening it.
+/// An open transaction that stores the conclusion of a robot. Dropping it without [`commit`](Self::commit) leaves the
+/// database unchanged. It holds the only writer, so read and compute before you open it.
 #[derive(Debug)]
 pub struct ConclusionTransaction {
     pub(crate) transaction: EngineTransaction,
@@ -60,8 +58,8 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Stores the friction points that fits over the robot's tests stand on, one row a test. Only where the history is still
-    /// the one that they were read from.
+    /// Stores the friction points that fits over the robot's tests use, one row per test. Does so only if the history
+    /// is still the one that they were read from.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -74,7 +72,7 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Whether conclusions from the history as it is now are stored already, by another program.
+    /// Returns true if another program has already stored a conclusion from the present history.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -83,7 +81,7 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// How often the robot's history has changed by now.
+    /// Present number of changes of the robot's history.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -92,8 +90,7 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Writes what windows of a run of production, given by their numbers, are held against, in place of what was
-    /// stored of them.
+    /// Stores the comparisons of a production log's windows, given by their numbers, with tests. Replaces earlier ones.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -106,21 +103,21 @@ impl ConclusionTransaction {
         self.checked(result)
     }
 
-    /// Writes what logs of production come to whose windows are all settled and that have no summary.
+    /// Stores summaries of production logs whose windows are all settled and that have none.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn summarise_settled_logs(&mut self) -> Result<(), StoreError> {
         let settled = settled::latest(&mut *self.transaction, self.robot_id, RunKind::Production).await;
-        // older ones have a summary: a log that loses it takes along what was settled with it
+        // older ones have a summary: a log that loses it also loses its settled part
         let from = self.checked(settled)?.and_then(|settled| settled.leads_from).map(|(at, _)| at);
         let result = production::summarise_rest(&mut self.transaction, self.robot_id, from).await;
         self.checked(result)
     }
 
-    /// Makes the stored anomalies and health of the robot agree with its whole history, and writes down what happened
-    /// to them. Known anomalies keep their number and what people said of them; those that ended are resolved, those
-    /// that vanished withdrawn. `settled` is settled from now on; anomalies that were settled before stay as they are.
+    /// Makes the stored anomalies and health of the robot agree with its whole history, and stores the events. Known
+    /// anomalies keep their number and the answers of people. Those that ended are resolved, those that vanished
+    /// withdrawn. `settled` is settled from now on; anomalies settled earlier stay unchanged.
     ///
     /// # Errors
     /// [`StoreError::Refused`] for findings that name a run which is not stored.
@@ -151,7 +148,7 @@ impl ConclusionTransaction {
         Ok(reconciled)
     }
 
-    /// Makes the figures lasting that findings follow from. The robot stays stale until [`Self::commit`] of its findings.
+    /// Commits the values that findings follow from. The robot stays stale until [`Self::commit`] of its findings.
     ///
     /// # Errors
     /// [`StoreError`] of the database; nothing is stored then.
@@ -159,8 +156,8 @@ impl ConclusionTransaction {
         self.transaction.commit().await.map_err(|e| StoreError::from_sqlx(&self.path, &e))
     }
 
-    /// Makes all of it lasting, as what the history says that had changed `history` times. If it has changed
-    /// since, the robot stays stale.
+    /// Commits the conclusion from the history with `history` changes. If the history has changed since, the robot
+    /// stays stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database; nothing is stored then.
@@ -178,7 +175,7 @@ impl ConclusionTransaction {
 }
 
 impl Store {
-    /// Robots whose history has changed since conclusions were drawn from it, by name.
+    /// Robots whose history has changed since their conclusion, by name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -186,7 +183,7 @@ impl Store {
         self.checked(stale_robots(&self.readers).await)
     }
 
-    /// Opens the transaction that stores what a robot's history says.
+    /// Opens the transaction that stores the conclusion of a robot.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -196,7 +193,7 @@ impl Store {
     }
 }
 
-/// Robots whose history has changed since conclusions were drawn from it, by name.
+/// Robots whose history has changed since their conclusion, by name.
 pub(crate) async fn stale_robots(executor: impl EngineExecutor<'_>) -> Result<Vec<StaleRobot>, sqlx::Error> {
     sqlx::query_as("SELECT robot_id, name, history FROM robot WHERE history <> concluded ORDER BY name")
         .fetch_all(executor)

@@ -1,4 +1,4 @@
-//! Robots whose conclusions could not be drawn, and why.
+//! Robots whose conclusion failed, with the reasons.
 
 use sqlx::Row;
 
@@ -7,20 +7,20 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::size;
 
-/// A robot of which nothing new is concluded.
+/// A robot whose conclusion failed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ConclusionFault {
     /// The robot.
     pub robot: String,
-    /// Why.
+    /// Reason.
     pub reason: String,
-    /// Attempts that failed, one after the other.
+    /// Consecutive failed attempts.
     pub tries: u32,
 }
 
 impl Store {
-    /// Writes down that conclusions of a robot could not be drawn, and why; whether that is new, in whole or in its
-    /// reason. It stands until conclusions are stored.
+    /// Stores that the conclusion of a robot failed, with the reason; returns true if the fault or its reason is new.
+    /// The fault stays until a conclusion is stored.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -31,7 +31,7 @@ impl Store {
         Ok(is_new)
     }
 
-    /// Robots whose conclusions could not be drawn, by name.
+    /// Robots whose conclusion failed, by name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -73,7 +73,7 @@ async fn all(executor: impl EngineExecutor<'_>) -> Result<Vec<ConclusionFault>, 
         .await
 }
 
-/// Forgets that conclusions of a robot could not be drawn: they were.
+/// Deletes the fault of a robot, because its conclusion is stored.
 pub(crate) async fn forget(executor: impl EngineExecutor<'_>, robot_id: i64) -> Result<(), sqlx::Error> {
     sqlx::query("DELETE FROM conclusion_fault WHERE robot_id = $1").bind(robot_id).execute(executor).await?;
     Ok(())

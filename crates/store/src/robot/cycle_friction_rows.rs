@@ -1,4 +1,4 @@
-//! Writes friction of each joint in each cycle as one number, from the friction points.
+//! Stores friction of each joint in each cycle as one number, from the friction points.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -11,7 +11,7 @@ use armwatch_model::analysis::FrictionPoint;
 use armwatch_model::analysis::cycle_friction::cycle_friction;
 use armwatch_model::analysis::friction::CycleFriction;
 
-/// Makes the rows of a complete test with a cycle that has none yet: a complete run may have grown.
+/// Inserts the rows of a complete test with a cycle that has none yet: a complete run may have grown.
 pub(super) async fn complete(connection: &mut EngineConnection, run_id: i64) -> Result<(), sqlx::Error> {
     if has_cycle_without(&mut *connection, run_id).await? {
         complete_run(connection, run_id).await?;

@@ -1,7 +1,7 @@
-//! Starts that cannot be right, starts that a person has corrected, and runs that take no part in conclusions.
+//! Implausible starts, starts that a person has corrected, and runs that are set aside.
 //!
-//! A run that takes no part is its own successor, with the status of a superseded one. It keeps its rows, and whatever
-//! leaves out superseded runs leaves it out.
+//! A run that is set aside takes no part in conclusions. It is its own successor, with the status of a superseded one.
+//! It keeps its rows, and every query that omits superseded runs omits it.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -16,12 +16,12 @@ use crate::values::{known_time, named, time, time_in_views};
 use armwatch_model::run::arrival::{Arrival, ImplausibleDate};
 use armwatch_model::run::{RunKind, RunStatus};
 
-/// A run as its start is judged: complete, or set aside for its start.
+/// A run whose start is judged: complete, or set aside because of its start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DatedRun {
     /// Database key.
     pub run_id: i64,
-    /// Test or ordinary work.
+    /// Test or production.
     pub kind: RunKind,
     /// File name of the export.
     pub source_name: String,
@@ -29,20 +29,20 @@ pub struct DatedRun {
     pub source_path: String,
     /// Start of the recording.
     pub started_at: Timestamp,
-    /// When it was first read.
+    /// Time of its first reading.
     pub arrived_at: Timestamp,
     /// Modification time of its file.
     pub file_time: Option<Timestamp>,
-    /// Whether a person has corrected or confirmed the start.
+    /// True if a person has corrected or confirmed the start.
     pub is_confirmed: bool,
-    /// Why its start cannot be right, as stored.
+    /// Reason why its start is implausible, as stored.
     pub problem: Option<String>,
-    /// Whether it is set aside for that.
+    /// True if it is set aside for that reason.
     pub is_set_aside: bool,
 }
 
 impl DatedRun {
-    /// The run as the sequence of arrivals has it.
+    /// The run as part of the sequence of arrivals.
     #[must_use]
     pub fn arrival(&self) -> Arrival<'_> {
         Arrival {
@@ -66,24 +66,24 @@ pub enum RunDecision {
     Confirm,
     /// Its start is the recorded one, and is judged again.
     StartAsRecorded,
-    /// It takes no part in conclusions, as this person says.
+    /// It is set aside, by this person.
     SetAside(String),
-    /// It takes part again.
+    /// It takes part in conclusions again.
     TakeBack,
 }
 
-/// Why nothing was decided about a run.
+/// Reason why a decision was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NotDecided {
     /// There is no such run.
     NoRun,
-    /// Only runs that were read whole can be decided about; this one is not.
+    /// Decisions are only possible for runs that were read completely; this one was not.
     Status(RunStatus),
     /// There is nothing to undo.
     NothingToUndo,
 }
 
-/// A run about which something was decided.
+/// A run after a decision.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DecidedRun {
     /// The robot.
@@ -105,7 +105,8 @@ impl Store {
         self.checked(dated_runs(&self.readers, robot).await)
     }
 
-    /// Stores the judgement on the starts of these runs. Runs out of order are set aside, others take part again.
+    /// Stores the judgement of these runs' starts. Runs out of order are set aside, others take part in conclusions
+    /// again.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -116,7 +117,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Carries out a decision about a run, which makes the conclusions of its robot stale.
+    /// Applies a decision about a run, which makes the conclusions of its robot stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -186,7 +187,7 @@ async fn mark_dates(
     Ok(())
 }
 
-/// Sets a run aside that was read whole.
+/// Sets aside a run that was read completely.
 async fn leave(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -205,7 +206,7 @@ async fn leave(
     Ok(())
 }
 
-/// Lets a run take part again that is set aside for this.
+/// Lets a run that is set aside for the reason `set_aside` take part again.
 async fn come_back(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -222,7 +223,7 @@ async fn come_back(
     Ok(())
 }
 
-/// A run as it stands before a decision.
+/// A run before a decision.
 struct RunDate {
     run: DecidedRun,
     status: RunStatus,
@@ -293,16 +294,16 @@ async fn decide(
         RunDecision::TakeBack => return Ok(Err(NotDecided::NothingToUndo)),
     }
     settled::reopen(&mut *connection, &run.robot, started_at.min(run.started_at)).await?;
-    // runs that were set aside before have changed no history, but their robot is judged again
+    // runs that were set aside before have changed no history, but their robot needs a new conclusion
     let stale = "UPDATE robot SET history = history + 1 WHERE name = $1";
     sqlx::query(stale).bind(&run.robot).execute(&mut *connection).await?;
-    // what the program did not survive may be tried again, of a history that a person has changed
+    // the history has changed, so a conclusion that ended the program may be tried again
     attempts::end(&mut *connection, AttemptKind::Conclusion, &run.robot).await?;
     Ok(Ok(run))
 }
 
-/// Gives a run the start of `run`. It leaves the history and comes back, so that everything that depends on its place is
-/// computed anew.
+/// Gives a run the start of `run`. It leaves the history and returns, so that everything that depends on its place is
+/// computed again.
 async fn correct_start(
     connection: &mut EngineConnection,
     run_id: i64,

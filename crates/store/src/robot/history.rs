@@ -17,12 +17,12 @@ use armwatch_model::robot::{JointIndex, ParameterId, ParameterKind};
 const GRAVITY_REMOVALS: [GravityRemoval; 3] =
     [GravityRemoval::AxisVertical, GravityRemoval::Fitted, GravityRemoval::Model];
 
-/// Nominal speeds closer than this are one level; levels lie some percent apart, and a fraction
-/// may have been computed in more than one way.
+/// Nominal speeds closer than this are one level: levels differ by some percent, and a fraction may have been computed
+/// in more than one way.
 const SAME_SPEED: f64 = 1e-9;
 
-/// Whether friction points of a row of `cycle` count: those of a complete cycle, and of one that only had nothing to
-/// identify parameters on. What a finding has refused or doubted does not.
+/// True if the friction points of a row of `cycle` count: those of a complete cycle, and of one that only lacked motion
+/// for identifying parameters. Points of a cycle that a finding refuses or doubts do not count.
 macro_rules! friction_counts {
     () => {
         "(cycle.status = 'complete' AND NOT cycle.doubtful
@@ -40,7 +40,7 @@ impl Store {
         self.checked(friction_points(&self.readers, run_id).await)
     }
 
-    /// Reads what the stored cycles of a run measured, without holding the writer.
+    /// Reads the measurements of a run's stored cycles, without the writer.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -49,7 +49,8 @@ impl Store {
         self.checked(run_measurements(&mut connection, run_id).await)
     }
 
-    /// Mean motor temperature of each joint over cycles, each a run and a number, degC; `None` of a joint without one, and nothing if no joint has one.
+    /// Mean motor temperature of each joint over cycles, each given by run and number, degC; `None` for a joint without
+    /// one, and empty if no joint has one.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -67,8 +68,8 @@ impl Store {
         Ok((1..=joints).map(mean).collect())
     }
 
-    /// Speed levels, as fractions of the largest, at which joints of the robot's latest complete test have warm friction;
-    /// of tests without, of the one before.
+    /// Speed levels with warm friction of a joint in the robot's latest complete test, as fractions of the largest. A
+    /// test without warm friction is skipped.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -144,7 +145,7 @@ pub(crate) async fn run_measurements(
     })
 }
 
-/// What follows from the parameters of a run's cycles; friction points are left out.
+/// Measurements that depend on the parameters of a run's cycles; without friction points.
 pub(crate) async fn of_parameters(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -181,8 +182,8 @@ pub(crate) async fn friction_points(
     .await
 }
 
-/// Parameters of every identified cycle of a run that counts and has the estimator of its last one: figures over cycles
-/// never mix two estimators.
+/// Parameters of every identified cycle of a run that counts and has the estimator of its last one: statistics over
+/// cycles never mix two estimators.
 async fn parameters_by_cycle(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -243,7 +244,7 @@ async fn motions(
     Ok(rows.into_iter().collect())
 }
 
-/// Moving relative RMSD of the excitation stage under self-verification, of the cycles as [`parameters_by_cycle`].
+/// Moving relative RMSD of the excitation stage under self-verification, for the cycles of [`parameters_by_cycle`].
 async fn excitation_rmsd(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -310,7 +311,7 @@ fn friction_point(row: &EngineRow) -> Result<FrictionPoint, sqlx::Error> {
     })
 }
 
-/// Sort key that gives the order of [`armwatch_model::robot::ParameterId::natural_order`].
+/// Sort key for the order of [`armwatch_model::robot::ParameterId::natural_order`].
 fn natural_place(parameter: &IdentifiedParameter) -> (u8, JointIndex, ParameterKind) {
     let ParameterId { joint, kind } = parameter.id;
     let group = match kind {

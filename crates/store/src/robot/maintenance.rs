@@ -1,4 +1,4 @@
-//! Work on robots: entered by people, what becomes of alarms by it, and what epochs of joints follow from it.
+//! Maintenance entered by people, its effect on alarms, and the epochs of joints that follow from it.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -18,26 +18,26 @@ use crate::values::{joint, joint_number, json_list, time};
 use armwatch_model::anomaly::epoch::{Maintenance, TestMoment, epochs};
 use armwatch_model::robot::JointIndex;
 
-/// Who entered work, where that was not said.
+/// Author of maintenance without a name.
 pub(super) const SOMEBODY: &str = "somebody";
 
-/// Entries that say the same of the same joint and lie less than this apart are one: it was entered twice, as by a double
-/// click, and nobody does the same work twice within a minute.
+/// Shortest time between two entries of the same maintenance. Equal entries of a joint that are closer are one, entered
+/// twice as by a double click: no one does the same maintenance twice within a minute.
 const SAME_WORK: SignedDuration = SignedDuration::from_mins(1);
 
-/// Work on a robot with its name and when it was entered.
+/// Maintenance of a robot with the robot's name and the time of entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MaintenanceRow {
     /// The robot.
     pub robot: String,
-    /// The work.
+    /// The maintenance.
     pub work: Maintenance,
-    /// When it was entered, by the machine's clock.
+    /// Time of entry, by the machine's clock.
     pub recorded_at: Timestamp,
 }
 
 impl fmt::Display for MaintenanceRow {
-    /// Where, when and what, such as `Left, joint 3, 2026-03-01 14:30Z: gearbox changed`.
+    /// Place, time and work, such as `Left, joint 3, 2026-03-01 14:30Z: gearbox changed`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Maintenance { joint, at, what, .. } = &self.work;
         let place = joint.map_or_else(|| "the whole arm".to_owned(), |joint| format!("joint {joint}"));
@@ -45,35 +45,35 @@ impl fmt::Display for MaintenanceRow {
     }
 }
 
-/// Work on a robot to be entered.
+/// Maintenance of a robot to be entered.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewMaintenance {
     /// The robot.
     pub robot: String,
     /// The joint; `None` for the whole arm.
     pub joint: Option<JointIndex>,
-    /// When it was done.
+    /// Time of the maintenance.
     pub at: Timestamp,
-    /// What was done.
+    /// Work that was done.
     pub what: String,
-    /// Who says so.
+    /// Person who enters it.
     pub who: Option<String>,
 }
 
-/// Why work was not entered; nothing was changed.
+/// Reason why maintenance was not entered; nothing was changed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NotEntered {
     /// No robot has this name.
     NoRobot,
-    /// The same work was entered before.
+    /// The same maintenance was entered before.
     Known(Box<MaintenanceRow>),
 }
 
 impl Store {
-    /// Enters work on a robot and gives its key. Anomalies of its place that began before and that are open, acknowledged
-    /// or shelved are in maintenance then, and what is concluded of the robot is stale.
+    /// Enters maintenance of a robot and returns its key. Anomalies of its place that began before it and are open,
+    /// acknowledged or shelved are put into maintenance. The conclusions of the robot become stale.
     ///
-    /// The same work within a minute is one entry; two programs that enter it at once make one.
+    /// The same maintenance within a minute is one entry, also if two programs enter it at once.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -85,7 +85,7 @@ impl Store {
         let entered = enter(&mut transaction, of).await;
         let entered = self.checked(entered)?;
         if entered.is_ok() {
-            // what the program did not survive may be tried again, of a history that a person has changed
+            // the history has changed, so a conclusion that ended the program may be tried again
             let forgotten = attempts::end(&mut *transaction, AttemptKind::Conclusion, &of.robot).await;
             self.checked(forgotten)?;
             self.commit(transaction).await?;
@@ -93,8 +93,8 @@ impl Store {
         Ok(entered)
     }
 
-    /// Takes an entry back and gives what it was; `None` if there is none of this key. Anomalies that are in
-    /// maintenance by no other entry are open then, and what is concluded of the robot is stale.
+    /// Removes an entry and returns it; `None` if none has this key. Anomalies that are in maintenance by no other
+    /// entry become open, and the conclusions of the robot become stale.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -109,8 +109,8 @@ impl Store {
         Ok(removed)
     }
 
-    /// Corrects an entry and gives its key, which is another one if the place or the time has changed: alarms and
-    /// baselines are then as if the old entry had never been there. `None` if there is none of this key.
+    /// Corrects an entry and returns its key, which is a new one if the place or the time has changed. Alarms and
+    /// baselines are then as if the old entry had never existed. `None` if none has this key.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -128,7 +128,7 @@ impl Store {
         Ok(edited)
     }
 
-    /// Work on one robot or, without a name, on all, in the order of its time.
+    /// Maintenance of one robot or, without a name, of all, by time.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -136,7 +136,7 @@ impl Store {
         self.checked(rows(&self.readers, robot).await)
     }
 
-    /// How many joints a robot is known to have by its tests; `None` if no robot has this name.
+    /// Number of a robot's joints in its tests; `None` if no robot has this name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -155,7 +155,7 @@ impl Store {
     }
 }
 
-/// Whether what is to be entered was entered before.
+/// True if the new entry is the same as a known one.
 fn is_same(known: &Maintenance, new: &NewMaintenance) -> bool {
     known.joint == new.joint && known.what == new.what && known.at.duration_since(new.at).abs() < SAME_WORK
 }
@@ -189,8 +189,8 @@ async fn enter(
     Ok(Ok(entered))
 }
 
-/// Anomalies of the place of work that began before it, that go on, and that are neither closed nor in
-/// maintenance by other work.
+/// Anomalies of the place of maintenance that began before it, have not ended, and are neither closed nor in
+/// maintenance by another entry.
 async fn unsettled_before(
     executor: impl EngineExecutor<'_>,
     of: &NewMaintenance,
@@ -253,8 +253,8 @@ async fn remove(
     Ok(removed)
 }
 
-/// Anomalies in maintenance of the place of work that was removed, withdrawn ones too, that no other entry holds there.
-/// Whatever has happened to one since has given it another state.
+/// Anomalies at the place of a removed entry that are in maintenance by no other entry, including withdrawn ones. A
+/// later event has given an anomaly another state, so that it is not among them.
 async fn maintained_by_nothing(
     executor: impl EngineExecutor<'_>,
     removed: &MaintenanceRow,
@@ -310,7 +310,7 @@ fn maintenance(row: &EngineRow) -> Result<Maintenance, sqlx::Error> {
     })
 }
 
-/// Work on one robot, in the order of its time.
+/// Maintenance of one robot, by time.
 pub(crate) async fn of_robot(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -325,11 +325,11 @@ pub(crate) async fn of_robot(
     .await
 }
 
-/// Descriptions by which epochs are told apart.
+/// Key of a description: epochs differ if it differs.
 pub type DescriptionKey = (Option<i64>, Option<Vec<u8>>);
 
-/// What epochs depend on of the robot's complete tests, with their keys, oldest first. Tests whose description was not
-/// stored in full have that of the oldest test of the same model that has one.
+/// Data of the robot's complete tests that determine epochs, with their keys, oldest first. A test whose description
+/// was not stored in full has that of the oldest test of the same model with one.
 pub(crate) async fn test_moments(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -346,7 +346,7 @@ pub(crate) async fn test_moments(
     described(connection, robot_id, found).await
 }
 
-/// As [`test_moments`], of the tests of these keys, of which one may not be complete.
+/// Like [`test_moments`], for the tests of these keys; one of them may be incomplete.
 pub(super) async fn moments_of(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -369,7 +369,7 @@ fn test_moment(row: &EngineRow) -> Result<(i64, TestMoment<DescriptionKey>), sql
     Ok((row.try_get("run_id")?, TestMoment { started_at: time(row, "started_at")?, description }))
 }
 
-/// Gives tests without a description that of the oldest of the robot's tests of the same model that has one.
+/// Gives tests without a description that of the robot's oldest test of the same model with one.
 async fn described(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -390,7 +390,7 @@ async fn described(
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
                 let of_complete = oldest_description(&mut *connection, robot_id, *model).await?;
-                // of a test that is not complete, where no other has one
+                // of an incomplete test, if no other has one
                 new.insert(of_complete.or_else(|| given.get(model).cloned()))
             }
         };
@@ -416,7 +416,8 @@ async fn oldest_description(
     .await
 }
 
-/// Ordinals of the epochs of each joint, by run, for tests among which there is the first one of each epoch: `joints` of them.
+/// Ordinals of the epochs of each joint, by run, for tests that include the first of each epoch; `joints` ordinals per
+/// run.
 pub(crate) async fn epoch_ordinals(
     connection: &mut EngineConnection,
     robot_id: i64,

@@ -1,4 +1,4 @@
-//! What is concluded from the history of a robot.
+//! Conclusions from the history of a robot.
 
 pub(super) mod figures;
 pub(super) mod alarms;

@@ -1,8 +1,8 @@
-//! A test that is still being written: what its judgement starts from, and what it does to anomalies.
+//! A test that is still being written: the inputs of its evaluation, and its effect on anomalies.
 //!
-//! What such a test shows is an anomaly with a number, a state and events like others, marked with the test. It stays
-//! until the test is complete, whatever the following cycles show, so that nobody is told twice. Then the robot's whole
-//! history decides ([`super::alarms::anomalies::reconcile`]): the anomaly goes on or is withdrawn.
+//! A finding of such a test is an anomaly with a number, a state and events like others, marked with the test. It stays
+//! until the test is complete, whatever the following cycles show, so that it is announced only once. Then the robot's
+//! whole history decides ([`super::alarms::anomalies::reconcile`]): the anomaly continues or is withdrawn.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -33,16 +33,16 @@ pub struct OpenTest {
     pub started_at: Timestamp,
     /// Cycles stored so far.
     pub cycles: u32,
-    /// How often the robot's history had changed when this was read.
+    /// Number of changes of the robot's history when this was read.
     pub history: i64,
-    /// Whether conclusions from that history are stored.
+    /// True if the conclusion from that history is stored.
     pub is_concluded: bool,
-    /// Whether every complete test of the robot began before it.
+    /// True if every complete test of the robot began before it.
     pub is_latest: bool,
 }
 
 impl Store {
-    /// The test of this key while it is being written; `None` if it is no test, or not open any more.
+    /// The test of this key while it is being written; `None` if it is no test, or no longer open.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -66,10 +66,10 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Takes up what an open test shows so far, and writes down what happened. `None`, and nothing written, if the test
-    /// is not open any more: the whole of it decides then.
+    /// Includes the present findings of an open test, and stores the events. `None`, and nothing stored, if the test is
+    /// no longer open: then the complete test decides.
     ///
-    /// A finding that goes on with an anomaly of the robot's complete tests is told only if it is worse by a step.
+    /// A finding that continues an anomaly of the robot's complete tests is announced only if it is worse by a step.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -169,7 +169,8 @@ fn now(anomaly: &Anomaly, known: &Episode) -> Now {
     }
 }
 
-/// Shows what an open test adds to an anomaly of complete ones. When and how that began stays theirs.
+/// Shows the contribution of an open test to an anomaly of complete ones. The anomaly keeps its time and place of
+/// onset.
 async fn show_worse(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,

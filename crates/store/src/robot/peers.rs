@@ -1,4 +1,4 @@
-//! Robots of one model: their first tests, and which of them are to be compared anew.
+//! Robots of one model: their first tests, and the robots that need another comparison.
 
 use sqlx::{FromRow, Row};
 
@@ -10,13 +10,13 @@ use crate::handle::Store;
 use armwatch_model::analysis::JointSummary;
 use armwatch_model::anomaly::peer::{MOST_PEERS, Peer};
 
-/// In fleets of up to so many arms of a model, each new one is compared with all before it at once; in larger ones
-/// when their number has doubled, so that a fleet of hundreds is not judged hundreds of times.
+/// Largest fleet of a model whose new arms are each compared at once with all others. In larger fleets the comparison
+/// is repeated when their number has doubled, so that a fleet of hundreds is not evaluated hundreds of times.
 const COMPARED_AT_ONCE: i64 = 8;
 
 impl Store {
-    /// The first `tests` complete tests of each other robot whose latest test is of the same model, of robots that have
-    /// so many, by name; at most [`MOST_PEERS`].
+    /// The first `tests` complete tests of each other robot whose latest test is of the same model, for robots with
+    /// that many, by name; at most [`MOST_PEERS`].
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -27,8 +27,8 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Writes down with how many others the robot was compared, and makes those of its model stale that could be
-    /// compared with more than they were. `tests` are those that a robot needs to be compared with.
+    /// Stores the number of others that the robot was compared with, and makes robots of its model stale that could be
+    /// compared with more than they were. `tests` is the number of tests that a robot needs for the comparison.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -44,7 +44,7 @@ struct PeerRobot {
     robot_id: i64,
     name: String,
     peers_compared: i64,
-    /// Complete tests, counted up to those that are needed.
+    /// Complete tests, counted up to the needed number.
     tests: i64,
 }
 
@@ -149,7 +149,7 @@ async fn compared_with(
         let is_due = others > of.peers_compared
             && (others <= COMPARED_AT_ONCE || others >= 2 * of.peers_compared || others == MOST_PEERS as i64);
         if is_due {
-            // noted with it: until it is concluded, no other robot makes it stale once more
+            // stored at the same time, so that no other robot makes it stale again before its conclusion
             sqlx::query("UPDATE robot SET history = history + 1, peers_compared = $1 WHERE robot_id = $2")
                 .bind(others)
                 .bind(of.robot_id)

@@ -1,4 +1,5 @@
-//! The settled part of a robot's histories, of tests and of production logs, boundary by boundary, and the runs of windows.
+//! The settled part of a robot's histories, of tests and of production logs, boundary by boundary, and the runs of
+//! windows.
 
 use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row};
@@ -16,7 +17,8 @@ use armwatch_model::anomaly::{ProductionSummary, RunSummary};
 use armwatch_model::run::RunKind;
 
 impl Store {
-    /// The part of the robot's history of this kind that is settled at the latest boundary; nothing is settled at its beginning.
+    /// The part of the robot's history of this kind that is settled at the latest boundary; at its beginning nothing is
+    /// settled.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -24,7 +26,7 @@ impl Store {
         Ok(self.checked(latest(&self.readers, robot_id, kind).await)?.unwrap_or_default())
     }
 
-    /// Keys of the runs of a window, oldest first: those before the boundary, and at most `most` behind it.
+    /// Keys of the runs of a window, oldest first: those before the boundary, and at most `most` after it.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -39,7 +41,7 @@ impl Store {
         self.checked(keys(&mut snapshot, robot_id, kind, settled, most).await)
     }
 
-    /// The tests that the robot's latest conclusions follow from, and all later ones, oldest first.
+    /// The tests used for the robot's latest conclusion, and all later ones, oldest first.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -62,8 +64,8 @@ impl Store {
         self.checked(log_summaries::summaries(&mut snapshot, run_ids).await)
     }
 
-    /// Opens the settled history of a robot, or of all robots, from this time on: the next conclusion judges the tests and logs
-    /// from there again, with all that have arrived since. Gives the names of the robots.
+    /// Opens the settled history of a robot, or of all robots, from this time on: the next conclusion evaluates the
+    /// tests and logs from there again, with all that have arrived since. Returns the names of the robots.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -89,8 +91,8 @@ impl Store {
         Ok(robots)
     }
 
-    /// Start of the first run that is not settled, if this run arrived too late to be judged: it began before the boundary and was
-    /// stored after that was settled. `None` for runs that are judged.
+    /// Start of the first run that is not settled, if this run arrived too late to be evaluated: it began before the
+    /// boundary and was stored after that was settled. `None` for runs that are evaluated.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -111,8 +113,8 @@ impl Store {
 }
 
 impl Store {
-    /// Start of the first run of this kind that is not settled, if it is later than this time: conclusions will not use an export
-    /// that begins then.
+    /// Start of the first run of this kind that is not settled, if it is later than this time: conclusions will not use
+    /// an export that begins then.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -138,7 +140,7 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Stores the settled part of a history and gives its key.
+    /// Stores the settled part of a history and returns its key.
     pub(super) async fn keep_settled(
         &mut self,
         kind: RunKind,
@@ -165,7 +167,7 @@ pub(super) async fn reopen(
     Ok(())
 }
 
-/// Notes which part of the history has settled an anomaly.
+/// Stores which part of the history has settled an anomaly.
 pub(super) async fn settle_anomaly(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
@@ -219,8 +221,8 @@ pub(super) async fn latest_keys(
     Ok([settled.first_of_epochs, before, behind].concat())
 }
 
-/// Keys of the runs of a window, oldest first, before its boundary and behind it: tests with a result or without, and logs that are
-/// compared with a test.
+/// Keys of the runs of a window, oldest first, before its boundary and after it: tests with or without a result, and
+/// logs that are compared with a test.
 async fn keys(
     connection: &mut EngineConnection,
     robot_id: i64,

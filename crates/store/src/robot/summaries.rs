@@ -17,10 +17,10 @@ use crate::values::{joint, json_list, named, size, time};
 use armwatch_model::analysis::refusal::{Channel, RefusalCause};
 use armwatch_model::anomaly::{RunRefusal, RunSummary};
 
-/// Tests that are summarised in one transaction. Other writers wait some tens of milliseconds for it.
+/// Tests summarised in one transaction. Other writers wait some tens of milliseconds for it.
 const TESTS_AT_ONCE: usize = 32;
 
-/// Tests that are judged together.
+/// Tests that are evaluated together.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TestWindow {
     /// The tests, oldest first.
@@ -30,7 +30,7 @@ pub struct TestWindow {
 }
 
 impl Store {
-    /// Stores the summaries of those of these tests whose figures have changed since, and of those that have none.
+    /// Stores the summaries of those tests whose results have changed since, and of those that have none.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -47,8 +47,8 @@ impl Store {
         Ok(())
     }
 
-    /// Reads these tests of a robot, from their stored summaries where these hold. `first_of_epochs` are other tests, with which
-    /// epochs began.
+    /// Reads these tests of a robot, from their stored summaries if these are valid. `first_of_epochs` are other tests,
+    /// with which epochs began.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -63,7 +63,7 @@ impl Store {
         self.checked(window(&mut snapshot, robot_id, run_ids, first_of_epochs, Some(method)).await)
     }
 
-    /// Keeps judgements of tests, as bytes, in place of earlier ones.
+    /// Stores judgements of tests, as bytes, replacing earlier ones.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -101,7 +101,7 @@ async fn complete_tests(executor: impl EngineExecutor<'_>, robot_id: i64) -> Res
         .await
 }
 
-/// Those of these tests without a summary that holds.
+/// Those of these tests without a valid summary.
 async fn outdated(
     executor: impl EngineExecutor<'_>,
     run_ids: &[i64],
@@ -131,15 +131,15 @@ async fn store_summary(
     run_summary::store(connection, run_id, &figures, method).await
 }
 
-/// A test, before it is known which estimator the latest has.
+/// A test, before the estimator of the latest one is known.
 struct SummarisedTest {
     run: RunSummary,
     joints: Vec<SummaryRow>,
     has_response: bool,
 }
 
-/// Reads tests. Torque deviations are those of the estimator that made the latest: a test that was identified with another one
-/// has none to compare. Without a method, stored summaries are not used.
+/// Reads tests. Torque deviations are those of the latest test's estimator: a test identified with another one has no
+/// comparable deviations. Without a method, stored summaries are not used.
 pub(super) async fn window(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -166,7 +166,7 @@ pub(super) async fn window(
     Ok(TestWindow { tests, judgements })
 }
 
-/// Tests with their stored figures and judgements, as far as these hold.
+/// Tests with their stored results and judgements, as far as these are valid.
 async fn stored(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -233,8 +233,8 @@ async fn together(
     Ok(runs)
 }
 
-/// Reads the response of the first run with one, of the runs that are compared with each other. Those of the others
-/// are the same except for the scatter of the motion; that of the first stays while tests arrive.
+/// Reads the response of the first run with one, among the runs that are compared with each other. Those of the others
+/// are equal except for the scatter of the motion; that of the first stays while tests arrive.
 async fn read_responses(
     connection: &mut EngineConnection,
     with_response: &HashSet<i64>,
@@ -250,7 +250,7 @@ async fn read_responses(
     Ok(())
 }
 
-/// Refused cycles of the tests of these keys, and why they were refused, the cause of most cycles first, by run.
+/// Refused cycles of the tests of these keys, with the causes of refusal, the cause of most cycles first, by run.
 async fn refusals(
     connection: &mut EngineConnection,
     keys: &[i64],
@@ -267,7 +267,7 @@ async fn refusals(
     .await?;
     let mut by_run: HashMap<i64, (u32, Vec<RunRefusal>)> =
         counts.into_iter().map(|(run_id, cycles)| (run_id, (cycles, Vec::new()))).collect();
-    // the sentence of a cause is that of the cycle which names it first, and of these the first cycle's
+    // the sentence of a cause is from the cycle that lists it earliest, and among these from the first cycle
     let causes = sqlx::query(
         "SELECT run_id, finding, channel, joint, max(CASE WHEN nth = 1 THEN sentence END) AS sentence,
                 min(cycle) AS first_cycle, count(*) AS cycles

@@ -1,4 +1,4 @@
-//! Planned maintenance windows: while one lasts, alarms of its place are in maintenance, and nobody is called.
+//! Planned maintenance windows: during a window, alarms of its place are in maintenance, and no one is notified.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -19,19 +19,19 @@ pub struct NewWindow {
     pub robot: String,
     /// The joint; `None` for the whole arm.
     pub joint: Option<JointIndex>,
-    /// When it begins, by the machine's clock.
+    /// Start, by the machine's clock.
     pub from: Timestamp,
-    /// When it ends.
+    /// End.
     pub until: Timestamp,
-    /// What is to be done.
+    /// Planned work.
     pub what: String,
-    /// Who says so.
+    /// Person who plans it.
     pub who: String,
 }
 
 impl Store {
-    /// Plans a window and gives its key; `None` if no robot has this name. If the window has begun, open alarms of its
-    /// place are in maintenance then.
+    /// Plans a window and returns its key; `None` if no robot has this name. If the window has begun, open alarms of
+    /// its place are put into maintenance.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -43,7 +43,7 @@ impl Store {
         Ok(planned)
     }
 
-    /// Deletes a window; returns false if there is none of this key. Alarms that it alone holds are open then.
+    /// Deletes a window; returns false if none has this key. Alarms that only this window holds become open.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -105,7 +105,7 @@ async fn cancel(
     Ok(deleted.rows_affected() > 0)
 }
 
-/// Puts open alarms into maintenance whose place has a window now, until the last of these windows ends.
+/// Puts open alarms whose place has a window now into maintenance, until the last of these windows ends.
 pub(in crate::robot) async fn hold(
     connection: &mut EngineConnection,
     clock: Timestamp,
@@ -154,7 +154,7 @@ pub(in crate::robot) async fn waiting(
     Ok(held)
 }
 
-/// Alarms in maintenance whose window is over.
+/// Alarms in maintenance whose window has ended.
 pub(in crate::robot) async fn over(
     executor: impl EngineExecutor<'_>,
     clock: Timestamp,

@@ -1,14 +1,14 @@
-//! Statements of `migrations/`, which are written for SQLite, in the SQL of either engine.
+//! Statements of `migrations/`, which are written for SQLite, converted to the SQL of either engine.
 
 use std::borrow::Cow;
 
 use crate::engine::Dialect;
 
-/// A statement that makes or changes something.
+/// A statement that creates or changes something.
 #[derive(Debug)]
 pub(super) struct Statement {
-    /// Name of the object that the statement makes, the word after `TABLE`, `INDEX`, `TRIGGER` or `VIEW`; empty for other
-    /// statements.
+    /// Name of the object that the statement creates, the word after `TABLE`, `INDEX`, `TRIGGER` or `VIEW`; empty for
+    /// other statements.
     pub name: String,
     /// In the SQL of the engine.
     pub sql: String,
@@ -16,7 +16,7 @@ pub(super) struct Statement {
     texts: Vec<(String, String)>,
 }
 
-/// How a column says that it repeats another one as text, around the name of that column.
+/// Parts of a column definition around the name of the time that the column repeats as text.
 const TEXT_OF_TIME: [&str; 2] = [" GENERATED ALWAYS AS (time_text(", ")) STORED"];
 
 /// The statements of a file. A statement ends with `;` at the end of a line, a trigger with the line `END;`. Comments
@@ -54,7 +54,7 @@ fn translated(statement: &str, engine: Dialect) -> Statement {
     Statement { name, sql, texts }
 }
 
-/// SQLite has generated columns, but DuckDB does not see them.
+/// Removes generated columns: SQLite has them, but DuckDB does not see them.
 fn without_texts_of_times(statement: &str) -> (String, Vec<(String, String)>) {
     let [before, after] = TEXT_OF_TIME;
     let mut texts = Vec::new();
@@ -105,8 +105,8 @@ fn for_server(statement: &str) -> String {
     }
 }
 
-/// A line of a table, except for its types. Flags become booleans, a key of a table counts up, and the options of the table
-/// are dropped.
+/// Converts a line of a table, except for its types. Flags become booleans, a key of a table counts up, and the options
+/// of the table are dropped.
 fn column(line: &str) -> Cow<'_, str> {
     if let Some(end) = line.find(" IN (0, 1))")
         && let Some(begin) = line[..end].rfind(" CHECK (")
@@ -125,7 +125,7 @@ fn column(line: &str) -> Cow<'_, str> {
     }
 }
 
-/// Names of types, outside texts and comments. Texts compare by their bytes, as in SQLite.
+/// Converts names of types, outside texts and comments. Texts compare by their bytes, as in SQLite.
 fn with_types(line: &str) -> String {
     let (code, comment) = line.split_at(line.find("--").unwrap_or(line.len()));
     let mut result = String::with_capacity(2 * line.len());
@@ -153,8 +153,8 @@ fn with_types(line: &str) -> String {
     result + comment
 }
 
-/// A trigger with the function that it runs. PostgreSQL takes no query in the condition, which is asked in the function
-/// then.
+/// Converts a trigger to one with a function. PostgreSQL allows no query in the condition, so the function checks the
+/// condition then.
 fn trigger(statement: &str) -> Option<String> {
     let (name, rest) = statement.strip_prefix("CREATE TRIGGER ")?.split_once(char::is_whitespace)?;
     let (head, body) = rest.split_once("\nBEGIN\n")?;

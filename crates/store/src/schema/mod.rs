@@ -1,7 +1,7 @@
-//! The schema: one text in `migrations/`, for both engines, and how a database is made of it or brought up to it.
+//! The schema: one text in `migrations/` for both engines, and the creation or upgrade of a database with it.
 //!
-//! Indexes, triggers and views hold no data. They are made again whenever their text has changed. A change of a table is a
-//! file `migrations/NNNN_description.sql`, whose number is the new version.
+//! Indexes, triggers and views contain no data. They are created again whenever their text has changed. A change of a
+//! table is a file `migrations/NNNN_description.sql`, whose number is the new version.
 
 mod dialect;
 pub(crate) mod on_file;
@@ -15,10 +15,10 @@ use sqlx::{AssertSqlSafe, Executor, Row};
 use self::dialect::Statement;
 use crate::engine::{Dialect, EngineConnection};
 
-/// Version that `migrations/schema/` had when versions began to be written for both engines at once.
+/// Version of `migrations/schema/`; later changes are written for both engines at once.
 const SQUASHED: i64 = 51;
 
-/// Oldest version that can be brought up to date.
+/// Oldest version that can be upgraded.
 pub(crate) const OLDEST: i64 = 46;
 
 /// Changes of tables since [`SQUASHED`]: the files of `migrations/`, by version.
@@ -37,7 +37,7 @@ const DERIVED: [&str; 3] = [
 /// Functions of SQLite that PostgreSQL lacks.
 const SERVER_FUNCTIONS: &str = include_str!("../server/functions.sql");
 
-/// Version of a database that is up to date.
+/// Latest version of the schema.
 pub(crate) fn latest_schema() -> i64 {
     CHANGES.last().map_or(SQUASHED, |(version, _)| *version)
 }
@@ -68,7 +68,7 @@ impl Schema {
         self.changes.last().map_or(SQUASHED, |(version, _)| *version)
     }
 
-    /// A hash of the statements that make indexes, triggers, views and functions.
+    /// A hash of the statements that create indexes, triggers, views and functions.
     fn fingerprint(&self) -> String {
         let mut hasher = blake3::Hasher::new();
         for statement in &self.derived {
@@ -80,7 +80,7 @@ impl Schema {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// Makes the schema in a database without tables, or brings that of version `found` up to date. The connection is in a
+    /// Creates the schema in a database without tables, or upgrades that of version `found`. The connection is in a
     /// transaction of its caller.
     ///
     /// # Errors
@@ -143,7 +143,7 @@ impl Schema {
         run(connection, &row).await
     }
 
-    /// Gives a server the functions that it lacks, and a file the mark of this program.
+    /// Creates the functions that a server lacks, or marks a file as one of this program.
     async fn make_functions(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
         match self.engine {
             Dialect::Sqlite => {
@@ -162,7 +162,7 @@ impl Schema {
         Ok(())
     }
 
-    /// Makes triggers and views, and the indexes that are missing.
+    /// Creates triggers and views, and the missing indexes.
     async fn make_derived(&self, connection: &mut EngineConnection) -> Result<(), sqlx::Error> {
         let there = names(self.engine, connection, "index").await?;
         for statement in self.derived.iter().filter(|of| !there.contains(&of.name)) {
@@ -183,7 +183,8 @@ impl Schema {
                 let views = views.iter().map(|view| format!("DROP VIEW {view}"));
                 views.chain(triggers.iter().map(|trigger| format!("DROP TRIGGER {trigger}"))).collect()
             }
-            // views that ask each other go together; a view of somebody else stops the change with its name
+            // views that use each other are dropped together; a dependent view of another user stops the change with
+            // its name
             Dialect::Postgres => {
                 let views = (!views.is_empty()).then(|| format!("DROP VIEW {}", views.join(", ")));
                 let functions = triggers.iter().map(|trigger| format!("DROP FUNCTION {trigger}() CASCADE"));
@@ -230,7 +231,7 @@ async fn names(
     rows.iter().map(|row| row.try_get(0)).collect()
 }
 
-/// Runs a statement, or several, that came with the program.
+/// Runs one or more statements of the program itself.
 async fn run(connection: &mut EngineConnection, sql: &str) -> Result<(), sqlx::Error> {
     connection.execute(sqlx::raw_sql(AssertSqlSafe(sql.to_owned()))).await.map(|_| ())
 }

@@ -1,4 +1,4 @@
-//! The schema of a file: its version, and how it is brought up to date.
+//! The schema of a file: its version and its upgrade.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -8,14 +8,14 @@ use crate::engine::{Dialect, EngineConnection, EnginePool, begin_writing};
 use crate::error::StoreError;
 use crate::{verified_copy, write_ahead_log};
 
-/// From this size on, bytes, a warning says that the change may take minutes.
+/// Least size of a large database, bytes: a warning reports that its change may take minutes.
 const LARGE_BYTES: u64 = 1 << 30;
 
 /// Interval of messages during a long change.
 const STILL_AT_IT: Duration = Duration::from_secs(10);
 
-/// Makes the schema, or brings it up to date, in one transaction. One process at a time does so. If the process ends
-/// before the commit, the database is unchanged.
+/// Creates or upgrades the schema in one transaction. One process at a time does so. If the process ends before the
+/// commit, the database is unchanged.
 pub(crate) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
     let mut transaction = begin_writing(writer).await.map_err(broken)?;
@@ -35,7 +35,7 @@ pub(crate) async fn migrate(path: &Path, writer: &EnginePool) -> Result<(), Stor
     transaction.commit().await.map_err(broken)
 }
 
-/// Refuses a version that cannot be brought up to date.
+/// Refuses a version that cannot be upgraded.
 ///
 /// # Errors
 /// [`StoreError::TooOld`].
@@ -46,12 +46,12 @@ pub(crate) fn refuse_too_old(path: &Path, found: i64) -> Result<(), StoreError> 
     }
 }
 
-/// The version of the schema that a file has; `None` for a file without tables.
+/// The version of a file's schema; `None` for a file without tables.
 ///
 /// # Errors
 /// Those of the database.
 pub(crate) async fn version(connection: &mut EngineConnection) -> Result<Option<i64>, sqlx::Error> {
-    // before version 51 a row for each migration said it
+    // before version 51, the version was in a table with a row per migration
     for (table, column) in [("schema_version", "version"), ("_sqlx_migrations", "version")] {
         let exists = "SELECT count(*) > 0 FROM sqlite_schema WHERE name = $1";
         if sqlx::query_scalar(exists).bind(table).fetch_one(&mut *connection).await? {
@@ -62,7 +62,7 @@ pub(crate) async fn version(connection: &mut EngineConnection) -> Result<Option<
     Ok(None)
 }
 
-/// Logs that the schema is brought up to date, with a warning if the database is large.
+/// Logs the start of the upgrade, with a warning if the database is large.
 fn say_beginning(path: &Path, found: i64) {
     let bytes = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let (path, megabytes, known) = (path.display(), bytes >> 20, latest_schema());

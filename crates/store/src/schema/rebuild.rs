@@ -1,5 +1,5 @@
-//! Upgrade of a database that was made before both engines had one schema text. One transaction makes the new tables,
-//! copies the rows column by column and drops the old tables.
+//! Upgrade of a database that was created before both engines had one schema text. One transaction creates the new
+//! tables, copies the rows column by column and drops the old tables.
 
 use sqlx::Row;
 
@@ -11,7 +11,8 @@ const BEFORE: &str = "before_";
 
 /// Columns whose value is computed from the old row: table, column, and SQL over the columns of the old table.
 const COMPUTED: &[(&str, &str, &str)] = &[
-    // old names had values in several units, which baseline and threshold distinguish; a test without result has no value
+    // old names had values in several units, which baseline and threshold distinguish; a test without result has no
+    // value
     (
         "anomaly",
         "quantity",
@@ -31,7 +32,7 @@ const COMPUTED: &[(&str, &str, &str)] = &[
     ("anomaly", "settled_history_id", "NULL"),
 ];
 
-/// Tables whose rows are not copied, because conclusions make them again.
+/// Tables whose rows are not copied, because conclusions compute them again.
 const REMADE: [&str; 3] = ["friction_plan", "run_friction_series", "settled_history"];
 
 /// Statements that run after the copy if the old version is below a number.
@@ -50,7 +51,8 @@ struct OldTable {
     columns: Vec<String>,
 }
 
-/// Replaces the tables of version `found` by those of `schema`, with their rows, and makes indexes, triggers and views.
+/// Replaces the tables of version `found` by those of `schema`, with their rows, and creates indexes, triggers and
+/// views.
 ///
 /// # Errors
 /// Those of the database, and [`sqlx::Error::Protocol`] if a table has fewer rows than before.
@@ -127,7 +129,7 @@ async fn copy(connection: &mut EngineConnection, old: &OldTable, new: &OldTable)
     Ok(())
 }
 
-/// Tables of the database with the columns that can be written.
+/// Tables of the database with their writable columns.
 async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Vec<OldTable>, sqlx::Error> {
     let rows = sqlx::query(match engine {
         Dialect::Sqlite => {
@@ -156,10 +158,11 @@ async fn tables(engine: Dialect, connection: &mut EngineConnection) -> Result<Ve
     Ok(found)
 }
 
-/// A table with an identity column, that column, and the last key that it gave, if any.
+/// A table with an identity column, that column, and the last key that it assigned, if any.
 type Counter = (String, String, Option<i64>);
 
-/// Renames the tables, and drops their constraints, indexes and sequences on a server, whose names the new tables need.
+/// Renames the tables. On a server, also drops their constraints, indexes and sequences, whose names the new tables
+/// need.
 async fn put_away(
     engine: Dialect,
     connection: &mut EngineConnection,
@@ -204,7 +207,7 @@ async fn put_away(
     Ok(counters)
 }
 
-/// Continues the counters of keys, so that the key of a deleted row is not given again.
+/// Continues the counters of keys, so that the key of a deleted row is not assigned again.
 async fn set_counters(
     engine: Dialect,
     connection: &mut EngineConnection,
@@ -240,7 +243,7 @@ async fn set_counters(
     Ok(())
 }
 
-/// The rights that other users have on tables and views of a server, as statements that grant them.
+/// The rights of other users on tables and views of a server, as statements that grant them.
 pub(super) async fn grants(
     engine: Dialect,
     connection: &mut EngineConnection,

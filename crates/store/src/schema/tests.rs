@@ -1,4 +1,4 @@
-//! A database that was brought up to date has the schema of a new one.
+//! An upgraded database has the schema of a new one.
 
 use sqlx::Connection;
 
@@ -39,7 +39,7 @@ async fn a_file_that_was_brought_up_to_date_has_the_schema_of_a_new_one() {
     }
 }
 
-/// The schema with a table and a view that a later version changes, as a new database gets it.
+/// The schema of a new database of a later version, which has changed a table and added a view.
 fn later(engine: Dialect) -> Schema {
     let tables = TABLES.replace("    peers_compared INTEGER NOT NULL DEFAULT 0\n", "    peers_compared INTEGER NOT NULL DEFAULT 0,\n    spare INTEGER NOT NULL DEFAULT 1 CHECK (spare IN (0, 1))\n");
     let view = "CREATE VIEW spare_robots AS\nSELECT robot.name AS robot FROM robot WHERE robot.spare;\n";
@@ -105,7 +105,7 @@ async fn a_change_is_written_once_and_leads_to_the_schema_of_a_new_database() {
     connection.close().await.expect("closed");
 }
 
-/// Without a new version a changed view is made again, and tables are left alone.
+/// Without a new version a changed view is created again, and tables stay.
 #[tokio::test]
 async fn a_view_of_another_text_is_made_again() {
     let (folder, store) = fresh().await;
@@ -120,7 +120,7 @@ async fn a_view_of_another_text_is_made_again() {
     assert_eq!(number(&again, "SELECT count(*) FROM temperatures").await, Some(0.0));
 }
 
-/// DuckDB computes views itself, unless they ask for a function or a column that it does not know.
+/// DuckDB computes views itself, unless they use a function or a column that it does not know.
 #[test]
 fn views_hold_nothing_that_duckdb_lacks() {
     let schema = Schema::of(Dialect::Sqlite);

@@ -1,4 +1,4 @@
-//! Opening a database on a PostgreSQL server: is it ours, is it current, and how its connections behave.
+//! Opening a database on a PostgreSQL server: its identity and schema, and the settings of its connections.
 
 mod schema;
 
@@ -17,27 +17,27 @@ use super::own_host::OwnHost;
 use super::view_columns;
 use armwatch_config::{ClusterSettings, shown_database};
 
-/// How long a question about the database's health waits.
+/// Time limit of a query about the database's health.
 const PROBE_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// How long opening waits for the server.
+/// Time limit of a connection to the server.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Readers at a time, as with SQLite: a command and a page each ask a few questions, and a connection is a process of the
-/// server.
+/// Number of concurrent readers, as with SQLite: a command and a page each run a few queries, and a connection is a
+/// process of the server.
 const READERS: u32 = 4;
 
-/// Where the schema lies, before what the server has itself, so that the functions of the schema are found first.
+/// Schemas in search order. The schema of armwatch precedes that of the server, so that its functions are found first.
 const SEARCH_PATH: (&str, &str) = ("search_path", "armwatch,pg_catalog");
 
-/// A transaction that does nothing for the time of a lease is ended by the server: what it has locked waits for a program
-/// that hangs.
+/// The server ends a transaction that is idle for the time of a lease: others wait for the locks of a program that
+/// hangs.
 const IDLE_LIMIT: &str = "idle_in_transaction_session_timeout";
 
-/// Seconds without a word after which the server is asked whether it is there. A host that is switched off says nothing.
+/// Seconds of silence after which the connection is probed. A host that is switched off sends nothing.
 const KEEPALIVE: (&str, &str) = ("tcp_keepalives_idle", "60");
 
-/// Opens the database at an address, makes its tables if there are none; see [`Store::open`].
+/// Opens the database at an address, and creates its tables if there are none; see [`Store::open`].
 pub(super) async fn open(
     address: &Path,
     cluster: &ClusterSettings,
@@ -47,7 +47,7 @@ pub(super) async fn open(
     let options = options(&path, address)?;
     let mut connection = connect(&path, &options).await?;
     let made = schema::make(&path, &mut connection).await;
-    // what was made is committed, and what was not is told; an unfinished goodbye changes neither
+    // the tables are committed, or the error is returned; a failed close changes neither
     let _ = connection.close().await;
     made?;
     let [lock_timeout, idle_limit] = [busy_timeout, cluster.lease].map(|of| of.as_millis().to_string());
@@ -64,7 +64,7 @@ pub(super) async fn open(
     Ok(Store { path, writer, readers, probe, is_read_only, is_snapshot: false, files: None, own_host })
 }
 
-/// Opens what is there for reading only; see [`Store::open_existing`].
+/// Opens an existing database for reading only; see [`Store::open_existing`].
 pub(super) async fn open_existing(
     address: &Path,
     cluster: &ClusterSettings,
@@ -74,7 +74,7 @@ pub(super) async fn open_existing(
     look(path.clone(), options(&path, address)?, OwnHost::none(cluster), timeout).await
 }
 
-/// Another handle for reading of the same database.
+/// Another handle for reading the same database.
 pub(super) async fn open_again(store: &Store, timeout: Duration) -> Result<Option<Store>, StoreError> {
     match &*store.readers.connect_options() {
         EngineConnectOptions::Postgres(options) => {
@@ -111,7 +111,7 @@ fn options(path: &Path, address: &Path) -> Result<PgConnectOptions, StoreError> 
     Ok(options.application_name("armwatch").options([SEARCH_PATH, KEEPALIVE]).disable_statement_logging())
 }
 
-/// The first connection, whose fault is told as it is: that of a pool would be tried again and come out as a lack of time.
+/// The first connection, which reports its error unchanged. A pool would try again and report a timeout.
 async fn connect(path: &Path, options: &PgConnectOptions) -> Result<EngineConnection, StoreError> {
     match tokio::time::timeout(CONNECT_TIMEOUT, options.connect()).await {
         Ok(connected) => {
@@ -124,7 +124,7 @@ async fn connect(path: &Path, options: &PgConnectOptions) -> Result<EngineConnec
     }
 }
 
-/// Connections that only read, and the one for questions about the database's health.
+/// Connections that only read, and the one for queries about the database's health.
 fn readers(options: &PgConnectOptions, timeout: Duration) -> (EnginePool, EnginePool) {
     let options = options.clone().options([("default_transaction_read_only", "on")]);
     let limit = PROBE_TIMEOUT.as_millis().to_string();
@@ -137,10 +137,10 @@ fn readers(options: &PgConnectOptions, timeout: Duration) -> (EnginePool, Engine
 fn pool(connections: u32, busy_timeout: Duration) -> EnginePoolOptions {
     EnginePoolOptions::new()
         .max_connections(connections)
-        // A turn at the pool may have to wait for one that waits for another process.
+        // A request to the pool may have to wait for one that waits for another process.
         .acquire_timeout(3 * busy_timeout)
         .idle_timeout(None)
         .max_lifetime(None)
-        // that a server is away is said by whoever waits for it
+        // the caller that waits for a server reports that it is gone
         .acquire_slow_level(log::LevelFilter::Off)
 }

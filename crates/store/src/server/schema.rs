@@ -1,4 +1,4 @@
-//! The schema of a database on a server: made and brought up to date in one transaction and by one process at a time, and
+//! The schema of a database on a server: created and upgraded in one transaction and by one process at a time, and
 //! checked.
 
 use std::path::Path;
@@ -10,14 +10,14 @@ use crate::error::StoreError;
 use crate::schema::on_file::refuse_too_old;
 use crate::schema::{Schema, latest_schema};
 
-/// Oldest server that the schema works with: earlier ones know no `gen_random_uuid` of their own.
+/// Oldest server that the schema works with: earlier ones have no built-in `gen_random_uuid`.
 const OLDEST_SERVER: i32 = 130_000;
 
-/// Makes the schema where there is none, and brings an older one up to date.
+/// Creates the schema if there is none, and upgrades an older one.
 ///
 /// # Errors
-/// [`StoreError::Newer`], [`StoreError::TooOld`], [`StoreError::NotADatabase`] for a schema `armwatch` of another program,
-/// [`StoreError::Rights`], [`StoreError::ServerTooOld`] and others; the database is as it was then.
+/// [`StoreError::Newer`], [`StoreError::TooOld`], [`StoreError::NotADatabase`] for a schema `armwatch` of another
+/// program, [`StoreError::Rights`], [`StoreError::ServerTooOld`] and others; the database is unchanged then.
 pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Result<(), StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
     check_server(path, connection).await?;
@@ -27,7 +27,7 @@ pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Resu
         return Ok(());
     }
     let mut transaction = connection.begin().await.map_err(broken)?;
-    // others that start now wait, and then find it made
+    // other programs that start now wait, and then find the schema
     let locked = sqlx::query("SELECT pg_catalog.pg_advisory_xact_lock(1098343522, 2)");
     locked.execute(&mut *transaction).await.map_err(broken)?;
     let there = found(path, &mut transaction).await?;
@@ -46,10 +46,10 @@ pub(super) async fn make(path: &Path, connection: &mut EngineConnection) -> Resu
     transaction.commit().await.map_err(broken)
 }
 
-/// Whether the database has the schema of this program.
+/// Returns true if the database has the schema of this program.
 ///
 /// # Errors
-/// As [`make`], and [`StoreError::Older`] for a schema that is not up to date.
+/// Those of [`make`], and [`StoreError::Older`] for an outdated schema.
 pub(super) async fn check(path: &Path, connection: &mut EngineConnection) -> Result<bool, StoreError> {
     check_server(path, connection).await?;
     match found(path, connection).await? {
@@ -79,11 +79,11 @@ async fn check_server(path: &Path, connection: &mut EngineConnection) -> Result<
     Ok(())
 }
 
-/// What of the schema is there.
+/// State of the schema.
 enum SchemaState {
     /// No schema `armwatch`.
     Nothing,
-    /// An empty one, such as an administrator makes for a user who may not make any.
+    /// An empty one, such as an administrator creates for a user without the right to create schemas.
     Empty,
     /// The schema of this program, of this version.
     Version(i64),
@@ -98,7 +98,7 @@ impl SchemaState {
     }
 }
 
-/// What is there, up to this program's version.
+/// The present state; fails for a version that is newer than this program's.
 async fn found(path: &Path, connection: &mut EngineConnection) -> Result<SchemaState, StoreError> {
     let broken = |error: sqlx::Error| StoreError::from_sqlx(path, &error);
     let asked = sqlx::query_as(
@@ -113,7 +113,7 @@ async fn found(path: &Path, connection: &mut EngineConnection) -> Result<SchemaS
         let detail = "permission denied for schema armwatch".into();
         return Err(StoreError::Rights { path: path.to_path_buf(), detail });
     }
-    // everything in a schema depends on it; the rights that new tables are to get are nothing in it
+    // all objects of a schema depend on it, but the default rights of new tables are no objects in it
     let asked = sqlx::query_as(
         "SELECT to_regclass('armwatch.schema_version') IS NOT NULL,
                 EXISTS (SELECT 1 FROM pg_catalog.pg_depend

@@ -1,4 +1,4 @@
-//! The life of anomalies: which found one is which stored one, what people do with them, and what is written down.
+//! The life of anomalies: the assignment of found ones to stored ones, actions of people, and stored events.
 
 use std::collections::HashSet;
 use std::time::Duration;
@@ -24,7 +24,7 @@ pub(super) struct Robot<'a> {
     store: &'a Store,
     name: String,
     robot_id: i64,
-    /// Keys of runs, one a day from day 0 on.
+    /// Keys of runs, one per day from day 0 on.
     runs: Vec<i64>,
 }
 
@@ -66,7 +66,7 @@ impl<'a> Robot<'a> {
         outcome
     }
 
-    /// Enters work on a joint, or on the whole arm, and gives its key.
+    /// Enters maintenance of a joint, or of the whole arm, and returns its key.
     pub(super) async fn repaired(&self, of: Option<usize>, at: i64) -> i64 {
         let new = NewMaintenance {
             robot: self.name.clone(),
@@ -78,23 +78,23 @@ impl<'a> Robot<'a> {
         self.store.enter_maintenance(&new).await.expect("an entry").expect("the robot is known")
     }
 
-    /// States of what is shown, by number.
+    /// States of the shown anomalies, by number.
     pub(super) async fn states(&self) -> Vec<String> {
         self.shown().await.into_iter().map(|(_, _, state, _)| state).collect()
     }
 
-    /// What opens at the next look.
+    /// Anomalies that the next call of `end_shelving` opens.
     async fn looked_at(&self) -> Vec<(i64, EventKind)> {
         let opened = self.store.end_shelving(Timestamp::now()).await.expect("a look");
         opened.iter().map(|event| (event.anomaly_id, event.what)).collect()
     }
 
-    /// What happened with these findings.
+    /// Events caused by these findings.
     pub(super) async fn events(&self, anomalies: Vec<Anomaly>) -> Vec<EventKind> {
         self.reconcile(anomalies).await.events.iter().map(|event| event.what).collect()
     }
 
-    /// Number, kind, state and first run of what is shown.
+    /// Number, kind, state and first run of the shown anomalies.
     pub(super) async fn shown(&self) -> Vec<(i64, String, String, usize)> {
         let rows = self.store.anomalies_after(0).await.expect("anomalies");
         let of_robot = rows.into_iter().filter(|row| row.robot == self.name);
@@ -121,7 +121,7 @@ async fn an_episode_keeps_its_number_and_acknowledgement_while_the_history_is_re
     assert_eq!(robot.events(vec![warm]).await, [Opened]);
     let [(id, ..)] = robot.shown().await[..] else { panic!("one") };
     act(&store, id, Acknowledge).await.expect("possible");
-    // the first run moves either way, the quantity gets better, the cause gets clearer
+    // the first run moves either way, the quantity improves, the cause becomes clearer
     for first in [7, 5, 6] {
         assert_eq!(robot.events(vec![robot.drift(first, 8)]).await, []);
         assert_eq!(robot.shown().await, [(id, "drift".into(), "acknowledged".into(), first)]);
@@ -210,7 +210,7 @@ async fn what_people_said_holds_as_long_as_the_episode_and_no_longer() {
         assert_eq!(robot.events(vec![found]).await, []);
         assert_eq!(state().await, "false_alarm");
     }
-    // withdrawn and found again it still is
+    // withdrawn and found again, it stays one
     assert_eq!(robot.events(vec![]).await, [Withdrawn]);
     assert_eq!(robot.shown().await, []);
     assert_eq!(robot.events(vec![critical]).await, []);
@@ -228,7 +228,7 @@ async fn work_puts_what_began_before_it_into_maintenance_until_a_later_run_shows
     let [(first, ..), (third, ..), (arm, ..)] = robot.shown().await[..] else { panic!("three") };
     act(&store, first, Acknowledge).await.expect("possible");
     act(&store, third, Shelve(Timestamp::now() + SignedDuration::from_hours(1))).await.expect("possible");
-    // what began with the work or after it is none of it
+    // maintenance does not apply to an anomaly that began with it or after it
     robot.repaired(Some(3), 2).await;
     assert_eq!(robot.states().await, ["acknowledged", "shelved", "open"]);
     robot.repaired(Some(3), 5).await;
@@ -239,19 +239,19 @@ async fn work_puts_what_began_before_it_into_maintenance_until_a_later_run_shows
         (entered.what, entered.who.as_deref(), entered.why.as_deref()),
         (EventKind::Maintenance, Some("mueller"), Some("gearbox changed"))
     );
-    // nobody is reminded of it, and it gets worse without a word
+    // no one is reminded of it, and it gets worse without an event
     let later = Timestamp::now() + SignedDuration::from_hours(48);
     let reminded = store.remind(later, Duration::from_secs(86_400)).await.expect("a look");
     assert_eq!(reminded, 1, "of the whole arm's");
     let worse = Anomaly { severity: Severity::Critical, score: 70.0, ..at_joint(Some(3), 4) };
     assert_eq!(robot.events(vec![at_joint(Some(1), 4), worse, at_joint(None, 4)]).await, []);
     assert!(robot.looked_at().await.is_empty(), "no run was after the work");
-    // a test after the work shows it all the same
+    // a test after the maintenance still shows it
     assert_eq!(robot.events(found(6)).await, []);
     assert_eq!(robot.looked_at().await, [(third, Reopened)]);
     assert!(robot.looked_at().await.is_empty(), "said once");
     assert_eq!(robot.states().await, ["acknowledged", "open", "open"]);
-    // work on the arm is work on all joints
+    // maintenance of the arm is maintenance of all joints
     robot.repaired(None, 8).await;
     assert_eq!(robot.states().await, ["maintenance"; 3]);
     assert_eq!(robot.events(found(6).into_iter().map(ended).collect()).await, [Ended; 3]);
@@ -269,7 +269,7 @@ async fn work_that_is_entered_late_waits_for_the_conclusions_that_it_changes() {
     robot.reconcile(vec![robot.drift(2, 6)]).await;
     robot.repaired(Some(3), 4).await;
     assert_eq!((robot.states().await, robot.looked_at().await), (vec!["maintenance".to_owned()], vec![]));
-    // with the epoch that the work begins, the runs from then on say nothing of it
+    // the maintenance begins an epoch, and runs from then on do not show it
     assert_eq!(robot.events(vec![ended(robot.drift(2, 3))]).await, [Ended]);
     assert_eq!((robot.states().await, robot.looked_at().await), (vec!["resolved".to_owned()], vec![]));
 }
@@ -292,12 +292,12 @@ async fn work_that_is_taken_back_opens_what_is_in_maintenance_by_nothing_else() 
     let history = store.anomaly_history(id).await.expect("a history");
     let told: Vec<EventKind> = history.iter().map(|row| row.what).collect();
     assert_eq!(told, [Opened, EventKind::Maintenance, Reopened]);
-    // what people have said since stays
+    // later answers of people stay
     let entry = robot.repaired(Some(3), 5).await;
     act(&store, id, Acknowledge).await.expect("possible");
     taken_back(entry).await;
     assert_eq!(robot.states().await, ["acknowledged"]);
-    // what the work took back comes back open
+    // an anomaly withdrawn because of the maintenance is found again as open
     let entry = robot.repaired(None, 3).await;
     assert_eq!(robot.events(vec![]).await, [Withdrawn]);
     taken_back(entry).await;
@@ -473,8 +473,8 @@ async fn programs_that_conclude_the_same_at_once_write_it_down_once() {
     assert_eq!(told.as_deref(), Some("opened,worse,worse"));
 }
 
-/// What a detector might say of the runs that are known: against the mean of the first two of them, so that a run that
-/// arrives late changes what was said of later ones. Two quiet runs end an episode.
+/// Possible findings of a detector for the known runs. It compares with the mean of the first two, so a run that
+/// arrives late changes the findings of later ones. Two quiet runs end an episode.
 fn judged(robot: &Robot<'_>, known: &[usize], levels: &[f64]) -> Vec<Anomaly> {
     let mut known = known.to_vec();
     known.sort_unstable();

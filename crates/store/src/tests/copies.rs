@@ -1,4 +1,4 @@
-//! Copies of a database beside it.
+//! Copies of a database next to it.
 
 use std::fs::File;
 use std::path::Path;
@@ -69,7 +69,7 @@ async fn what_a_writer_that_ended_has_left_goes_after_a_day() {
     assert_eq!(files(folder.path()), ["copy.db", "copy.db.8-1790.partial", "copy.db.notes.partial"]);
 }
 
-/// A damaged page is found wherever it lies, and the backup before stays.
+/// A damaged page is found at any place, and the earlier backup stays.
 #[tokio::test]
 async fn a_backup_of_a_damaged_database_is_refused() {
     const PAGE: usize = 4096;
@@ -100,7 +100,7 @@ async fn a_backup_of_a_damaged_database_is_refused() {
     }
 }
 
-/// The copy holds what the database held at one moment, while others write.
+/// The copy has the content of the database at one moment, despite concurrent writes.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
     let (folder, store) = fresh_file().await;
@@ -118,7 +118,7 @@ async fn a_backup_beside_a_writer_is_compared_with_the_moment_of_its_making() {
     writing.abort();
 }
 
-/// A database as an earlier version left it is copied without being changed, and copied once more before its schema is.
+/// A database of an earlier version is copied without a change, and copied once more before its schema is changed.
 #[tokio::test]
 async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
     const OLD: i64 = 46;
@@ -135,7 +135,7 @@ async fn a_database_of_an_earlier_schema_is_copied_as_it_is() {
     assert!(std::fs::read(&path).expect("the database") == before, "it was changed");
     assert!(matches!(Store::open_existing(&backup).await, Err(StoreError::Older { found: OLD, .. })));
 
-    // an earlier upgrade left a copy, and a user a file that looks like one
+    // an earlier upgrade left a copy, and a user left a file that looks like one
     std::fs::copy(&backup, folder.path().join("fleet.db.schema-45")).expect("a copy");
     std::fs::write(folder.path().join("fleet.db.schema-44"), "notes").expect("a file");
     let store = Store::open(&path).await.expect("brought up to date");

@@ -97,7 +97,7 @@ async fn a_saved_set_keeps_its_name_and_outlives_its_run() {
     let read = store.factors_of_run(run_id, FactorsWanted::All).await.expect("factors");
     let mut identification = cycle(1).identification.expect("parameters");
     identification.parameters.sort_by_key(|parameter| parameter.id);
-    // those of cycles are stored with the cycles
+    // residuals of cycles are stored with the cycles
     identification.residuals.clear();
     let set = ParameterSet {
         model: read[0].model.clone(),

@@ -61,7 +61,7 @@ async fn the_end_of_a_run_reads_what_it_needs_and_stores_the_rest() {
     assert_sound(&store).await;
 }
 
-/// A run that ends, or goes, while conclusions are drawn is not in them: they are drawn again.
+/// A run that ends or is deleted during a conclusion is not in it: the robot needs another conclusion.
 #[tokio::test]
 async fn conclusions_are_stale_until_they_stand_on_the_whole_history() {
     let (_folder, store) = fresh().await;
@@ -91,7 +91,7 @@ async fn conclusions_are_stale_until_they_stand_on_the_whole_history() {
     assert_eq!(store.stale_robots().await.expect("robots").len(), 1, "a run has left the history");
 }
 
-/// Every call can be part of a task of its own, on any thread.
+/// Every call can be part of a separate task, on any thread.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_whole_run_may_be_stored_from_a_spawned_task() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -197,7 +197,7 @@ async fn a_transaction_dropped_half_way_leaves_nothing() {
     let found = findings(vec![anomaly(joint(1), run_id, Severity::Critical)]);
     conclusion.reconcile(&found, &[]).await.expect("findings");
     drop(conclusion);
-    // The writer is free again, and nothing of the dropped work is there.
+    // The writer is free again, and nothing of the dropped work is stored.
     assert!(!store.record_cycle(run_id, &cycle(1), &er3a()).await.expect("the writer"));
     assert_eq!(dump(&store).await, before);
     assert_sound(&store).await;
@@ -263,7 +263,7 @@ async fn health_is_the_worst_that_is_not_resolved() {
     assert_eq!(rows[0].moving_relative_rmsd, Some(0.05 + later as f64 / 1000.0));
 }
 
-/// Findings with the next test of the robot expected by a moment.
+/// Findings with the next test of the robot expected by this time.
 fn expecting(expected_by: jiff::Timestamp) -> Findings {
     Findings { expected_by: Some(expected_by), ..findings(vec![]) }
 }
@@ -277,9 +277,9 @@ async fn only_a_robot_that_was_seen_in_time_becomes_overdue_and_a_new_test_ends_
         let row = store.fleet_health().await.expect("health").remove(0);
         (row.status, row.expected_by, row.reason)
     };
-    // nobody saw it arrive
+    // the program did not see it arrive
     assert_eq!(store.mark_overdue(day(30)).await.expect("a look"), []);
-    // a copy of an old export says nothing
+    // a copy of an old export does not count
     store.watch_for_tests("R00", day(5)).await.expect("noted");
     assert_eq!(store.mark_overdue(day(30)).await.expect("a look"), []);
     assert_eq!(state().await, (HealthStatus::Ok, Some(day(4)), None));
@@ -295,7 +295,7 @@ async fn only_a_robot_that_was_seen_in_time_becomes_overdue_and_a_new_test_ends_
         "no test since that of 2026-01-05T06:00:00.000Z; the next was expected by 2026-01-09T06:00:00.000Z";
     assert_eq!(reason.as_deref(), Some(words));
 
-    // conclusions drawn again from the same tests change nothing, a new test does
+    // another conclusion from the same tests changes nothing, a new test does
     let again = |expected_by| {
         let store = &store;
         async move {
@@ -429,7 +429,7 @@ async fn the_same_inputs_give_the_same_views() {
     assert_eq!(dumps[0], dumps[1]);
 }
 
-/// Views that are small or asked by the name of what a command has kept, not by robot or run.
+/// Views that are small, or queried by the name of a kept estimate and not by robot or run.
 const ASKED_BY_NAME: [&str; 5] = [
     "fleet_health",
     "parameter_set_sources",
@@ -438,8 +438,7 @@ const ASKED_BY_NAME: [&str; 5] = [
     "reestimated_statistics",
 ];
 
-/// Questions that people ask of a big database walk along indexes: only `robot`, a table of some
-/// dozens of rows, may be read from end to end.
+/// Typical queries of a big database use indexes: only `robot`, a table of some dozens of rows, may be read completely.
 #[tokio::test]
 async fn natural_questions_are_answered_from_indexes() {
     let (_folder, store) = fresh_file().await;
@@ -470,7 +469,7 @@ async fn natural_questions_are_answered_from_indexes() {
         let scans: Vec<&str> = plan
             .iter()
             .map(|step| step.3.as_str())
-            // these have a row a robot, and one row
+            // these have one row per robot, and one row
             .filter(|s| s.starts_with("SCAN") && !["SCAN robot", "SCAN database_identity"].contains(s))
             .collect();
         assert!(scans.is_empty(), "{question}: {scans:?} in {plan:?}");

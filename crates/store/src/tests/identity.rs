@@ -1,4 +1,4 @@
-//! What a run is known by, and what its stored cycles were made with.
+//! Identity of a run, and the inputs of its stored cycles.
 
 use jiff::Timestamp;
 
@@ -45,12 +45,12 @@ async fn cycles_that_were_made_with_something_else_are_made_anew() {
     assert_eq!((earlier.len(), earlier[0].read), (1, nothing), "no cycle was read from any byte");
     assert_eq!(store.counts().await.expect("counts").cycles, 0);
 
-    // what an earlier version has stored was made with what nobody knows
+    // cycles stored by an earlier version have unknown inputs
     store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
     sqlx::query("UPDATE run SET made_with = NULL").execute(&store.writer).await.expect("an update");
     assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(2)))).await, (run, 0, true));
 
-    // so it is of a run that was complete and has become longer
+    // the same is true of a complete run that has become longer
     store.record_cycle(run, &cycle(1), &er3a()).await.expect("a cycle");
     let mut end = store.finish_run(run).await.expect("a transaction");
     end.adopt(&ContentPrefix { bytes: 9, hash: content(8) }, &content(3)).await.expect("adopted");
@@ -59,7 +59,8 @@ async fn cycles_that_were_made_with_something_else_are_made_anew() {
     assert_eq!(begun(&store, &header, identity, with(Some(run), Some(content(5)))).await, (run, 0, true));
 }
 
-/// Thousands of broken files with one start are not each compared with all: the run that was read is found among them.
+/// Thousands of broken files with one start are not each compared with all others: the run that was read is found among
+/// them.
 #[tokio::test]
 async fn of_many_refused_runs_of_one_recording_few_are_compared() {
     let (_folder, store) = fresh().await;
@@ -98,7 +99,7 @@ async fn of_many_refused_runs_of_one_recording_few_are_compared() {
     assert!(names.contains(&"R00_broken3.csv") && names.contains(&"R00_broken39.csv"), "{names:?}");
 }
 
-/// A run that ends too early goes on, and may end in quarantine: nothing is left of its first end.
+/// A run that ends too early continues, and may end in quarantine: no result of its first end is left.
 #[tokio::test]
 async fn a_run_that_is_opened_again_says_nothing_as_a_whole() {
     let (_folder, store) = fresh().await;
@@ -125,7 +126,7 @@ async fn a_run_that_is_opened_again_says_nothing_as_a_whole() {
     assert_sound(&store).await;
 }
 
-/// A content that comes back in another way takes over what its run had superseded.
+/// A known content that arrives in another way takes over the runs that its run had superseded.
 #[tokio::test]
 async fn what_a_run_has_superseded_stays_so_when_that_run_gives_way() {
     let (_folder, store) = fresh().await;

@@ -1,4 +1,4 @@
-//! The ledger and the results of cycles, against a real database.
+//! The ledger and the results of cycles, with a real database.
 
 mod anomalies;
 mod windows;
@@ -141,7 +141,7 @@ async fn views_show_a_cycle_in_the_units_of_people() {
     let first = &cycle(1).identification.expect("parameters").parameters[0];
     let interval = "SELECT interval_high - interval_low FROM cycle_parameters WHERE cycle = 1 LIMIT 1";
     let width = number(&store, interval).await.expect("an interval");
-    // the program takes the normal quantile to 4.5e-4
+    // the program computes the normal quantile to 4.5e-4
     assert!((width / (2.0 * half_width(first, 0.95)) - 1.0).abs() < 5e-4, "{width}");
     let relative = "SELECT max(abs(relative_std_error * value - std_error)) FROM cycle_parameters";
     assert!(number(&store, relative).await.expect("a figure") < 1e-12);
@@ -306,7 +306,7 @@ async fn groupings_belong_to_a_description() {
     let shown = "SELECT grouping FROM cycle_parameters WHERE joint = 1 AND parameter = 'Izz' AND cycle = 1";
     assert_eq!(text(&store, shown).await.as_deref(), Some("Izz1 + Iyy2 + I_m1"));
 
-    // Limits do not decide what a parameter stands for; geometry does.
+    // Limits do not determine the meaning of a parameter; geometry does.
     let models = "SELECT count(*) FROM robot_model";
     let mut slower = er3a();
     slower.joints[0].limits.velocity /= 2.0;
@@ -322,17 +322,17 @@ async fn groupings_belong_to_a_description() {
     );
 }
 
-/// Results take a small part of a percent of what the exports take.
+/// Results need a small part of a percent of the exports' size.
 #[tokio::test]
 async fn results_stay_compact() {
-    // 9.3 kB measured over 3600 cycles, and 0.7 kB of degrees of freedom and residuals since; the rest is
-    // for pages that are not full.
+    // Measured: 9.3 kB over 3600 cycles, and later 0.7 kB of degrees of freedom and residuals. The rest is for pages
+    // that are not full.
     const BYTES_PER_CYCLE: u64 = 10_800;
     let (folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 48).await;
     finish(&store, run_id, 48, &findings(vec![])).await;
     let path = folder.path().join("fleet.db");
-    // Every table and index takes a page before its first row; their text and the migrations' takes some more.
+    // Every table and index needs a page before its first row; their text and that of the migrations need some more.
     let trees = number(&store, "SELECT count(*) + 0.0 FROM sqlite_schema WHERE rootpage > 0").await;
     let text = number(&store, "SELECT sum(length(sql)) + 0.0 FROM sqlite_schema").await;
     // so do the texts about columns, which are the same in every database

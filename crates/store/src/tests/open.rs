@@ -72,7 +72,7 @@ async fn a_database_opened_again_holds_what_was_committed() {
     assert!(store.record_cycle(run_id, &cycle(3), &er3a()).await.expect("a cycle"));
 }
 
-/// What a disk that fails inside a transaction leaves behind: SQLite has ended it, the driver counts it as open.
+/// After a disk failure inside a transaction, SQLite has ended the transaction, but the driver counts it as open.
 #[tokio::test]
 async fn a_transaction_that_sqlite_ended_by_itself_does_not_block_the_next() {
     let (_folder, store) = fresh_file().await;
@@ -190,7 +190,7 @@ async fn a_full_disk_is_fatal_and_loses_nothing_that_was_committed() {
     let (folder, store) = fresh_file().await;
     let run_id = streaming_run(&store, "R00", 0, 1).await;
     let before = dump(&store).await;
-    // SQLite answers "full" alike for the disk and for this limit, which it takes down to the present size.
+    // SQLite returns "full" both for the disk and for this limit, which it reduces to the present size.
     sqlx::query("PRAGMA max_page_count = 1").execute(&store.writer).await.expect("a limit");
     let mut error = None;
     for number in 2..10 {
@@ -252,7 +252,7 @@ async fn programs_that_start_together_on_a_new_file_all_come_up() {
     }
 }
 
-/// What becomes of the files of an open database, and what is said of it.
+/// Changes to the files of an open database, and the resulting errors.
 #[tokio::test]
 async fn nothing_is_stored_once_the_open_file_is_not_at_its_path() {
     type Change = fn(&Path);
@@ -296,7 +296,7 @@ async fn nothing_is_stored_once_the_open_file_is_not_at_its_path() {
             assert!(said.contains("nothing more is stored") && said.contains("start again"), "{way}: {said}");
         };
         displaced(store.begin_run(&header("R01", 0)).await.unwrap_err());
-        // what may be removed once it is synced stays
+        // sync fails, so that exports to be deleted after a sync stay
         let synced = store.sync().await.unwrap_err();
         assert!(
             matches!(synced, StoreError::Displaced { .. } | StoreError::NotWritable { .. }),
@@ -310,7 +310,7 @@ async fn nothing_is_stored_once_the_open_file_is_not_at_its_path() {
     }
 }
 
-/// The log of a database that another one was put in the place of.
+/// A log next to a database that has replaced its own.
 #[tokio::test]
 async fn a_log_that_belongs_to_another_database_is_named_and_a_database_keeps_its_own() {
     let folder = tempfile::tempdir().unwrap();
@@ -348,21 +348,21 @@ async fn a_log_that_belongs_to_another_database_is_named_and_a_database_keeps_it
             assert!(said.contains(&named) && said.contains("delete it"), "{said}");
         }
         assert!(std::fs::read(&database).unwrap() == bytes, "{restored}: it was changed");
-        // as it says
+        // as the message advises
         std::fs::remove_file(at(&format!("{restored}-2.db-wal"))).unwrap();
         assert_sound(&Store::open(&database).await.unwrap()).await;
     }
     let killed = Store::open(&at("killed.db")).await.unwrap();
     assert_eq!(killed.runs().await.unwrap().len(), 4);
     assert_sound(&killed).await;
-    // two handles at work, with commits between
+    // two handles in use, with commits between
     let second = Store::open(&path).await.unwrap();
     streaming_run(&second, "R04", 0, 1).await;
     streaming_run(&store, "R05", 0, 1).await;
     assert_eq!(Store::open_existing(&path).await.unwrap().unwrap().runs().await.unwrap().len(), 6);
 }
 
-/// A log that is torn at any place is still that of its database.
+/// A log that is cut at any place still belongs to its database.
 #[tokio::test]
 async fn a_torn_log_is_not_taken_for_that_of_another_database() {
     let folder = tempfile::tempdir().unwrap();
@@ -393,14 +393,14 @@ mod claims {
     use super::*;
     use crate::claim::lock_file_of;
 
-    /// One lock, whatever name leads to the file.
+    /// One lock, whatever name the file has.
     #[tokio::test]
     async fn a_database_has_one_daemon_under_all_its_names() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("fleet.db");
         let store = Store::open(&path).await.unwrap();
         let lock = lock_file_of(&path);
-        // as an earlier version made it
+        // as an earlier version created it
         std::fs::write(&lock, "1\n").unwrap();
         std::fs::set_permissions(&lock, Permissions::from_mode(0o644)).unwrap();
         assert!(!store.has_daemon().await.unwrap());
@@ -418,7 +418,7 @@ mod claims {
         store.claim().await.unwrap();
     }
 
-    /// Whoever may only read the database can lock a byte of it for reading, and the daemon starts all the same.
+    /// A user who may only read the database can lock a byte of it for reading, and the daemon still starts.
     #[tokio::test]
     async fn a_reader_cannot_keep_a_daemon_from_its_database() {
         let folder = tempfile::tempdir().unwrap();

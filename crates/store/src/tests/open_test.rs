@@ -1,4 +1,4 @@
-//! Anomalies of a test that is still being written, from the cycle that shows them to the judgement of the whole test.
+//! Anomalies of a test that is still being written, from the cycle that shows them to the evaluation of the whole test.
 
 use EventKind::{Corrected, Ended, Opened, Withdrawn, Worse};
 use sqlx::AssertSqlSafe;
@@ -13,7 +13,7 @@ use crate::robot::alarms::alarm_state::EventKind;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Anomaly, AnomalyKind, Onset, Severity};
 
-/// A step of joint 3 with cycle 3, seen in this run alone.
+/// A step of joint 3 with cycle 3, seen only in this run.
 fn step(run_id: i64, days: i64, severity: Severity) -> Anomaly {
     Anomaly {
         kind: AnomalyKind::Step,
@@ -36,7 +36,7 @@ fn oscillation(run_id: i64, days: i64) -> Anomaly {
     }
 }
 
-/// What happens with what an open test shows.
+/// Events caused by the findings of an open test.
 async fn judge_open(store: &Store, run_id: i64, found: Vec<Anomaly>) -> Option<Vec<EventKind>> {
     let test = store.open_test(run_id).await.expect("an answer")?;
     let mut conclusion = store.conclude(test.robot_id).await.expect("a transaction");
@@ -45,7 +45,7 @@ async fn judge_open(store: &Store, run_id: i64, found: Vec<Anomaly>) -> Option<V
     Some(reconciled.events.iter().map(|event| event.what).collect())
 }
 
-/// Number, kind, state, and whether it is provisional.
+/// Number, kind, state, and true if it is provisional.
 async fn shown(store: &Store) -> Vec<(i64, String, String, bool)> {
     let rows = store.anomalies_after(0).await.expect("anomalies");
     rows.into_iter()
@@ -87,12 +87,12 @@ async fn an_alarm_opens_with_a_cycle_and_keeps_number_state_and_run_when_the_tes
     assert_eq!(shown(&store).await, [(id, "step".into(), "open".into(), true)]);
     let acknowledged = store.act_on_anomalies(&[id], AlarmAction::Acknowledge, "mueller", None).await;
     acknowledged.expect("an answer").expect("possible");
-    // the next cycles say the same, or nothing
+    // the next cycles show the same, or nothing
     for found in [vec![found.clone()], vec![], vec![found.clone()]] {
         assert_eq!(judge_open(&store, run_id, found).await, Some(vec![]));
     }
     assert_eq!(shown(&store).await, [(id, "step".into(), "acknowledged".into(), true)]);
-    // the whole test says a little more or less of it
+    // the whole test shows slightly more or less of it
     let whole = Anomaly { score: 0.22, quantity: Quantity::WarmFriction, ..found.clone() };
     finish(&store, run_id, 4, &findings(vec![whole])).await;
     assert_eq!(shown(&store).await, [(id, "step".into(), "acknowledged".into(), false)]);
@@ -185,7 +185,7 @@ async fn a_test_that_is_not_read_to_its_end_takes_its_alarm_with_it() {
     assert_eq!(events.iter().map(|event| event.what).collect::<Vec<_>>(), [Withdrawn]);
     assert_eq!(told(&store).await, "opened, withdrawn: the test was not read to its end");
 
-    // nor does one that is taken away leave its alarm behind
+    // a deleted test leaves no alarm either
     let run_id = streaming_run(&store, "R00", 2, 4).await;
     judge_open(&store, run_id, vec![step(run_id, 2, Severity::Warning)]).await;
     assert_eq!(store.stale_robots().await.expect("robots"), []);

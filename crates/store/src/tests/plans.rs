@@ -1,5 +1,4 @@
-//! Statements that are asked again and again find their rows by keys and indices: none looks through a table that grows
-//! with the history.
+//! Frequent statements find their rows by keys and indices: none scans a table that grows with the history.
 
 use sqlx::{AssertSqlSafe, Row};
 use syn::visit::Visit;
@@ -9,7 +8,7 @@ use crate::kept::estimates::{ANY_TO_MARK, OTHERS};
 use crate::lists::UNSETTLED;
 use crate::monitoring::UNSETTLED_COUNTS;
 
-/// Sources whose statements are asked with each conclusion or each look at the folders.
+/// Sources whose statements run with each conclusion or each scan of the folders.
 const SOURCES: [&str; 18] = [
     "robot/alarms/anomalies.rs",
     "robot/indices/baselines.rs",
@@ -31,7 +30,7 @@ const SOURCES: [&str; 18] = [
     "ledger/sources.rs",
 ];
 
-/// Tables with a row or more a run, and their names in statements.
+/// Tables with at least one row per run, and their names in statements.
 const GROWING: [&str; 21] = [
     "run",
     "test",
@@ -68,7 +67,7 @@ impl Visit<'_> for Statements {
     }
 }
 
-/// Whether a line of a plan looks through a growing table without an index.
+/// True if a line of a plan scans a growing table without an index.
 fn looks_through(step: &str) -> bool {
     let Some(rest) = step.strip_prefix("SCAN ") else { return false };
     let name = rest.split(' ').next().unwrap_or_default();
@@ -86,7 +85,7 @@ async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
         statements.visit_file(&syn::parse_file(&text).expect(source));
         for statement in statements.0 {
             let plan = sqlx::query(AssertSqlSafe(format!("EXPLAIN QUERY PLAN {statement}")));
-            // beginnings of statements that are put together are no statements
+            // the beginnings of composed statements are no statements
             let Ok(steps) = plan.fetch_all(&store.writer).await else { continue };
             planned += 1;
             for step in steps {
@@ -98,12 +97,12 @@ async fn no_statement_of_a_conclusion_looks_through_a_table_that_grows() {
     assert!(planned > 60, "{planned} statements were understood");
 }
 
-/// What monitoring, the dashboard and each conclusion ask reads what is open or not marked yet, not what has been settled in
-/// years.
+/// Queries of monitoring, the dashboard and each conclusion read rows that are open or not yet marked, and not the rows
+/// that were settled in years.
 #[tokio::test]
 async fn settled_anomalies_and_kept_estimates_are_not_read() {
     let (_folder, store) = fresh_file().await;
-    // the second index has what is open and nothing else, so that it may be read as a whole
+    // the second index only contains open rows, so reading all of it is fine
     let anomalies = ["anomaly_by_state (state=?", "INDEX anomaly_in_force"];
     let cycles = ["cycle_by_estimator (estimator=? AND estimator_wanted=?"];
     for (statement, table, indices) in [

@@ -1,4 +1,4 @@
-//! Histories identified again, and what is kept under which name.
+//! Re-estimates of histories, and the names of kept estimates.
 
 use super::support::*;
 use crate::handle::Store;

@@ -1,4 +1,4 @@
-//! What is kept in the long run, and what goes.
+//! Data that retention keeps, and data that it deletes.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -14,7 +14,7 @@ use armwatch_model::analysis::{
 use armwatch_model::run::RunKind;
 use armwatch_testing::er3a;
 
-/// All factors have had their time.
+/// All factors are due.
 fn nothing_kept() -> KeptSince {
     let later = Some(Timestamp::now() + SignedDuration::from_hours(1));
     KeptSince { tests: later, production: later }
@@ -35,7 +35,7 @@ async fn open_run(store: &Store, robot: &str, days: i64, cycles: u32) -> i64 {
     run_id
 }
 
-/// A window that is held against `test`.
+/// A window that is compared with `test`.
 fn check(test: i64, number: u32) -> ProductionCheck {
     let all_rows = Rmsd { value: f64::from(number), relative: 0.1, samples: 9 };
     let products = [f64::from(number); PRODUCTS];
@@ -51,7 +51,7 @@ fn check(test: i64, number: u32) -> ProductionCheck {
     }
 }
 
-/// A concluded log with three windows that are held against `test`.
+/// A concluded log with three windows that are compared with `test`.
 async fn log_of_day(store: &Store, days: i64, test: i64) -> i64 {
     let run_id = streaming_run(store, "R00", days, 0).await;
     store.set_run_kind(run_id, RunKind::Production).await.expect("a kind");
@@ -95,7 +95,7 @@ async fn factors_of_tests_have_their_time_except_what_conclusions_need() {
         tests.push(test_of_day(&store, "R00", day).await);
     }
     open_run(&store, "R01", 0, 2).await;
-    // the oldest is one of a baseline, and the last eight are what work is held against
+    // the oldest belongs to a baseline, and production is compared with the last eight
     execute(
         &store,
         "INSERT INTO friction_baseline (friction_baseline_id, robot_id, joint, epoch, cause, begins_at, basis)
@@ -124,12 +124,12 @@ async fn factors_of_tests_have_their_time_except_what_conclusions_need() {
     assert_eq!(dump(&store).await, before, "results are kept");
     let states = store.cycle_states(tests[1]).await.expect("states");
     assert!(states.iter().all(|state| state.factors_gone == Some(FactorsGone::Removed)));
-    // windows that were held against it stay with it
+    // windows that were compared with it stay with it
     let known = store.reference_tests(1, i64::MIN, &[], 0).await.expect("tests");
     assert_eq!(known.iter().map(|test| test.run_id).collect::<Vec<_>>(), tests);
     assert_sound(&store).await;
 
-    // what is not concluded yet is not touched
+    // runs without a conclusion are not touched
     execute(&store, "UPDATE robot SET history = history + 1").await;
     assert!(due(&store, &nothing_kept()).await.is_empty());
 }
@@ -168,7 +168,7 @@ async fn checks_of_joined_windows_outlive_a_change_of_their_test() {
     let joined = CycleFactors { columns: first.columns.clone(), factors: first.factors[..4].to_vec() };
     assert!(store.join_windows(&first, &joined).await.expect("joined"));
     execute(&store, "UPDATE run SET status = 'streaming' WHERE run_id = 1").await;
-    // the third window has its factors, and is held against what comes
+    // the third window keeps its factors, and is compared with later tests
     let checked = "SELECT group_concat(cycle) FROM production_checks WHERE joint IS NOT NULL";
     assert_eq!(text(&store, checked).await.as_deref(), Some("1,2"));
 }

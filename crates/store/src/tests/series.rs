@@ -12,7 +12,7 @@ use armwatch_model::run::RunKind;
 
 const METHOD: u64 = 7;
 
-/// The tests of the first robot as the tables have them; a window of kept summaries says the same.
+/// The tests of the first robot from the tables; a window of stored summaries must give the same.
 async fn summaries(store: &Store) -> String {
     let of_tables = format!("{:?}", store.run_summaries(1).await.expect("summaries"));
     assert_eq!(format!("{:?}", store.latest_window(1, METHOD).await.expect("a window")), of_tables);
@@ -23,7 +23,7 @@ async fn change(store: &Store, statement: &'static str) -> u64 {
     sqlx::query(statement).execute(&store.writer).await.expect("a change").rows_affected()
 }
 
-/// Summaries that hold.
+/// Number of valid summaries.
 async fn held(store: &Store) -> i64 {
     let count = sqlx::query_scalar(
         "SELECT count(*) FROM run_summary JOIN run USING (run_id)
@@ -71,7 +71,7 @@ async fn summaries_are_those_of_the_tables_whatever_changes() {
         assert_eq!(held(&store).await, complete - 1, "{statement}");
         assert_ne!(summaries(&store).await, before, "{statement} changes nothing");
     }
-    // a summary by another method, or one that cannot be read, is none
+    // a summary by another method, or an unreadable one, is ignored
     for statement in
         ["UPDATE run_summary SET method = 8", "UPDATE run_summary SET method = 7, numbers = x'01'"]
     {
@@ -127,7 +127,7 @@ async fn the_program_counts_a_revision_with_whatever_it_writes() {
         conclusion.commit_figures().await.expect("a commit");
         assert!(revision().await > last, "indices, or none any more");
     }
-    // the past of the robot is as it was: its only test came last
+    // the past of the robot is unchanged: its only test was the latest
     let past = || sqlx::query_scalar::<_, i64>("SELECT past_revision FROM robot").fetch_one(&store.readers);
     assert_eq!(past().await.expect("a revision"), 0);
     for (days, expected) in [(2, 0), (1, 1)] {
@@ -137,10 +137,10 @@ async fn the_program_counts_a_revision_with_whatever_it_writes() {
     }
 }
 
-/// Friction points that fits over tests stand on, and how many tests have them in one row.
+/// Friction points used by fits over tests, and the number of tests that have them in one row.
 async fn over_tests(store: &Store) -> (String, usize) {
     let read = store.friction_history(1, 0.6, METHOD).await.expect("points");
-    // of each test, since tests of a synthetic history have equal points
+    // by test, since tests of a synthetic history have equal points
     let points: Vec<_> = read.tests.iter().map(|test| (test.run_id, &test.points)).collect();
     (format!("{points:?}"), read.tests.iter().filter(|test| test.is_stored).count())
 }
@@ -181,7 +181,7 @@ async fn friction_points_over_tests_are_those_of_the_tables_whatever_changes() {
         assert_eq!(over_tests(&store).await, (read.clone(), 0), "{statement}");
         assert_ne!(read, before, "{statement} changes nothing");
     }
-    // at another level, and with other tests, others are kept
+    // at another level, and with other tests, others are stored
     keep_friction_points(&store).await;
     let read = store.friction_history(1, 1.0, METHOD).await.expect("points");
     assert!(read.tests.iter().all(|test| !test.is_stored));
@@ -209,7 +209,7 @@ async fn the_parameters_of_one_cycle_have_its_standard_error() {
     let runs = store.run_summaries(1).await.expect("summaries");
     let found = read(&runs[0]);
     assert!(found.len() == 24 && found.iter().all(|key| *key >= 1.0 && key.fract() == 0.0), "{found:?}");
-    // a cycle that does not count says nothing
+    // a cycle that does not count has no effect
     change(&store, "UPDATE cycle SET doubtful = TRUE").await;
     let runs = store.run_summaries(1).await.expect("summaries");
     assert!(runs[0].parameters.iter().all(|of| of.std_dev.is_nan()), "{runs:?}");

@@ -1,4 +1,4 @@
-//! Runs, cycles and findings for the store's tests, and a way to see all of what users see.
+//! Runs, cycles and findings for the store's tests, and a dump of everything that users see.
 
 use jiff::{SignedDuration, Timestamp};
 use sqlx::{AssertSqlSafe, Row};
@@ -34,8 +34,8 @@ pub(crate) fn fault(problem: &str, place: Option<(u64, &str)>) -> ExportFault {
 
 /// A fresh database; the folder lives as long as the first value.
 ///
-/// `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` has it on that server, in a database of its own
-/// whose name takes the place of `{}`. Tests whose statements are SQLite's take [`fresh_file`].
+/// `ARMWATCH_TEST_SERVER=postgres:///{}?host=/run/postgresql&user=armwatch` creates it on that server, in a separate
+/// database whose name replaces `{}`. Tests with statements for SQLite use [`fresh_file`].
 pub(crate) async fn fresh() -> (TempDir, Store) {
     if let Ok(address) = std::env::var("ARMWATCH_TEST_SERVER") {
         let folder = tempfile::tempdir().expect("a folder");
@@ -94,7 +94,7 @@ pub(crate) fn kept() -> Vec<ParameterId> {
     ParameterId::natural_order(&er3a()).into_iter().filter(keep).collect()
 }
 
-/// A whole six-joint cycle: 64 parameters, 24 deviations, 72 friction points. No two figures alike.
+/// A complete six-joint cycle: 64 parameters, 24 deviations, 72 friction points. No two values are equal.
 pub(crate) fn cycle(number: u32) -> CycleAnalysis {
     let base = f64::from(number);
     let start = 300.5 * (base - 1.0);
@@ -207,7 +207,7 @@ fn friction_points(start: f64) -> Vec<FrictionPoint> {
     points
 }
 
-/// A cycle that gave no parameters.
+/// A cycle without parameters.
 pub(crate) fn refused_cycle(number: u32) -> CycleAnalysis {
     CycleAnalysis {
         identification: Err("joint 3 stands still".into()),
@@ -347,7 +347,7 @@ pub(crate) async fn streaming_run(store: &Store, robot: &str, days: i64, cycles:
     run_id
 }
 
-/// Ends a run with an analysis, and draws these conclusions from it.
+/// Ends a run with an analysis, and stores these conclusions.
 pub(crate) async fn finish(store: &Store, run_id: i64, cycles: u32, findings: &Findings) {
     let mut end = store.finish_run(run_id).await.expect("a transaction");
     end.store_analysis(&run_analysis(run_id as f64)).await.expect("an analysis");
@@ -387,7 +387,7 @@ pub(crate) async fn views(store: &Store) -> Vec<String> {
     views
 }
 
-/// Columns with times of the machine's clock, which differ from test to test.
+/// Columns with times of the machine's clock, which differ between tests.
 const CLOCK: [(&str, &str); 6] = [
     ("quarantine", "first_at"),
     ("quarantine", "last_at"),
@@ -397,10 +397,10 @@ const CLOCK: [(&str, &str); 6] = [
     ("anomaly_history", "at"),
 ];
 
-/// Everything that users see but times of the machine's clock, a line a row; rows of a view are sorted.
+/// Everything that users see except times of the machine's clock, one line per row; rows of a view are sorted.
 pub(crate) async fn dump(store: &Store) -> Vec<String> {
     let mut lines = Vec::new();
-    // what columns mean is the program's, whatever is stored
+    // the meaning of columns does not depend on the stored data
     for view in views(store).await.into_iter().filter(|view| view != "view_columns") {
         let columns = columns(store, &view).await;
         let compared = columns.iter().filter(|column| !CLOCK.contains(&(view.as_str(), column.as_str())));
@@ -420,7 +420,7 @@ pub(crate) async fn dump(store: &Store) -> Vec<String> {
     lines
 }
 
-/// One figure.
+/// One value.
 pub(crate) async fn number(store: &Store, query: &'static str) -> Option<f64> {
     sqlx::query_scalar(AssertSqlSafe(format!("SELECT CAST(({query}) AS DOUBLE PRECISION)")))
         .fetch_one(&store.readers)
@@ -433,7 +433,7 @@ pub(crate) async fn text(store: &Store, query: &'static str) -> Option<String> {
     sqlx::query_scalar(query).fetch_one(&store.readers).await.expect("a text")
 }
 
-/// Nothing dangles and nothing is damaged.
+/// Checks that no reference is broken and nothing is damaged.
 pub(crate) async fn assert_sound(store: &Store) {
     if store.dialect() == Dialect::Postgres {
         return;

@@ -13,7 +13,7 @@ use crate::schema::latest_schema;
 
 const FIXTURES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures/migrations");
 
-/// Makes a database as the version with this schema left it, with rows in almost every table.
+/// Creates a database as the version with this schema left it, with rows in almost every table.
 pub(crate) fn make_schema(path: &Path, schema: i64) {
     unpack(&format!("{schema:04}"), path);
 }
@@ -23,10 +23,10 @@ fn unpack(fixture: &str, path: &Path) {
     std::fs::write(path, zstd::decode_all(&packed[..]).expect("unpacked")).expect("a database");
 }
 
-/// A change of the schema may not lose what an earlier version stored.
+/// A change of the schema must not lose data of an earlier version.
 #[tokio::test]
 async fn a_database_of_an_earlier_version_keeps_its_rows() {
-    // with rows in every view, and as programs of that time have stored recordings
+    // with rows in every view, and with recordings stored by programs of that time
     for schema in ["0046", "0050", "0046.recorded", "0050.recorded"] {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("fleet.db");
@@ -37,7 +37,7 @@ async fn a_database_of_an_earlier_version_keeps_its_rows() {
                 .fetch_all(&mut before)
                 .await
                 .expect("tables");
-        // conclusions make the rows of the last ones again
+        // conclusions create the rows of the last ones again
         let gone = [
             "_sqlx_migrations",
             "interval_fill",
@@ -76,9 +76,9 @@ async fn a_database_of_an_earlier_version_keeps_its_rows() {
         let of_old = dump(&old).await;
         old.close().await.expect("closed");
         let store = Store::open(&path).await.expect("a store");
-        // views of version 50 have the columns that they have now
+        // views of version 50 have the present columns
         if schema.starts_with("0050") {
-            // except units of anomalies, and the load of friction points, which is not known of them
+            // except units of anomalies, and the load of friction points, which is unknown for them
             let without = |rows: Vec<String>| -> Vec<String> {
                 let has_unit =
                     |row: &String| row.starts_with("anomalies:") || row.starts_with("anomaly_history:");
@@ -182,8 +182,8 @@ async fn a_version_that_is_too_old_is_refused_with_a_remedy() {
     assert!(std::fs::read(&path).expect("the file") == before, "it was changed");
 }
 
-/// Whoever is stopped while the schema is brought up to date leaves the database as it was, or with the new schema, and
-/// the next start ends it.
+/// A program that is stopped during an upgrade of the schema leaves the database either unchanged or with the new
+/// schema, and the next start completes the upgrade.
 #[tokio::test]
 async fn a_change_of_the_schema_that_is_stopped_changes_nothing() {
     const OLD: i64 = 46;
@@ -211,7 +211,7 @@ async fn a_change_of_the_schema_that_is_stopped_changes_nothing() {
     assert_sound(&store).await;
 }
 
-/// Beside each time of the views stands its text, whoever wrote the time.
+/// Each time of the views has its text next to it, whichever program wrote the time.
 async fn assert_times_are_text_too(store: &Store) {
     let times: Vec<(String, String)> = sqlx::query_as(
         "SELECT tables.name, substr(text.name, 1, length(text.name) - 5)

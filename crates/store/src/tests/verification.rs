@@ -1,4 +1,4 @@
-//! Self-verification, states of cycles and places of exports, read back.
+//! Self-verification, states of cycles and paths of exports, read back.
 
 use jiff::Timestamp;
 
@@ -21,7 +21,7 @@ async fn self_verification_comes_back_by_cycle_joint_and_stage() {
     let contrast = WarmingContrast { joint: joint(2), start: pair(2.5), end: pair(2.0) };
     let mut first = cycle(1);
     first.warming_contrast = vec![contrast];
-    // a joint that never moves has no figure for moving rows
+    // a joint that never moves has no value for moving rows
     first.verification[3].moving_rows = Rmsd::default();
     let cycles = [first, refused_cycle(2), cycle(3)];
     for cycle in &cycles {

@@ -1,4 +1,4 @@
-//! Planned windows, comments, persons and corrected entries of work.
+//! Planned windows, comments, assignees and corrected entries of maintenance.
 
 use EventKind::{Opened, Reopened};
 use jiff::{SignedDuration, Timestamp};
@@ -31,7 +31,7 @@ async fn a_window_holds_alarms_of_its_place_until_its_end() {
     assert_eq!(store.plan_window(&unknown, now).await.expect("an answer"), None);
     let of_fourth = || Anomaly { joint: Some(joint(4)), ..robot.drift(2, 4) };
     let found = |to: usize| vec![robot.drift(2, to), of_fourth()];
-    // found in the window: held in the same transaction, so that no message is sent between
+    // found in the window: put into maintenance in the same transaction, so that no message is sent in between
     assert_eq!(robot.events(found(4)).await, [Opened, Opened, EventKind::Maintenance]);
     assert_eq!(robot.states().await, ["maintenance", "open"]);
     let [(third, ..), (fourth, ..)] = robot.shown().await[..] else { panic!("two") };
@@ -80,7 +80,7 @@ async fn a_comment_and_a_person_change_no_state() {
     let history = store.anomaly_history(id).await.expect("a history");
     let told: Vec<_> = history.iter().skip(1).map(|row| (row.what.name(), row.why.as_deref())).collect();
     assert_eq!(told, [("commented", Some("grease is ordered")), ("assigned", Some("Lena"))]);
-    // conclusions keep the person
+    // conclusions keep the assignee
     assert_eq!(robot.events(vec![robot.drift(2, 6)]).await, []);
     assert_eq!(store.anomalies_after(0).await.expect("anomalies")[0].assignee.as_deref(), Some("Lena"));
     store.assign_anomaly(id, None, "mueller").await.expect("an answer").expect("possible");

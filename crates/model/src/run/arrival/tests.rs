@@ -36,7 +36,7 @@ fn live(starts: &[Timestamp]) -> Vec<Arrival<'static>> {
     starts.iter().enumerate().map(of).collect()
 }
 
-/// Eighteen daily tests, of which those from `from` to before `until` have starts that `wrong` makes of their place.
+/// Eighteen daily tests; those from `from` to before `until` have starts that `wrong` computes from their position.
 fn with_wrong(from: usize, until: usize, wrong: impl Fn(usize) -> Timestamp) -> Vec<Timestamp> {
     let right = |at: usize| after(day("2026-01-05"), at as i64);
     (0..18).map(|at| if (from..until).contains(&at) { wrong(at) } else { right(at) }).collect()
@@ -125,7 +125,7 @@ fn an_arrival_by_a_clock_that_is_wrong_is_no_evidence() {
     let arrived = |of: Arrival<'static>| Arrival { arrived_at: day("1970-01-01"), ..of };
     let arrivals: Vec<_> = copied(&starts).into_iter().map(arrived).collect();
     assert_eq!(left_out(&arrivals), [6, 7, 8]);
-    // months behind: all that arrives is ahead of it alike, is named, and counts
+    // months slow: all arrivals are equally ahead of it, are reported, and count
     let behind =
         |of: Arrival<'static>| Arrival { arrived_at: of.arrived_at - SignedDuration::from_hours(2400), ..of };
     let arrivals: Vec<_> = live(&with_wrong(0, 0, day_of)).into_iter().map(behind).collect();

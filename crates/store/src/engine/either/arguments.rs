@@ -1,4 +1,4 @@
-//! Values that are bound to the places of a statement, before it is known which engine carries it out.
+//! Values bound to the places of a statement, before the engine is known.
 
 use std::fmt::{self, Write};
 
@@ -11,7 +11,7 @@ use sqlx::{Arguments, Type};
 use super::name::Engine;
 use super::type_info::{EngineTypeInfo, ValueKind};
 
-/// A value, or NULL of a type: PostgreSQL wants to know the type of every place when it reads a statement first.
+/// A value, or NULL of a type: PostgreSQL needs the type of every place when it prepares a statement.
 #[derive(Debug)]
 pub(crate) enum Argument {
     Flag(Option<bool>),
@@ -68,7 +68,8 @@ impl EngineArguments {
     }
 }
 
-/// PostgreSQL's texts hold no character 0, which damaged exports do; the sign for what cannot be shown stands for it.
+/// Replaces each character 0, which damaged exports contain and PostgreSQL's texts cannot, by the replacement
+/// character.
 fn without_nul(text: String) -> String {
     if text.contains('\0') { text.replace('\0', "\u{fffd}") } else { text }
 }

@@ -1,4 +1,4 @@
-//! Connections to either engine, and how they are opened.
+//! Connections to either engine, and their options.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -21,7 +21,7 @@ use super::name::Engine;
 use super::row::{EngineQueryResult, EngineRow, EngineStatement};
 use super::type_info::EngineTypeInfo;
 
-/// How a connection is opened, and thereby to which engine.
+/// Options of a connection, which also determine the engine.
 #[derive(Debug, Clone)]
 pub(crate) enum EngineConnectOptions {
     Sqlite(SqliteConnectOptions),
@@ -185,14 +185,14 @@ impl TransactionManager for EngineTransactionManager {
     }
 }
 
-/// A statement as one of the engines takes it.
+/// A statement in the form of one engine.
 struct EngineQuery<A> {
     sql: SqlStr,
     arguments: Option<A>,
     persistent: bool,
 }
 
-/// The statement of a query with its values. None are bound where several statements are sent as one text.
+/// The statement of a query with its values. No values are bound if several statements are sent as one text.
 fn asked<'q, E: Execute<'q, Engine>, A>(
     mut query: E,
     convert: impl FnOnce(EngineArguments) -> Result<A, BoxDynError>,
@@ -218,11 +218,11 @@ fn asked_of_sqlite<'q, E: Execute<'q, Engine>>(query: E) -> Result<EngineQuery<S
     Ok(asked)
 }
 
-/// From this number of places on, their numbers cost SQLite noticeable time: it looks each one up in a list of all others, once
-/// when it prepares the statement and once when the value is bound.
+/// Least number of places whose numbers cost SQLite noticeable time. It looks each number up in a list of all others,
+/// once when it prepares the statement and once when the value is bound.
 const MANY_PLACES: usize = 32;
 
-/// The statement with `?` for each of `$1` to `$places`, if these are all its places and stand in this order.
+/// The statement with `?` for each of `$1` to `$places`, if these are all its places and in this order.
 fn without_numbers(sql: &str, places: usize) -> Option<String> {
     let mut pieces = sql.split('$');
     let mut result = String::with_capacity(sql.len());
@@ -242,7 +242,7 @@ fn without_numbers(sql: &str, places: usize) -> Option<String> {
 
 type Steps<'e> = BoxStream<'e, Result<sqlx::Either<EngineQueryResult, EngineRow>, Error>>;
 
-/// Carries a statement out on a connection of one engine.
+/// Executes a statement on a connection of one engine.
 macro_rules! steps {
     ($connection:expr, $asked:expr, $database:ty) => {
         match $asked {

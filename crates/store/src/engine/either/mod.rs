@@ -1,7 +1,7 @@
 //! One engine that is SQLite or PostgreSQL, by the connection: sqlx's traits over an enum of both drivers.
 //!
-//! Values are bound before it is known which engine takes them, and so are kept as what the store has: truth values, whole
-//! numbers, real ones, texts and bytes. Rows are those of the driver, read where they are.
+//! Values are bound before the engine is known. They are therefore kept in the store's own types: truth values,
+//! integers, real numbers, texts and bytes. Rows are those of the driver, read directly.
 
 mod arguments;
 mod connection;

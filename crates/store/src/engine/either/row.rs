@@ -1,4 +1,4 @@
-//! Rows, their columns, and statements that are read but not carried out.
+//! Rows, their columns, and statements that are prepared but not executed.
 
 use std::sync::OnceLock;
 
@@ -12,7 +12,7 @@ use super::name::Engine;
 use super::type_info::EngineTypeInfo;
 use super::value::EngineValueRef;
 
-/// A column of an answer.
+/// A column of a result.
 #[derive(Debug, Clone)]
 pub(crate) struct EngineColumn {
     place: usize,
@@ -61,7 +61,7 @@ enum Of {
     Postgres(PgRow),
 }
 
-/// A row. Its columns are described when they are asked for, which few do.
+/// A row. Its columns are only described on request, which is rare.
 pub(crate) struct EngineRow {
     of: Of,
     columns: OnceLock<Vec<EngineColumn>>,
@@ -119,7 +119,7 @@ impl ColumnIndex<EngineRow> for &'_ str {
 
 sqlx_core::impl_column_index_for_row!(EngineRow);
 
-/// How many rows a statement has changed.
+/// Number of rows that a statement has changed.
 #[derive(Debug, Default)]
 pub(crate) struct EngineQueryResult {
     rows_affected: u64,

@@ -6,7 +6,7 @@ use sqlx::TypeInfo;
 use sqlx::postgres::PgTypeInfo;
 use sqlx::sqlite::SqliteTypeInfo;
 
-/// What the store's values are, whatever an engine calls them.
+/// Kinds of the store's values, independent of the engine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum ValueKind {
     Flag,
@@ -28,7 +28,7 @@ impl ValueKind {
     }
 }
 
-/// The type of a value: that of an engine, or what a value of the program is.
+/// The type of a value: that of an engine, or that of a value of the program.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum EngineTypeInfo {
     Own(ValueKind),
@@ -37,7 +37,7 @@ pub(crate) enum EngineTypeInfo {
 }
 
 impl EngineTypeInfo {
-    /// What a value of this type of PostgreSQL is; `None` for one that the store does not use.
+    /// Kind of a value of this type of PostgreSQL; `None` for one that the store does not use.
     pub(super) fn kind_of_postgres(of: &PgTypeInfo) -> Option<ValueKind> {
         match of.name() {
             "BOOL" => Some(ValueKind::Flag),
@@ -65,7 +65,7 @@ impl TypeInfo for EngineTypeInfo {
         }
     }
 
-    /// As SQLite calls it.
+    /// Name as in SQLite.
     fn name(&self) -> &str {
         match self {
             Self::Own(kind) => kind.name(),

@@ -11,7 +11,7 @@ use super::name::Engine;
 use super::type_info::{EngineTypeInfo, ValueKind};
 use super::value::EngineValueRef;
 
-/// Whether a value of a type can be read as `T`; `kinds` are those of PostgreSQL.
+/// True if a value of a type can be read as `T`; `kinds` are those of PostgreSQL.
 fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[ValueKind]) -> bool {
     match of {
         EngineTypeInfo::Own(kind) => kinds.contains(kind),
@@ -22,7 +22,7 @@ fn compatible<T: Type<Sqlite>>(of: &EngineTypeInfo, kinds: &[ValueKind]) -> bool
     }
 }
 
-/// A whole number of PostgreSQL, of any width; a truth value is 0 or 1, as in SQLite.
+/// An integer of PostgreSQL, of any width; a truth value is 0 or 1, as in SQLite.
 fn integer(value: PgValueRef<'_>) -> Result<i64, BoxDynError> {
     match EngineTypeInfo::kind_of_postgres(&value.type_info()) {
         Some(ValueKind::Flag) => <bool as Decode<Postgres>>::decode(value).map(i64::from),
@@ -137,7 +137,7 @@ impl<'r> Decode<'r, Engine> for f64 {
     }
 }
 
-/// Texts and bytes: the type, what it is as an argument, and its kind.
+/// Texts and bytes: the type, its argument, and its kind.
 macro_rules! sequences {
     ($($type:ty, $kind:ident, $owned:expr;)*) => {$(
         impl Encode<'_, Engine> for $type {
@@ -221,7 +221,7 @@ macro_rules! decoded {
 
 decoded!(&'r str, String, &'r [u8], Vec<u8>);
 
-/// A value of another type stands in the bytes of the server, which are no text.
+/// Refuses a value of another type, whose bytes from the server are no text.
 fn refuse_unknown(of: &PgTypeInfo) -> Result<(), BoxDynError> {
     match EngineTypeInfo::kind_of_postgres(of) {
         Some(_) => Ok(()),

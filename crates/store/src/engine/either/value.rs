@@ -1,4 +1,4 @@
-//! Values of rows, not decoded yet.
+//! Values of rows that are not decoded yet.
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use sqlx::{Value, ValueRef};
 use super::name::Engine;
 use super::type_info::EngineTypeInfo;
 
-/// A value that belongs to nobody else.
+/// An owned value.
 pub(crate) enum EngineValue {
     Sqlite(SqliteValue),
     Postgres(PgValue),

@@ -1,4 +1,4 @@
-//! What people do with anomalies, the end of shelving and of maintenance, and what happened to each.
+//! Actions of people on anomalies, the end of shelving and of maintenance, and the history of each anomaly.
 
 use jiff::{SignedDuration, Timestamp};
 use serde::Serialize;
@@ -15,28 +15,29 @@ use armwatch_model::anomaly::Severity;
 use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::robot::JointIndex;
 
-/// Longest time for which a critical anomaly is shelved, days. Its severity cannot rise any more, which would end that.
+/// Longest shelving of a critical anomaly, days. Its severity cannot rise any more, so that nothing else would end the
+/// shelving.
 const MOST_DAYS_CRITICAL: i64 = 90;
 
-/// What a person does with an anomaly.
+/// Action of a person on an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlarmAction {
-    /// Takes an earlier answer back: the alarm is open again.
+    /// Withdraws an earlier answer: the alarm is open again.
     Reopen,
-    /// Says that it is known. Also takes back that it is shelved, in maintenance, resolved or a false alarm.
+    /// Acknowledges it. Also ends its shelving or maintenance, or withdraws that it is resolved or a false alarm.
     Acknowledge,
-    /// Wants to hear nothing of it until then, unless its severity rises. A critical one is shelved for 90 days at most.
+    /// Silences it until then, unless its severity rises. A critical one is shelved for 90 days at most.
     Shelve(Timestamp),
-    /// Says that the robot was worked on, and no run has shown since then whether it is gone.
+    /// Reports maintenance of the robot after which no run has shown if the anomaly is gone.
     Maintain,
-    /// Says that its cause is gone. A later run that shows it opens it again.
+    /// Reports that its cause is gone. A later run that shows it opens it again.
     Resolve,
-    /// Says that nothing was wrong. The episode stays closed.
+    /// Reports that nothing was wrong. The episode stays closed.
     FalseAlarm,
 }
 
 impl AlarmAction {
-    /// The event that it makes.
+    /// Its event.
     #[must_use]
     pub fn event(self) -> EventKind {
         match self {
@@ -60,10 +61,10 @@ impl AlarmAction {
         }
     }
 
-    /// Whether it can be done to an anomaly in this state; `ended` says that later runs no longer show it.
+    /// True if it is possible for an anomaly in this state; `ended` is true if later runs no longer show the anomaly.
     fn is_possible(self, state: AlarmState, ended: bool) -> bool {
         match self {
-            // what ended needs nobody's attention, but may still be called a false alarm
+            // an ended anomaly needs no attention, but can still be marked as a false alarm
             Self::FalseAlarm => state != AlarmState::FalseAlarm,
             Self::Reopen => !ended && state != AlarmState::Open,
             Self::Acknowledge => !ended && state != AlarmState::Acknowledged,
@@ -74,33 +75,33 @@ impl AlarmAction {
     }
 }
 
-/// Why an action was not done; none of the anomalies that were named with it was changed.
+/// Reason why an action was refused; none of the named anomalies was changed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NotDone {
     /// There is no anomaly of this number.
     #[error("there is no anomaly {0}")]
     Unknown(i64),
-    /// The history has it no longer.
+    /// The history no longer contains it.
     #[error("anomaly {0} was withdrawn: with more of the history known, it is none")]
     Withdrawn(i64),
-    /// A critical anomaly is not shelved for so long.
+    /// The time is too long for shelving a critical anomaly.
     #[error(
         "anomaly {0} is critical and can be shelved for {MOST_DAYS_CRITICAL} days at most; give an earlier time"
     )]
     TooLong(i64),
-    /// It cannot be done to an anomaly in this state.
+    /// The action is impossible in this state.
     #[error("anomaly {anomaly_id} is {} already: {}", standing(*state), remedy(*state, *ended))]
     NotFrom {
         /// The anomaly.
         anomaly_id: i64,
         /// Its state.
         state: AlarmState,
-        /// Whether later runs no longer show it.
+        /// True if later runs no longer show it.
         ended: bool,
     },
 }
 
-/// A state as it stands behind "the anomaly is".
+/// Text of a state after "the anomaly is".
 fn standing(state: AlarmState) -> &'static str {
     match state {
         AlarmState::FalseAlarm => "a false alarm",
@@ -131,30 +132,30 @@ pub struct AnomalyHistoryRow {
     /// The individual robot.
     #[serde(skip)]
     pub robot: String,
-    /// The joint; `None` where the cause is the whole arm's.
+    /// The joint; `None` if the cause affects the whole arm.
     #[serde(skip)]
     pub joint: Option<JointIndex>,
-    /// Kind that the anomaly has now, such as `drift`.
+    /// Present kind of the anomaly, such as `drift`.
     #[serde(skip)]
     pub kind: String,
-    /// When, by the machine's clock.
+    /// Time by the machine's clock.
     #[serde(serialize_with = "in_views")]
     pub at: Timestamp,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
-    /// The anomaly's severity then.
+    /// Severity of the anomaly at that time.
     pub severity: Severity,
-    /// Its score then.
+    /// Its score at that time.
     pub score: Option<f64>,
-    /// Its value then.
+    /// Its value at that time.
     pub value: Option<f64>,
-    /// Its message then.
+    /// Its message at that time.
     pub message: String,
-    /// The person; `None` where the program did it.
+    /// The person; `None` if the program is the author.
     pub who: Option<String>,
     /// The person's reason.
     pub why: Option<String>,
-    /// The latest run that had shown it then.
+    /// Latest run that had shown it at that time.
     pub run_id: Option<i64>,
     /// The quantity of `value`.
     pub quantity: Quantity,
@@ -162,7 +163,7 @@ pub struct AnomalyHistoryRow {
     pub unit: Option<&'static str>,
 }
 
-/// What one complete test says of a joint, as evidence for an anomaly.
+/// Results of a joint in one complete test, as evidence for an anomaly.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SeriesRun {
     /// Database key of the run.
@@ -172,7 +173,7 @@ pub struct SeriesRun {
     pub started_at: Timestamp,
     /// The joint.
     pub joint: JointIndex,
-    /// Friction at equal warmth against the joint's baseline, 1 = unchanged.
+    /// Friction at equal temperature relative to the joint's baseline, 1 = unchanged.
     pub friction_index: Option<f64>,
     /// Standard error of `friction_index`.
     pub friction_index_std_error: Option<f64>,
@@ -180,12 +181,12 @@ pub struct SeriesRun {
     pub warm_friction_nm: Option<f64>,
     /// Median over the cycles of the moving relative RMSD of the excitation stage, a fraction.
     pub moving_relative_rmsd: Option<f64>,
-    /// How much that swings from cycle to cycle, a fraction.
+    /// Swing of that RMSD between cycles, a fraction.
     pub rmsd_swing: Option<f64>,
 }
 
 impl Store {
-    /// Writes down what a person says of an anomaly, whatever its state is. Gives the event.
+    /// Stores a person's comment on an anomaly in any state. Returns the event.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -198,7 +199,7 @@ impl Store {
         self.note(anomaly_id, EventKind::Commented, Person { who, why: Some(text) }, None).await
     }
 
-    /// Puts an anomaly into the hands of a person, `None` of nobody, and writes down who did that.
+    /// Assigns an anomaly to a person, or with `None` to no one, and stores who did that.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -227,8 +228,8 @@ impl Store {
         Ok(noted)
     }
 
-    /// Does `action` to all of these anomalies, or to none if it cannot be done to one of them, and writes down who
-    /// did it and why.
+    /// Applies `action` to all of these anomalies, or to none if it is impossible for one of them, and stores who did
+    /// it and why.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -248,13 +249,14 @@ impl Store {
         Ok(acted)
     }
 
-    /// Opens shelved anomalies whose time was over before `clock`, and those in maintenance that a run after the work
-    /// shows or whose window is over. Puts open ones into maintenance whose window has begun. Says which.
+    /// Opens shelved anomalies whose time ended before `clock`, and those in maintenance that a run after the
+    /// maintenance shows or whose window has ended. Puts open ones whose window has begun into maintenance. Returns the
+    /// events.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
     pub async fn end_shelving(&self, clock: Timestamp) -> Result<Vec<AnomalyEvent>, StoreError> {
-        // readers do not wait for writers, and mostly there is nothing to do
+        // readers do not wait for writers, and usually there is nothing to do
         let shelved = self.checked(shelved_before(&self.readers, clock).await)?;
         let worked_on = self.checked(shown_after_work(&self.readers).await)?;
         let over = self.checked(windows::over(&self.readers, clock).await)?;
@@ -269,7 +271,7 @@ impl Store {
         Ok(ended)
     }
 
-    /// What happened to an anomaly, in order.
+    /// Events of an anomaly, in order.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -277,7 +279,7 @@ impl Store {
         self.checked(history(&self.readers, Some(anomaly_id), (0, i64::MAX)).await)
     }
 
-    /// These events, in the order in which they happened.
+    /// These events, in order of time.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -293,7 +295,7 @@ impl Store {
         Ok(rows)
     }
 
-    /// What complete tests of a robot say of its joints, by start and joint.
+    /// Results of a robot's joints in its complete tests, by start and joint.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -407,7 +409,7 @@ async fn set_life(
     Ok(())
 }
 
-/// Shelved anomalies whose time is over.
+/// Shelved anomalies whose time has ended.
 async fn shelved_before(
     executor: impl EngineExecutor<'_>,
     clock: Timestamp,
@@ -440,8 +442,8 @@ async fn end_shelving(
     Ok(events)
 }
 
-/// Anomalies in maintenance that a run shows which began with the latest work on their place or after it. What is
-/// concluded of the robot must have heard of that work: it ends most of them.
+/// Anomalies in maintenance that a run shows which began with the latest maintenance of their place or after it. The
+/// robot's conclusion must already include that maintenance, which ends most of them.
 async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>, sqlx::Error> {
     sqlx::query_scalar(
         "SELECT anomaly.anomaly_id
@@ -459,7 +461,7 @@ async fn shown_after_work(executor: impl EngineExecutor<'_>) -> Result<Vec<i64>,
     .await
 }
 
-/// Puts an anomaly into maintenance, whatever people had said of it.
+/// Puts an anomaly into maintenance from any state.
 pub(in crate::robot) async fn maintain(
     connection: &mut EngineConnection,
     anomaly_id: i64,
@@ -482,7 +484,7 @@ pub(in crate::robot) async fn maintain_until(
     record(connection, anomaly_id, EventKind::Maintenance, Some(by)).await
 }
 
-/// Opens an anomaly that was in maintenance. Of one that the history has taken back nothing is said: it comes back open.
+/// Opens an anomaly that was in maintenance. One that was withdrawn causes no event: if it is found again, it is open.
 pub(in crate::robot) async fn open_again(
     connection: &mut EngineConnection,
     anomaly_id: i64,

@@ -1,31 +1,30 @@
-//! The states of an alarm, what happens to it, and how its state goes on when the history is judged again. Pure: the
-//! clock is an argument.
+//! States and events of an alarm, and its next state after a conclusion. Pure: the clock is an argument.
 
 use jiff::Timestamp;
 
 use armwatch_model::anomaly::Severity;
 
-/// Where an anomaly stands for people.
+/// State of an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AlarmState {
-    /// Nobody has looked at it.
+    /// No one has acknowledged it.
     Open,
-    /// A person knows of it.
+    /// A person has acknowledged it.
     Acknowledged,
-    /// Quiet until a time, or until it gets worse.
+    /// Silent until a time, or until its severity rises.
     Shelved,
-    /// Its place was worked on, and no run has shown since then whether it is gone.
+    /// Maintenance was done at its place, and no run since then has shown if it is gone.
     Maintenance,
-    /// It ended, or a person says that its cause is gone.
+    /// It ended, or a person reports that its cause is gone.
     Resolved,
-    /// A person says that nothing was wrong.
+    /// A person reports that nothing was wrong.
     FalseAlarm,
 }
 
 armwatch_model::serialize_by_name!(AlarmState, EventKind);
 
 impl AlarmState {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 6] =
         [Self::Open, Self::Acknowledged, Self::Shelved, Self::Maintenance, Self::Resolved, Self::FalseAlarm];
 
@@ -42,50 +41,50 @@ impl AlarmState {
         }
     }
 
-    /// Whether nobody has to do anything about it.
+    /// True if no one has to act.
     #[must_use]
     pub fn is_closed(self) -> bool {
         matches!(self, Self::Resolved | Self::FalseAlarm)
     }
 }
 
-/// What can happen to an anomaly.
+/// Kind of an event of an anomaly.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EventKind {
     /// It was found.
     Opened,
     /// Its severity rose, or its score by half.
     Worse,
-    /// More of the history gave it another kind.
+    /// A conclusion from more of the history gave it another kind.
     Corrected,
     /// Later runs no longer show it.
     Ended,
     /// It is open again.
     Reopened,
-    /// More of the history has taken it back.
+    /// A conclusion from more of the history no longer contains it.
     Withdrawn,
-    /// Nobody has answered it for too long.
+    /// No one has answered it for too long.
     Overdue,
-    /// A person knows of it.
+    /// A person acknowledged it.
     Acknowledged,
-    /// A person wants to hear nothing of it for a time.
+    /// A person silenced it for a time.
     Shelved,
-    /// That time is over, or the severity rose.
+    /// Its shelving ended, or the severity rose.
     Unshelved,
-    /// Work on its place was entered.
+    /// Maintenance at its place was entered.
     Maintenance,
-    /// A person says that its cause is gone.
+    /// A person reports that its cause is gone.
     Resolved,
-    /// A person says that nothing was wrong.
+    /// A person reports that nothing was wrong.
     FalseAlarm,
-    /// A person wrote something about it, which changes nothing.
+    /// A person commented on it; its state stays.
     Commented,
-    /// It is in the hands of another person, or of none.
+    /// It was assigned to another person, or to no one.
     Assigned,
 }
 
 impl EventKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 15] = [
         Self::Opened,
         Self::Worse,
@@ -126,34 +125,34 @@ impl EventKind {
         }
     }
 
-    /// Whether it says that somebody should look.
+    /// True if someone should look.
     #[must_use]
     pub fn calls(self) -> bool {
         matches!(self, Self::Opened | Self::Reopened | Self::Worse | Self::Overdue | Self::Unshelved)
     }
 
-    /// Whether nobody has to look any more.
+    /// True if no one has to look any more.
     #[must_use]
     pub fn closes(self) -> bool {
         matches!(self, Self::Ended | Self::Withdrawn | Self::Resolved | Self::FalseAlarm)
     }
 }
 
-/// An alarm is told again when its score is so many times the one told last. Half as much again is beyond the scatter
-/// of a smoothed score, and steps that grow so keep the number of messages of a slow wear small: from a limit of 5 %
-/// they come at 7.5, 11 and 17 %.
+/// Ratio of the score to the last announced one that causes another announcement. Half as much again exceeds the
+/// scatter of a smoothed score. Steps that grow by a factor keep the number of messages about slow wear small: from a
+/// limit of 5 % the messages are sent at 7.5, 11 and 17 %.
 const WORSE_BY: f64 = 1.5;
 
-/// What people were told of an anomaly since it was opened last.
+/// Largest announced severity and score of an anomaly since it was last opened.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Announcement {
     pub(in crate::robot) severity: Severity,
-    /// Magnitude of the score; `None` without any.
+    /// Magnitude of the score; `None` if it has none.
     pub(in crate::robot) score: Option<f64>,
 }
 
 impl Announcement {
-    /// Takes what was told later into account.
+    /// Includes a later announcement.
     pub(in crate::robot) fn and(&mut self, later: Self) {
         self.severity = self.severity.max(later.severity);
         self.score = match (self.score, later.score) {
@@ -162,54 +161,54 @@ impl Announcement {
         };
     }
 
-    /// Whether `now` is worse by so much that it is told.
+    /// True if `now` is so much worse that it has to be announced.
     fn is_surpassed(self, now: Self) -> bool {
         now.severity > self.severity
             || matches!((self.score, now.score), (Some(told), Some(now)) if told > 0.0 && now >= WORSE_BY * told)
     }
 }
 
-/// What is stored of an alarm's life.
+/// Stored state of an alarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Life {
     pub(in crate::robot) state: AlarmState,
-    /// Until when it is shelved, or held by a maintenance window.
+    /// End of its shelving, or of a planned maintenance window.
     pub(in crate::robot) shelved_until: Option<Timestamp>,
     /// Start of the latest run that showed it when a person resolved it.
     pub(in crate::robot) resolved_seen_at: Option<Timestamp>,
 }
 
 impl Life {
-    /// A state without more to know of it.
+    /// A state without further data.
     pub(in crate::robot) fn of(state: AlarmState) -> Self {
         Self { state, shelved_until: None, resolved_seen_at: None }
     }
 }
 
-/// An alarm before the history is judged again.
+/// An alarm before a conclusion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Before {
     pub(in crate::robot) life: Life,
     pub(in crate::robot) withdrawn: bool,
-    /// Since it was opened last; `None` if nobody was told of it.
+    /// Since it was last opened; `None` if it was never announced.
     pub(super) told: Option<Announcement>,
-    /// Severity when it was shelved last.
+    /// Severity when it was last shelved.
     pub(super) shelved_severity: Option<Severity>,
 }
 
-/// What the history says of it now.
+/// An alarm as the history shows it now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::robot) struct Now {
     pub(in crate::robot) shown: Announcement,
     pub(in crate::robot) ended: bool,
     pub(in crate::robot) last_seen_at: Timestamp,
-    /// Whether it has another kind than before.
+    /// True if it has another kind than before.
     pub(in crate::robot) corrected: bool,
-    /// Whether that kind is another fault, so that what people said of the first does not close it.
+    /// True if that kind is another fault, so that an earlier answer of a person does not close it.
     pub(in crate::robot) is_another_fault: bool,
 }
 
-/// How an alarm goes on, and what has happened to it: nothing, where the history says what it said before.
+/// Next state of an alarm, and its events; no events if the history shows the same as before.
 pub(in crate::robot) fn go_on(before: &Before, now: &Now, clock: Timestamp) -> (Life, Vec<EventKind>) {
     use AlarmState::{FalseAlarm, Open, Resolved, Shelved};
     let mut events = Vec::new();

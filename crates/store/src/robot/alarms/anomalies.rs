@@ -1,4 +1,4 @@
-//! Anomalies and health of a robot: what is stored is made to agree with what its history says.
+//! Anomalies and health of a robot: stored rows are made to agree with the outcome of its history.
 
 use std::collections::HashMap;
 
@@ -14,32 +14,32 @@ use armwatch_model::anomaly::quantity::Quantity;
 use armwatch_model::anomaly::{Alternative, Anomaly, AnomalyKind, Findings, JointHealth, Severity};
 use armwatch_model::run::RunKind;
 
-/// What happened to an anomaly, as a row of the view `anomaly_history`.
+/// An event of an anomaly, as a row of the view `anomaly_history`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AnomalyEvent {
     /// Database key of the event; later ones have larger keys.
     pub anomaly_event_id: i64,
     /// The anomaly.
     pub anomaly_id: i64,
-    /// What happened.
+    /// Kind of the event.
     pub what: EventKind,
 }
 
-/// What reconciling changed.
+/// Changes made by a reconciliation.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Reconciled {
-    /// What happened to anomalies, in the order of the audit table; empty where the history says what it said before.
+    /// Events of anomalies, in the order of the audit table; empty if the history shows the same as before.
     pub events: Vec<AnomalyEvent>,
 }
 
 impl Reconciled {
-    /// Keys of the anomalies that became open: new, or seen again after they were closed.
+    /// Keys of the anomalies that became open: new ones, and those seen again after they were closed.
     #[must_use]
     pub fn opened(&self) -> Vec<i64> {
         self.of(&[EventKind::Opened, EventKind::Reopened])
     }
 
-    /// Keys of those that ended, or that the findings have no longer.
+    /// Keys of those that ended, or that the findings no longer contain.
     #[must_use]
     pub fn ended(&self) -> Vec<i64> {
         self.of(&[EventKind::Ended, EventKind::Withdrawn])
@@ -55,11 +55,11 @@ pub(in crate::robot) struct StoredAnomaly {
     pub(in crate::robot) anomaly_id: i64,
     pub(in crate::robot) episode: Episode,
     pub(in crate::robot) before: Before,
-    /// The test that alone shows it, which was not complete when that was found.
+    /// The only test that shows it, if that was incomplete when it was found.
     pub(in crate::robot) open_test: Option<OpenTestOf>,
 }
 
-/// A test that was not complete when an anomaly was found in it.
+/// A test that was incomplete when an anomaly was found in it.
 pub(in crate::robot) struct OpenTestOf {
     pub(in crate::robot) run_id: i64,
     is_streaming: bool,
@@ -67,12 +67,12 @@ pub(in crate::robot) struct OpenTestOf {
 }
 
 impl StoredAnomaly {
-    /// Whether it is of a test that is still being written.
+    /// True if only a test that is still being written shows it.
     fn is_provisional(&self) -> bool {
         self.open_test.as_ref().is_some_and(|test| test.is_streaming)
     }
 
-    /// Why the history, which has these now, has it no longer, where there is more to say than that.
+    /// Reason why the history no longer contains it, given the present findings; `None` without a special reason.
     fn why_withdrawn(&self, found: &[Episode], starts: &Starts) -> Option<&'static str> {
         match &self.open_test {
             Some(test) if test.is_complete => Some("not borne out by the whole test"),
@@ -84,15 +84,15 @@ impl StoredAnomaly {
     }
 }
 
-/// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and
-/// writes down what happened to them. Anomalies that `settled` has, by the key of what has settled them, are part of the
-/// outcome and are not looked at any more; those that were settled before are no part of it.
+/// Makes the stored anomalies and health of a robot agree with `findings`, the outcome of its whole history, and stores
+/// the events. `settled` has anomalies of the outcome by the key of the settled history; they are not examined further.
+/// Anomalies settled earlier are no part of the outcome.
 ///
-/// An episode keeps its number, its audit and what people said of it. All else that is shown depends on the history
-/// alone, not on how much of it was known when: also the run with which it begins, which a refit may move; the events
-/// keep which run had shown it when it was told. One that more of the history has taken back is withdrawn; what a test
-/// shows that is still being written stays until it is complete. `clock` is the time at which shelving ends. Call in a
-/// transaction.
+/// An episode keeps its number, its audit and the answers of people. Everything else that is shown depends only on the
+/// history, not on the knowledge at earlier times. This includes the first run of the episode, which a new fit may
+/// move; the events keep the run that showed it when it was announced. An episode that the history no longer contains
+/// is withdrawn. One that only a test still being written shows stays until that test is complete. Shelving until
+/// `clock` or earlier ends. Call this in a transaction.
 pub(crate) async fn reconcile(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -110,7 +110,7 @@ pub(crate) async fn reconcile(
     let chosen = same(&episodes, &found, &starts);
     let mut events = Vec::new();
     for (o, known) in stored.iter().enumerate() {
-        // what ended before it was told of is told of no more
+        // an anomaly that ended before it was announced causes no event
         let is_news = !known.episode.withdrawn && !known.is_provisional() && !chosen.contains(&Some(o));
         if is_news {
             withdraw_anomaly(&mut *connection, known.anomaly_id).await?;
@@ -163,7 +163,7 @@ pub(in crate::robot) fn episode(of: &Anomaly) -> Episode {
     }
 }
 
-/// All anomalies of a robot that are not settled, withdrawn ones too, by number.
+/// All anomalies of a robot that are not settled, including withdrawn ones, by number.
 pub(in crate::robot) async fn stored_anomalies(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -227,10 +227,10 @@ pub(in crate::robot) async fn stored_anomalies(
     .await
 }
 
-/// What people were told of an anomaly since it was opened last, and its severity when it was shelved last.
+/// Announcement of an anomaly since it was last opened, and its severity when it was last shelved.
 type ShelvedAnnouncement = (Option<Announcement>, Option<Severity>);
 
-/// What people were told of the robot's anomalies that are not settled, by key.
+/// Announcements of the robot's anomalies that are not settled, by key.
 async fn told(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -273,8 +273,8 @@ fn shown(row: &EngineRow) -> Result<Announcement, sqlx::Error> {
     })
 }
 
-/// Starts of the robot's complete runs that say whether something goes on with one of these anomalies: of those behind each
-/// that has not ended the first ones, as many as are counted.
+/// Starts of the robot's complete runs that determine if a found episode continues one of these anomalies: the first
+/// runs after each anomaly that has not ended, as many as are counted.
 pub(in crate::robot) async fn run_starts(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -303,7 +303,7 @@ async fn starts_behind(
     kind: RunKind,
     to: i64,
 ) -> Result<Vec<i64>, sqlx::Error> {
-    // each kind has an index of its own
+    // each kind has a separate index
     let statement = match kind {
         RunKind::Test => {
             "SELECT started_at FROM run
@@ -319,14 +319,14 @@ async fn starts_behind(
     sqlx::query_scalar(statement).bind(robot_id).bind(to).bind(count(RUNS_APART)).fetch_all(executor).await
 }
 
-/// Who did something to an anomaly, and why.
+/// Author of a change to an anomaly, and the reason.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::robot) struct Person<'a> {
     pub(in crate::robot) who: &'a str,
     pub(in crate::robot) why: Option<&'a str>,
 }
 
-/// Writes down what happened to an anomaly, which is stored as it is after that. No person: the program did it.
+/// Stores an event of an anomaly with the present state of the anomaly. Without a person, the program is the author.
 pub(in crate::robot) async fn record(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
@@ -337,7 +337,7 @@ pub(in crate::robot) async fn record(
     write_event(executor, anomaly_id, what, who, why).await
 }
 
-/// As [`record`], of what the program does for a reason.
+/// Like [`record`], for an event that the program causes for a reason.
 async fn record_because(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
@@ -370,7 +370,7 @@ async fn write_event(
     Ok(AnomalyEvent { anomaly_event_id, anomaly_id, what })
 }
 
-/// Enters an anomaly; `open_run_id` is the test that alone shows it while that is not complete.
+/// Inserts an anomaly; `open_run_id` is the only test that shows it, if that is incomplete.
 pub(in crate::robot) async fn insert_anomaly(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -398,7 +398,7 @@ pub(in crate::robot) async fn insert_anomaly(
     Ok(anomaly_id)
 }
 
-/// Writes all that is known of an anomaly but its number and joint.
+/// Stores everything about an anomaly except its number and joint.
 pub(in crate::robot) async fn update_anomaly(
     executor: impl EngineExecutor<'_>,
     anomaly_id: i64,
@@ -498,7 +498,7 @@ async fn replace_health(
     Ok(())
 }
 
-/// Another expectation than before, as a new test brings it, ends that a robot is overdue.
+/// Stores when the next test is expected. A changed time, as a new test brings, ends the robot's overdue state.
 async fn set_expected_by(
     executor: impl EngineExecutor<'_>,
     robot_id: i64,
@@ -515,7 +515,7 @@ async fn set_expected_by(
     Ok(())
 }
 
-/// A time as views show it, always with milliseconds, so that text order is time order.
+/// A time as the views show it, always with milliseconds, so that the order of texts is the order of times.
 pub(crate) fn as_text(time: Timestamp) -> String {
     time.strftime("%Y-%m-%dT%H:%M:%S.%3fZ").to_string()
 }

@@ -1,7 +1,7 @@
-//! Which found episode is which stored one. Pure.
+//! Assignment of found episodes to stored ones. Pure.
 //!
-//! A refit of the history moves the first run of an episode, its quantity and sometimes its kind. What stays is the
-//! joint, and the time in which it was seen.
+//! A new fit of the history can move the first run of an episode, its quantity and sometimes its kind. The joint and
+//! the time of its runs stay.
 
 use std::cmp::Reverse;
 
@@ -12,7 +12,7 @@ use armwatch_model::run::RunKind;
 /// An episode in time. Times are microseconds since 1970.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(in crate::robot) struct Episode {
-    /// Number of the joint; `None` where the cause is the whole arm's.
+    /// Number of the joint; `None` if the cause affects the whole arm.
     pub(in crate::robot) joint: Option<i64>,
     pub(in crate::robot) kind: AnomalyKind,
     pub(in crate::robot) quantity: Quantity,
@@ -21,11 +21,11 @@ pub(in crate::robot) struct Episode {
     /// Start of the latest run that showed it.
     pub(in crate::robot) to: i64,
     pub(in crate::robot) ended: bool,
-    /// Whether an earlier conclusion has taken it back.
+    /// True if an earlier conclusion withdrew it.
     pub(in crate::robot) withdrawn: bool,
 }
 
-/// Starts of the robot's complete runs, ascending: tests, and logs of ordinary work. At least the first [`RUNS_APART`] behind
+/// Starts of the robot's complete runs, ascending: tests and production logs. At least the first [`RUNS_APART`] after
 /// each stored episode that has not ended.
 #[derive(Debug, Clone, Default)]
 pub(in crate::robot) struct Starts {
@@ -33,15 +33,15 @@ pub(in crate::robot) struct Starts {
     pub(in crate::robot) production: Vec<i64>,
 }
 
-/// Quiet runs after which what is found again is another episode, as for the detectors.
+/// Runs without the anomaly after which a new finding is another episode, as in the detectors.
 pub(super) const RUNS_APART: usize = 2;
 
-/// What people hear of as one fault of a joint, whichever of them the evidence favours: friction changed.
+/// Kinds that people see as one fault of a joint, a change of friction, whichever kind the evidence favours.
 const FRICTION_KINDS: [AnomalyKind; 2] = [AnomalyKind::Drift, AnomalyKind::Step];
 
-/// For each found episode the stored one that it goes on with, each used once. First the best overlap in time of those
-/// of one cause; then of those whose cause was corrected, since the old one is found no longer; last of those that
-/// were withdrawn before.
+/// For each found episode the stored one that it continues; each stored one is used once. Pairs are formed in three
+/// passes, each by the best overlap in time: first those of one cause, then those whose cause was corrected, last those
+/// that were withdrawn before.
 pub(in crate::robot) fn same(stored: &[Episode], found: &[Episode], starts: &Starts) -> Vec<Option<usize>> {
     let mut chosen = vec![None; found.len()];
     let mut used = vec![false; stored.len()];
@@ -74,18 +74,20 @@ pub(in crate::robot) fn same(stored: &[Episode], found: &[Episode], starts: &Sta
     chosen
 }
 
-/// Whether what a test shows that is being written goes on with a stored episode of the same cause. The detectors have
-/// judged all tests before it, so that one which has not ended is waited for, however many quiet tests there were.
+/// True if an episode of a test that is still being written continues a stored episode of the same cause. The detectors
+/// have judged all earlier tests. An episode that has not ended therefore continues, however many tests without it
+/// there were.
 pub(in crate::robot) fn goes_on(old: &Episode, new: &Episode) -> bool {
     !old.withdrawn && !old.ended && old.joint == new.joint && is_of_one_cause(old, new) && old.from <= new.to
 }
 
-/// What the alarms of several joints become one of, by kind: an oscillation of any quantity, a warm-up of the arm's. Friction of all
-/// joints that the hall changes is no joint's alarm.
+/// Kinds of alarms of the arm that replace the alarms of several joints: an oscillation of any quantity, and a change
+/// of the arm's warm-up. If the ambient temperature changes the friction of all joints, no joint has an alarm.
 const OF_ALL_JOINTS: [(AnomalyKind, Option<Quantity>); 2] =
     [(AnomalyKind::Oscillation, None), (AnomalyKind::Thermal, Some(Quantity::CommonWarmUpTimeRatio))];
 
-/// Whether a stored episode of a joint is told as one of the whole arm now: of the same kind, at the same time.
+/// True if an episode of the whole arm now replaces a stored episode of a joint: one of the same kind, at the same
+/// time.
 pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) -> bool {
     let is_joined = |new: &Episode| {
         OF_ALL_JOINTS
@@ -98,7 +100,7 @@ pub(super) fn is_told_of_arm(old: &Episode, found: &[Episode], starts: &Starts) 
     old.joint.is_some() && found.iter().any(is_instead)
 }
 
-/// Whether a kind is so much another than before that what people said of the fault does not hold for it.
+/// True if a kind differs so much from the earlier one that a person's answer to the earlier fault is not valid for it.
 pub(in crate::robot) fn is_another_fault(old: AnomalyKind, new: AnomalyKind) -> bool {
     old != new && !(FRICTION_KINDS.contains(&old) && FRICTION_KINDS.contains(&new))
 }
@@ -113,7 +115,7 @@ fn may_be_corrected(old: &Episode, new: &Episode) -> bool {
     ![old.kind, new.kind].contains(&AnomalyKind::Fleet) && !is_of_dates(old) && !is_of_dates(new)
 }
 
-/// How long both last at once, in microseconds; 0 where one goes on with the other, `None` where they are apart.
+/// Common duration of both, in microseconds; 0 if one continues the other, `None` if they are separate.
 fn overlap(old: &Episode, new: &Episode, starts: &Starts) -> Option<i64> {
     let both = old.to.min(new.to) - old.from.max(new.from);
     if both >= 0 {

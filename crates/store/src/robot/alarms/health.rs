@@ -1,4 +1,4 @@
-//! Whether runs gave a result, and whether the next ones are overdue.
+//! Results of runs, and overdue tests.
 
 use jiff::Timestamp;
 use sqlx::Row;
@@ -9,30 +9,30 @@ use crate::error::StoreError;
 use crate::handle::Store;
 use crate::values::size;
 
-/// What a complete run came to.
+/// Outcome of a complete run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunResult {
-    /// Whether it says nothing of the arm.
+    /// True if it gives no result for the arm.
     pub without_result: bool,
     /// Cycles stored.
     pub cycles: u32,
     /// Cycles that were refused.
     pub refused: u32,
-    /// Why the first of them was.
+    /// Reason for the first refusal.
     pub reason: Option<String>,
 }
 
-/// A robot of which no test came in time.
+/// A robot whose next test did not arrive in time.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OverdueRobot {
     /// Its name.
     pub robot: String,
-    /// When the next test should have begun at the latest, as views show it.
+    /// Latest time for the next test to begin, as in the views.
     pub expected_by: String,
 }
 
 impl Store {
-    /// What run `run_id` came to; `None` for one that is not complete.
+    /// Outcome of run `run_id`; `None` if it is not complete.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -71,8 +71,8 @@ impl Store {
         self.checked(found)
     }
 
-    /// Notes that a test of this robot arrived in time, seen from `now`: from then on it can become overdue. A test
-    /// that is older than the robot's usual interval is a copy of old files and says nothing.
+    /// Stores that a test of this robot arrived in time, seen from `now`: from then on the robot can become overdue. A
+    /// test older than the robot's usual interval is a copy of old files and does not count.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -89,8 +89,7 @@ impl Store {
         self.commit(transaction).await
     }
 
-    /// Marks robots as overdue whose next test should have begun before `now`, and returns those that were not so
-    /// before, by name.
+    /// Marks robots as overdue whose next test should have begun before `now`. Returns the newly marked ones, by name.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -105,7 +104,7 @@ impl Store {
         .await;
         let mut marked = Vec::new();
         for (robot_id, robot, expected_by) in self.checked(due)? {
-            // a test may have come in between, or another daemon been here
+            // a test may have arrived, or another daemon marked the robot
             let mut transaction = self.begin().await?;
             let done = sqlx::query(
                 "UPDATE robot SET overdue = TRUE WHERE robot_id = $1 AND expected_by = $2 AND NOT overdue",

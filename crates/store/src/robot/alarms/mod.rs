@@ -1,4 +1,4 @@
-//! Anomalies of a robot: which stored one each is, their states, and what people do with them.
+//! Anomalies of a robot: their assignment to stored ones, their states, and actions of people.
 
 pub(crate) mod alarm_state;
 pub(super) mod episodes;

@@ -1,4 +1,4 @@
-//! Friction of each joint in each cycle as one number, and what mean parameters of a run stand for.
+//! Friction of each joint in each cycle as one number, and the meaning of a run's mean parameters.
 
 use std::collections::HashMap;
 
@@ -47,16 +47,16 @@ pub(in crate::robot) struct MeanParameter {
     pub(in crate::robot) model_parameter_id: i64,
     /// Mean, in its SI unit.
     pub(super) mean: f64,
-    /// Standard deviation of one cycle; not a number with one cycle.
+    /// Standard deviation of one cycle; NaN with one cycle.
     pub(super) std_dev: f64,
-    /// Cycles.
+    /// Number of cycles.
     pub(in crate::robot) cycles: u32,
 }
 
-/// What the inertial parameters of all descriptions stand for, by key.
+/// Meaning of the inertial parameters of all descriptions, by key.
 pub(in crate::robot) struct Inertial(HashMap<i64, (ParameterId, Vec<(f64, ParameterId)>)>);
 
-/// Reads what the inertial parameters of all descriptions stand for.
+/// Reads the meaning of the inertial parameters of all descriptions.
 pub(in crate::robot) async fn inertial(executor: impl EngineExecutor<'_>) -> Result<Inertial, sqlx::Error> {
     let rows = sqlx::query("SELECT model_parameter_id, joint, name, grouping FROM model_parameter")
         .try_map(|row: EngineRow| {
@@ -71,7 +71,7 @@ pub(in crate::robot) async fn inertial(executor: impl EngineExecutor<'_>) -> Res
 }
 
 impl Inertial {
-    /// Means of those parameters of a run that are inertial, in natural order.
+    /// Means of a run's inertial parameters, in natural order.
     pub(in crate::robot) fn of_run(&self, means: &[MeanParameter]) -> Vec<RunParameter> {
         let of = |mean: &MeanParameter| {
             let (id, terms) = self.0.get(&mean.model_parameter_id)?;

@@ -1,4 +1,4 @@
-//! How well the model of each cycle explains the cycle as a whole: what a contact shows in.
+//! Fit of each cycle's model to the cycle as a whole, which shows contacts.
 
 use sqlx::Row;
 
@@ -6,7 +6,8 @@ use crate::engine::{EngineExecutor, EngineRow};
 use crate::values::{joint, size};
 use armwatch_model::analysis::measurements::CycleRmsd;
 
-/// The moving relative RMSD of every cycle that counts of a run, complete or not, in the order of cycles and joints.
+/// The moving relative RMSD of every cycle of a run that counts, in the order of cycles and joints; the run may be
+/// incomplete.
 pub(crate) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

@@ -1,8 +1,9 @@
-//! Friction points of a test at one speed level, in one row: fits over a robot's tests read three dozen rows in place of
+//! Friction points of a test at one speed level, in one row: fits over a robot's tests read three dozen rows instead of
 //! ten thousand.
 //!
-//! The row follows from other tables. Conclusions that have read those tables write it, for the tests of fits. It holds
-//! while its revision is that of the test and the program has the method that it was made by; otherwise the tables are read.
+//! The row is computed from other tables. Conclusions that have read those tables write it, for the tests of fits. It
+//! is valid as long as its revision is that of the test and the program uses the method that computed it. Otherwise the
+//! tables are read.
 
 use std::collections::HashMap;
 
@@ -10,7 +11,7 @@ use super::packed::{packed, unpacked};
 use crate::engine::{EngineConnection, EngineExecutor};
 use armwatch_model::analysis::FrictionPoint;
 
-/// Friction points that fits over the tests of a robot stand on.
+/// Friction points used by fits over the tests of a robot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionSeries {
     /// Speed level, as a fraction of the largest speed.
@@ -24,11 +25,11 @@ pub struct FrictionSeries {
 pub struct TestPoints {
     /// Database key.
     pub run_id: i64,
-    /// How often the test had changed when they were read.
+    /// Number of changes of the test when they were read.
     pub revision: i64,
     /// Its points at the speed level.
     pub points: Vec<FrictionPoint>,
-    /// Whether they were stored in one row already.
+    /// True if they were already stored in one row.
     pub is_stored: bool,
 }
 
@@ -62,8 +63,8 @@ pub(in crate::robot) async fn of_robot(
     Ok(rows.into_iter().filter_map(|(run_id, bytes)| Some((run_id, unpacked(&bytes)?))).collect())
 }
 
-/// Makes the stored series of a robot those of this history. Call in the transaction of a conclusion whose history is the
-/// one that was read.
+/// Replaces the stored series of a robot by those of this history. Call this in the transaction of a conclusion whose
+/// history is still the one that was read.
 pub(in crate::robot) async fn keep(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -76,7 +77,7 @@ pub(in crate::robot) async fn keep(
             .fetch_all(&mut *connection)
             .await?;
     let is_kept = |run_id: i64, speed: f64| {
-        // a level is the same number where it is the same level
+        // equal levels are bitwise equal
         speed.to_bits() == history.speed_fraction.to_bits()
             && history.tests.iter().any(|test| test.run_id == run_id && test.is_stored)
     };

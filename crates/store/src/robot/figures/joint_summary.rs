@@ -15,8 +15,8 @@ pub(in crate::robot) struct SummaryRow {
 }
 
 impl SummaryRow {
-    /// The summary beside tests whose latest torque deviations are those of `estimator`: those of another one do not
-    /// compare.
+    /// The summary for comparison with tests whose latest torque deviations are those of `estimator`: deviations of
+    /// another estimator are not comparable and therefore omitted.
     pub(in crate::robot) fn among(self, estimator: Option<&str>) -> JointSummary {
         match self.estimator.as_deref() == estimator {
             true => self.summary,
@@ -25,7 +25,7 @@ impl SummaryRow {
     }
 }
 
-/// Summaries of a run with the friction index that was stored last, by joint.
+/// Summaries of a run with the latest stored friction index, by joint.
 pub(in crate::robot) async fn of_run(
     executor: impl EngineExecutor<'_>,
     run_id: i64,

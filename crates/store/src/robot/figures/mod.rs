@@ -1,4 +1,4 @@
-//! What a test comes to, in rows that are short enough to be read for a whole history.
+//! Results of a test in rows that are short enough to be read for a whole history.
 
 pub(super) mod packed;
 pub(super) mod joint_summary;

@@ -1,4 +1,4 @@
-//! Values as bytes of a BLOB, each number to its last bit.
+//! Values as bytes of a BLOB; numbers keep every bit.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -8,7 +8,7 @@ pub(in crate::robot) fn packed(value: &impl Serialize) -> Result<Vec<u8>, sqlx::
     postcard::to_stdvec(value).map_err(|error| sqlx::Error::Encode(error.into()))
 }
 
-/// The value of bytes that [`packed`] made; `None` for others.
+/// The value of bytes from [`packed`]; `None` for others.
 pub(in crate::robot) fn unpacked<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     let (value, rest) = postcard::take_from_bytes(bytes).ok()?;
     rest.is_empty().then_some(value)

@@ -1,8 +1,8 @@
-//! The values of a complete test that detectors compare, by joint and over its cycles, in one row: of a thousand tests with 24
-//! cycles and six joints, a conclusion reads a thousand rows instead of three hundred thousand.
+//! The values of a complete test that detectors compare, by joint and over its cycles, in one row. For a thousand tests
+//! with 24 cycles and six joints, a conclusion reads a thousand rows instead of three hundred thousand.
 //!
-//! The row follows from other tables. It holds while its revision is that of the test (`run.revision`) and the program has the
-//! method that it was made by.
+//! The row is computed from other tables. It is valid as long as its revision is that of the test (`run.revision`) and
+//! the program uses the method that computed it.
 
 use serde::{Deserialize, Serialize};
 use sqlx::Row;

@@ -1,10 +1,10 @@
-//! Which tests form the baseline of each joint, by the stated rule, and what each index is computed from. Pure: the
-//! same history gives the same plan, whatever came when.
+//! Plan of a robot's friction indices: the tests of each joint's baseline by the stated rule, and the inputs of each
+//! index. Pure: the same history gives the same plan, whatever the order of arrival.
 //!
-//! The baseline of a joint in an epoch is made of its first full tests by recording time. Its map is learnt from them,
-//! and again each time the number of full tests has doubled; a test is compared by the map that is held when it is
-//! recorded. Joints with the same tests are fitted together. An index follows from maps, its own test and the motion
-//! before it; a hash of these, its basis, says whether a stored index still holds.
+//! The baseline of a joint in an epoch consists of its first full tests by recording time. Its map is learnt from them,
+//! and again each time the number of full tests has doubled. A test is compared by the map that is in force when it is
+//! recorded. Joints with the same tests are fitted together. An index depends on maps, its own test and the motion
+//! before it. A hash of these, its basis, shows if a stored index is still valid.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,15 +18,15 @@ use armwatch_model::anomaly::baseline_runs::stages;
 use armwatch_model::anomaly::epoch::{Epoch, epochs};
 use armwatch_model::robot::JointIndex;
 
-/// Fewest tests of a baseline: one alone has no scatter.
+/// Fewest tests of a baseline: a single test has no scatter.
 const MIN_BASELINE_RUNS: usize = 2;
 
-/// Maps of a robot and what its tests are compared with.
+/// Maps of a robot, and the comparisons of its tests.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionPlan {
-    /// Maps, each before those that it is a companion of.
+    /// Maps; each companion precedes the maps that it helps.
     pub maps: Vec<PlannedMap>,
-    /// One entry a test.
+    /// One entry per test.
     pub tests: Vec<PlannedTest>,
 }
 
@@ -35,32 +35,32 @@ pub struct FrictionPlan {
 pub struct PlannedMap {
     /// The joints, each with the ordinal of its epoch and the epoch.
     pub joints: Vec<(JointIndex, u32, Epoch)>,
-    /// Positions of the tests of the baseline, rising.
+    /// Positions of the tests of the baseline, ascending.
     pub baseline: Vec<usize>,
-    /// Positions of the tests that the map is learnt from, rising; the first are the baseline.
+    /// Positions of the tests that the map is learnt from, ascending; the first are the baseline.
     pub learnt: Vec<usize>,
-    /// Positions of the tests whose motion has an effect on it, rising, with the learnt ones.
+    /// Positions of the tests whose motion affects it, ascending, including the learnt ones.
     pub motion: Vec<usize>,
-    /// Maps of other joints that hold over all learnt tests: position of the map, and the joint.
+    /// Maps of other joints that are valid over all learnt tests: position of the map, and the joint.
     pub companions: Vec<(usize, JointIndex)>,
     /// Hash of all of this.
     pub basis: IndexBasis,
 }
 
 impl PlannedMap {
-    /// Whether it is learnt from the baseline alone, as the first map of an epoch is.
+    /// True if it is learnt from the baseline alone, as the first map of an epoch is.
     #[must_use]
     pub fn is_first(&self) -> bool {
         self.learnt.len() == self.baseline.len()
     }
 }
 
-/// What a test is compared with.
+/// The maps that a test is compared with.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PlannedTest {
-    /// Position of the map of each joint, and whether the test is one of its baseline.
+    /// Position of the map of each joint, and true if the test belongs to its baseline.
     pub references: Vec<(usize, JointIndex, bool)>,
-    /// Position of the first test whose motion has an effect on it.
+    /// Position of the first test whose motion affects it.
     pub first_motion: usize,
     /// Hash of all of this; `None` without references.
     pub basis: Option<IndexBasis>,
@@ -75,8 +75,8 @@ struct JointMap {
     learnt: Vec<usize>,
 }
 
-/// The plan for a robot, with baselines of `baseline_runs` tests, two at least. The points of all tests have been counted. `method`
-/// identifies the sources that compute indices.
+/// The plan for a robot, with baselines of `baseline_runs` tests, at least two. The points of all tests have been
+/// counted. `method` identifies the sources that compute indices.
 #[must_use]
 pub fn plan(found: &FrictionTests, baseline_runs: usize, method: u64) -> FrictionPlan {
     let tests = &found.tests;
@@ -124,7 +124,7 @@ fn joint_maps(found: &FrictionTests, needed: usize) -> Vec<JointMap> {
             let full: Vec<usize> = epoch.tests.iter().copied().filter(|test| is_full(*test, joint)).collect();
             let mut learnt: Vec<Vec<usize>> =
                 stages(needed, full.len()).map(|stage| learnt_runs(&full[..stage], needed)).collect();
-            // a baseline that is all that can be learnt from stays the only map
+            // a baseline that contains all full tests stays the only map
             learnt.dedup();
             let baseline = &full[..needed.min(full.len())];
             maps.extend(learnt.into_iter().map(|learnt| JointMap {
@@ -139,13 +139,13 @@ fn joint_maps(found: &FrictionTests, needed: usize) -> Vec<JointMap> {
     maps
 }
 
-/// Whether a baseline of the joint may be learnt from a test.
+/// True if a baseline of the joint may be learnt from a test.
 fn is_full(test: &FrictionTest, joint: JointIndex) -> bool {
     let mut points = test.points.iter().flatten();
     points.any(|(of, points)| *of == joint && *points >= FULL_RUN_POINTS)
 }
 
-/// Maps of joints with the same tests together, in the order in which they became complete.
+/// Maps of joints, grouped by equal tests, in the order of their completion.
 fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest], method: u64) -> Vec<PlannedMap> {
     let mut groups: BTreeMap<(Option<usize>, Vec<usize>), Vec<JointMap>> = BTreeMap::new();
     for map in maps {
@@ -166,7 +166,7 @@ fn grouped(maps: Vec<JointMap>, tests: &[FrictionTest], method: u64) -> Vec<Plan
     found
 }
 
-/// The latest map of each other joint that holds over all of `learnt`.
+/// The latest map of each other joint that is valid over all of `learnt`.
 fn companions(
     earlier: &[PlannedMap],
     own: &[(JointIndex, u32, Epoch)],
@@ -184,26 +184,26 @@ fn companions(
     found.into_iter().map(|(joint, at)| (at, joint)).collect()
 }
 
-/// Tests whose motion has an effect on the thermal state in one of `learnt`, with these.
+/// Tests whose motion affects the thermal state in one of `learnt`, including these.
 fn motion(tests: &[FrictionTest], learnt: &[usize]) -> Vec<usize> {
     let of_one = learnt.iter().flat_map(|test| first_motion(tests, *test)..=*test);
     of_one.collect::<BTreeSet<usize>>().into_iter().collect()
 }
 
-/// The first test whose motion has an effect on the thermal state at the start of test `at`.
+/// The first test whose motion affects the thermal state at the start of test `at`.
 fn first_motion(tests: &[FrictionTest], at: usize) -> usize {
     let micros = |test: &FrictionTest| test.moment.started_at.as_microsecond();
     let from = micros(&tests[at]) - (REMEMBERED_S * 1e6) as i64;
     tests[..at].partition_point(|test| micros(test) < from)
 }
 
-/// Adds which tests there are and when each began.
+/// Adds the keys and starts of tests.
 fn add_tests<'a>(hasher: &mut blake3::Hasher, tests: impl Iterator<Item = &'a FrictionTest>) {
     for test in tests {
         hasher.update(&test.run_id.to_le_bytes());
         hasher.update(&test.moment.started_at.as_microsecond().to_le_bytes());
     }
-    // no key of a run is negative: nothing that follows is taken for a test
+    // no key of a run is negative, so this ends the list unambiguously
     hasher.update(&(-1_i64).to_le_bytes());
 }
 

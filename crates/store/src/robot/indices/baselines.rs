@@ -1,5 +1,5 @@
-//! Friction baselines and the indices against them: what is stored of each test, which baselines are in force, and how
-//! what is concluded takes their place.
+//! Friction baselines and indices: the stored data of each test, the baselines in force, and their replacement by a
+//! conclusion.
 
 use std::collections::{HashMap, HashSet};
 
@@ -20,31 +20,31 @@ use armwatch_model::analysis::map_run::MapRun;
 use armwatch_model::anomaly::epoch::{EpochCause, Maintenance, TestMoment};
 use armwatch_model::robot::JointIndex;
 
-/// More epochs than a joint has.
+/// A number above that of a joint's epochs.
 const MOST_EPOCHS: i64 = 1_000_000;
 
-/// Hash of what figures were computed from.
+/// Hash of the inputs of computed values.
 pub type IndexBasis = [u8; 32];
 
-/// What is known of one complete test for its friction index.
+/// Data of one complete test for its friction index.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrictionTest {
     /// Database key.
     pub run_id: i64,
-    /// Start, and the description that its figures were computed with.
+    /// Start, and the description that its results were computed with.
     pub moment: TestMoment<DescriptionKey>,
-    /// Usable friction points of the best level of each joint; `None` where nobody has looked yet.
+    /// Usable friction points of the best level of each joint; `None` if they were not counted yet.
     pub points: Option<Vec<(JointIndex, usize)>>,
-    /// What its stored indices were computed from.
+    /// Basis of its stored indices.
     pub basis: Option<IndexBasis>,
 }
 
-/// A robot's tests, oldest first, and what changed between them.
+/// A robot's tests, oldest first, and the changes between them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionTests {
     /// The tests.
     pub tests: Vec<FrictionTest>,
-    /// Work on the robot.
+    /// Maintenance of the robot.
     pub work: Vec<Maintenance>,
     /// The baselines in force.
     pub baselines: Vec<StoredBaseline>,
@@ -61,69 +61,69 @@ pub struct StoredBaseline {
     pub joint: JointIndex,
     /// Ordinal of the epoch.
     pub epoch: u32,
-    /// What its map was fitted on.
+    /// Basis of its map.
     pub basis: IndexBasis,
-    /// Its runs, rising.
+    /// Its runs, ascending.
     pub run_ids: Vec<i64>,
 }
 
-/// A baseline as the history now has it.
+/// A baseline that follows from the present history.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewBaseline {
     /// The joint.
     pub joint: JointIndex,
     /// Ordinal of the epoch.
     pub epoch: u32,
-    /// Why the epoch began.
+    /// Reason why the epoch began.
     pub cause: EpochCause,
-    /// When it began, microseconds since 1970.
+    /// Beginning of the epoch, microseconds since 1970.
     pub begins_at: i64,
-    /// What its map is fitted on.
+    /// Basis of its map.
     pub basis: IndexBasis,
     /// Its runs.
     pub run_ids: Vec<i64>,
-    /// Its map by level, and why there is none; `None` where it is stored already.
+    /// Its map by level, and the reason if there is none; `None` if the map is stored already.
     pub formed: Option<(Vec<MapLevel>, Option<String>)>,
 }
 
-/// Indices of a test that are new.
+/// New indices of a test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewIndices {
     /// Database key of the test.
     pub run_id: i64,
     /// Usable friction points of the best level of each joint.
     pub points: Vec<(JointIndex, usize)>,
-    /// What the indices were computed from; `None` without any baseline.
+    /// Basis of the indices; `None` without any baseline.
     pub basis: Option<IndexBasis>,
     /// The indices.
     pub indices: Vec<FrictionIndex>,
 }
 
-/// A baseline that another one has taken the place of.
+/// A baseline that another one has replaced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ReplacedBaseline {
     /// The joint.
     pub joint: JointIndex,
     /// Ordinal of the epoch.
     pub epoch: u32,
-    /// Why.
+    /// Reason.
     pub because: String,
 }
 
-/// Friction of a robot as its history now has it.
+/// Friction of a robot that follows from its present history.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionConclusion {
-    /// The tests that it stands on, oldest first.
+    /// Its tests, oldest first.
     pub run_ids: Vec<i64>,
     /// All baselines in force.
     pub baselines: Vec<NewBaseline>,
     /// Tests whose indices are new.
     pub indices: Vec<NewIndices>,
-    /// The map of the latest epoch of each joint that has one, with its basis; without the map where it is stored.
+    /// The map of the latest epoch of each joint that has one, with its basis; without the map if that is stored.
     pub maps: Vec<(JointIndex, IndexBasis, Option<FrictionMap>)>,
-    /// Why joints have no map, in sentences.
+    /// Reasons why joints have no map, as sentences.
     pub remarks: Vec<String>,
-    /// Whether it stands on all tests. Otherwise on the latest ones, which change no baseline and no map.
+    /// True if it uses all tests. Otherwise it uses the latest ones, and changes no baseline and no map.
     pub is_whole: bool,
 }
 
@@ -138,27 +138,27 @@ impl Store {
     }
 }
 
-/// A baseline in force, as people see it.
+/// A baseline in force, for display.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BaselineRow {
     /// The joint.
     pub joint: JointIndex,
     /// Ordinal of the epoch.
     pub epoch: u32,
-    /// Why the epoch began, as in the view `baselines`.
+    /// Reason why the epoch began, as in the view `baselines`.
     pub cause: String,
-    /// Starts of its tests, rising.
+    /// Starts of its tests, ascending.
     pub tests: Vec<Timestamp>,
 }
 
-/// A baseline that was formed, and why it is not in force any more.
+/// A baseline that was formed, and the reason if it is no longer in force.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BaselineChange {
     /// The joint.
     pub joint: JointIndex,
     /// Ordinal of the epoch.
     pub epoch: u32,
-    /// Why another one took its place; `None` while it is in force.
+    /// Reason for its replacement; `None` while it is in force.
     pub replaced_because: Option<String>,
 }
 
@@ -196,7 +196,7 @@ impl Store {
         Ok(found)
     }
 
-    /// All baselines of a robot that were ever formed, in the order in which they were.
+    /// All baselines of a robot that were ever formed, in that order.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -220,7 +220,7 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Stores friction of the robot as its history now has it; the baselines that others have taken the place of.
+    /// Stores the present friction of the robot. Returns the baselines that were replaced.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -233,7 +233,7 @@ impl ConclusionTransaction {
     }
 }
 
-/// Reads the column `basis`; `None` also for one of another length, which stands for nothing.
+/// Reads the column `basis`; `None` also for one of another length, which is invalid.
 pub(in crate::robot) fn basis(row: &EngineRow) -> Result<Option<IndexBasis>, sqlx::Error> {
     let stored: Option<&[u8]> = row.try_get("basis")?;
     Ok(stored.and_then(|bytes| bytes.try_into().ok()))
@@ -368,7 +368,7 @@ async fn replace_baselines(
         end_baseline(&mut *connection, old.friction_baseline_id, &because).await?;
         replaced.push(ReplacedBaseline { joint: old.joint, epoch: old.epoch, because });
     }
-    // ordinals move where an epoch turned up or went before others; no two are equal meanwhile
+    // ordinals move if an earlier epoch was added or removed; the offset keeps them distinct during the update
     sqlx::query(
         "UPDATE friction_baseline SET epoch = epoch + $1 WHERE robot_id = $2 AND replaced_at IS NULL",
     )
@@ -387,7 +387,7 @@ async fn replace_baselines(
     Ok(replaced)
 }
 
-/// Why a baseline is no longer in force, as the runs tell.
+/// Reason why a baseline is no longer in force, derived from the runs.
 fn why_replaced(old: &StoredBaseline, found: &FrictionConclusion) -> String {
     let gone: Vec<&i64> = old.run_ids.iter().filter(|run| !found.run_ids.contains(run)).collect();
     if !gone.is_empty() {
@@ -499,7 +499,7 @@ async fn insert_baseline(
     Ok(())
 }
 
-/// Levels of a map as the view `baselines` has them.
+/// Levels of a map as in the view `baselines`.
 fn as_json(levels: &[MapLevel]) -> String {
     let level = |level: &MapLevel| {
         serde_json::json!({

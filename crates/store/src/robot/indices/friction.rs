@@ -1,4 +1,4 @@
-//! Friction over speed and thermal state: read back for maps, written at the end of a run.
+//! Friction over speed and thermal state: read for maps, written at the end of a run.
 
 use std::collections::{HashMap, HashSet};
 
@@ -19,12 +19,11 @@ use armwatch_model::analysis::{CycleTemperatures, Estimate};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// Runs that warm-up fits over runs are made of, of a longer history: the first and the latest ones. That bounds the
-/// work of a conclusion.
+/// Runs used for warm-up fits over runs in a longer history: the first and the latest ones. This bounds the work of a
+/// conclusion.
 const FIRST_RUNS: i64 = 12;
 const LATEST_RUNS: i64 = 24;
 
-/// Microseconds of a second.
 pub(super) const MICROSECONDS: f64 = 1e6;
 
 /// Friction over speed of one cycle.
@@ -32,13 +31,13 @@ pub(super) const MICROSECONDS: f64 = 1e6;
 pub struct CycleSpeedFits {
     /// Number of the cycle, from 1.
     pub cycle: u32,
-    /// One entry a joint.
+    /// One entry per joint.
     pub joints: Vec<JointSpeedFits>,
 }
 
 impl Store {
-    /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first, of a long
-    /// history those of the first dozen and the latest two dozen runs; times count from each point's own run.
+    /// Reads the friction points of a robot's complete runs at one nominal speed, oldest run first. In a long history
+    /// only the first dozen and the latest two dozen runs are used. Times count from the start of each point's own run.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -60,7 +59,7 @@ impl Store {
         self.checked(indices(&self.readers, robot).await)
     }
 
-    /// What the thermal state of each joint of a robot that has a friction map is taken from, by joint.
+    /// Source of the thermal state of each joint of a robot that has a friction map, by joint.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -77,8 +76,8 @@ impl Store {
     }
 }
 
-/// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first;
-/// times count from the start of each point's own run.
+/// Friction points of the robot's first and latest complete runs at one nominal speed, oldest run first. Times count
+/// from the start of each point's own run.
 pub(crate) async fn friction_history(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -123,8 +122,8 @@ async fn first_and_latest_runs(
     .await
 }
 
-/// The cycles of a run as stretches of motion: a test moves from its first row to its last. `temperatures` are
-/// those of the cycles by their key.
+/// The cycles of a run as intervals of motion: a test moves from its first row to its last. `temperatures` are those of
+/// the cycles by key.
 pub(in crate::robot) async fn motion(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -178,9 +177,9 @@ pub struct IndexRow {
     pub joint: JointIndex,
     /// 1 = unchanged.
     pub index: Estimate,
-    /// Friction as measured against that of the baseline.
+    /// Measured friction relative to that of the baseline.
     pub raw: Option<f64>,
-    /// Whether the run was too short for the map.
+    /// True if the run was too short for the map.
     pub short: bool,
 }
 
@@ -216,14 +215,14 @@ pub(crate) async fn indices(
     .await
 }
 
-/// What the thermal state of a joint's map is taken from.
+/// Source of the thermal state of a joint's map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ThermalSourceRow {
     /// The joint.
     pub joint: JointIndex,
     /// Name as in the view `friction_map`.
     pub source: String,
-    /// What the map does not know or does not use, a sentence a line.
+    /// Facts that the map does not know or use, one sentence per line.
     pub remarks: Option<String>,
 }
 
@@ -250,7 +249,7 @@ pub(crate) async fn thermal_sources(
     .await
 }
 
-/// Replaces the fits over speed of a run. Call in a transaction.
+/// Replaces the fits over speed of a run. Call this in a transaction.
 pub(crate) async fn replace_speed_fits(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -288,13 +287,13 @@ struct SideOfCycle<'f> {
 }
 
 impl SideOfCycle<'_> {
-    /// Cycle, joint and direction, which no other fit has.
+    /// Cycle, joint and direction: the unique place of a fit.
     fn place(&self) -> (i64, i64, i64) {
         (self.cycle_id, joint_number(self.of_joint.joint), i64::from(self.fit.direction))
     }
 }
 
-/// Keys of a run's cycles by their numbers.
+/// Keys of a run's cycles by number.
 async fn cycle_keys(
     executor: impl EngineExecutor<'_>,
     run_id: i64,
@@ -373,7 +372,7 @@ async fn insert_coefficients(
     Ok(())
 }
 
-/// Takes away the maps of a robot's joints that are not among `joints`.
+/// Deletes the maps of a robot's joints that are not among `joints`.
 pub(in crate::robot) async fn keep_maps(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -390,7 +389,7 @@ pub(in crate::robot) async fn keep_maps(
     Ok(())
 }
 
-/// Replaces the map of a joint by one that was fitted on `basis`. Call in a transaction.
+/// Replaces the map of a joint by one that was fitted on `basis`. Call this in a transaction.
 pub(in crate::robot) async fn replace_map(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -402,7 +401,7 @@ pub(in crate::robot) async fn replace_map(
     insert_levels(connection, robot_id, map).await
 }
 
-/// Replaces the friction indices of a run. Call in a transaction.
+/// Replaces the friction indices of a run. Call this in a transaction.
 pub(in crate::robot) async fn replace_indices(
     connection: &mut EngineConnection,
     run_id: i64,
@@ -416,7 +415,7 @@ pub(in crate::robot) async fn replace_indices(
 }
 
 async fn delete_map(executor: impl EngineExecutor<'_>, robot_id: i64, joint: i64) -> Result<(), sqlx::Error> {
-    // levels go with their law
+    // levels are deleted with their law
     sqlx::query("DELETE FROM friction_law WHERE robot_id = $1 AND joint = $2")
         .bind(robot_id)
         .bind(joint)

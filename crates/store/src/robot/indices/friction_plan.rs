@@ -1,7 +1,8 @@
-//! What the next tests of a robot with a long history are compared with, in one row.
+//! Data for comparing the next tests of a robot with a long history, in one row.
 //!
-//! The row follows from the tests until its latest one. It holds until one of these changes, goes or arrives late, which
-//! `robot.past_revision` counts, and while the program has the method that it was made by. Otherwise all tests are read.
+//! The row is computed from the tests up to the latest. It is valid as long as none of these changes, is deleted or
+//! arrives late, which `robot.past_revision` counts, and while the program uses the method that computed it. Otherwise
+//! all tests are read.
 
 use super::baseline_plan::known::KnownPlan;
 use super::baselines::FrictionTests;
@@ -14,7 +15,8 @@ use crate::robot::figures::packed::{packed, unpacked};
 use crate::values::count;
 
 impl Store {
-    /// What the next tests of a robot are compared with, with baselines of so many tests; `None` where all tests have to be read.
+    /// Data for comparing the next tests of a robot, with baselines of `baseline_runs` tests; `None` if all tests have
+    /// to be read.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -38,7 +40,7 @@ impl Store {
         Ok(numbers.and_then(|numbers| unpacked(&numbers)))
     }
 
-    /// What is known of the tests of a plan, of those that are remembered behind it, and of all later ones.
+    /// Data of the tests of a plan, of the tests that it remembers, and of all later ones.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -55,8 +57,8 @@ impl Store {
 }
 
 impl ConclusionTransaction {
-    /// Keeps what the next tests are compared with, in place of what was kept. Only where the history is still the one that it
-    /// follows from.
+    /// Stores the data for comparing the next tests, replacing earlier ones. Does so only if the history is still the
+    /// one that they were computed from.
     ///
     /// # Errors
     /// [`StoreError`] of the database.

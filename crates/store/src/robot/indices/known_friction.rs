@@ -1,4 +1,4 @@
-//! What is known of complete tests for their friction indices.
+//! Stored data of complete tests for their friction indices.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use armwatch_model::anomaly::epoch::TestMoment;
 use armwatch_model::robot::JointIndex;
 
 impl Store {
-    /// What is known of a robot's complete tests for their friction indices.
+    /// Data of a robot's complete tests for their friction indices.
     ///
     /// # Errors
     /// [`StoreError`] of the database.
@@ -29,7 +29,7 @@ async fn of_robot(connection: &mut EngineConnection, robot_id: i64) -> Result<Fr
     of_moments(connection, robot_id, moments).await
 }
 
-/// What is known of the tests of these keys.
+/// Data of the tests of these keys.
 pub(in crate::robot) async fn of_keys(
     connection: &mut EngineConnection,
     robot_id: i64,
@@ -70,7 +70,7 @@ async fn points_by_run(
     connection: &mut EngineConnection,
     keys: &[i64],
 ) -> Result<HashMap<i64, KnownPoints>, sqlx::Error> {
-    // one row a test: `joint points joint points ...`
+    // one row per test: `joint points joint points ...`
     let rows = sqlx::query(
         "SELECT run.run_id, run_friction.run_id IS NOT NULL AS is_known, run_friction.basis,
                 (SELECT string_agg(joint || ' ' || points, ' ') FROM run_friction_points

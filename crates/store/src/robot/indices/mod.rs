@@ -1,4 +1,4 @@
-//! Friction indices: the maps and baselines that they are computed from, and which of them are due.
+//! Friction indices, and the maps and baselines that they are computed from.
 
 pub(crate) mod friction;
 pub(crate) mod baselines;

@@ -1,5 +1,6 @@
-//! Of the plan of a long history, what the next tests are compared with. As long as these come last, belong to the epochs of the
-//! latest test and complete no baseline and no map, a plan of few tests says of them what that of all tests says.
+//! The part of a long history's plan that the next tests are compared with. A plan of few tests gives the same result
+//! for the next tests as that of all tests, as long as these come last, belong to the epochs of the latest test and
+//! complete no baseline and no map.
 
 use std::collections::HashMap;
 
@@ -12,10 +13,11 @@ use armwatch_model::anomaly::baseline_runs::{REMEMBERED_S, stages};
 use armwatch_model::anomaly::epoch::{Epoch, EpochCause, epochs};
 use armwatch_model::robot::JointIndex;
 
-/// Tests from which on a history is long: fewer are planned as a whole. The program's own tests have short ones.
+/// Least number of tests in a long history: shorter ones are planned as a whole. The program's own tests have short
+/// ones.
 const LONG: usize = if cfg!(test) { 12 } else { 500 };
 
-/// What the tests behind the latest one are compared with.
+/// Data for comparing the tests after the latest one.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownPlan {
     /// Start of the latest test, microseconds since 1970, and its key.
@@ -24,22 +26,23 @@ pub struct KnownPlan {
     pub description: DescriptionKey,
     /// Full tests of each joint, in the epoch of the latest test.
     pub full: Vec<(JointIndex, usize)>,
-    /// Maps that the latest test is compared with, and their companions, each before those that it is a companion of.
+    /// Maps that the latest test is compared with, and their companions; each companion precedes the maps that it
+    /// helps.
     pub maps: Vec<KnownMap>,
     /// Position of the map of each joint.
     pub references: Vec<(usize, JointIndex)>,
 }
 
-/// A map, as a plan has it, with the keys of its tests.
+/// A map of a plan, with the keys of its tests.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct KnownMap {
     /// The joints, each with the ordinal of its epoch.
     pub joints: Vec<(JointIndex, u32)>,
-    /// The tests of the baseline, rising in time.
+    /// The tests of the baseline, ascending in time.
     pub baseline: Vec<i64>,
-    /// Those that the map is learnt from.
+    /// The tests that the map is learnt from.
     pub learnt: Vec<i64>,
-    /// Those whose motion has an effect on it, with the learnt ones.
+    /// The tests whose motion affects it, including the learnt ones.
     pub motion: Vec<i64>,
     /// Maps of other joints that help it: position of the map, and the joint.
     pub companions: Vec<(usize, JointIndex)>,
@@ -48,7 +51,7 @@ pub struct KnownMap {
 }
 
 impl KnownPlan {
-    /// Of the plan of all tests; `None` for a history that is short.
+    /// Part of the plan of all tests; `None` for a short history.
     #[must_use]
     pub fn of(found: &FrictionTests, plan: &FrictionPlan) -> Option<Self> {
         let (latest, planned) = (found.tests.last()?, plan.tests.last()?);
@@ -69,7 +72,7 @@ impl KnownPlan {
             let tests = of_latest.map(|epoch| epoch.tests).unwrap_or_default();
             (joint, tests.into_iter().filter(|test| is_full(&found.tests[*test], joint)).count())
         };
-        // companions come before those they help
+        // companions precede those that they help
         let mut needed: Vec<bool> = vec![false; plan.maps.len()];
         planned.references.iter().for_each(|(at, ..)| needed[*at] = true);
         for at in (0..plan.maps.len()).rev().filter(|at| needed[*at]).collect::<Vec<usize>>() {
@@ -99,7 +102,7 @@ impl KnownPlan {
         })
     }
 
-    /// Keys of the tests that its maps are made of.
+    /// Keys of the tests that its maps use.
     #[must_use]
     pub fn tests(&self) -> Vec<i64> {
         let mut keys: Vec<i64> = self.maps.iter().flat_map(|map| map.motion.iter().copied()).collect();
@@ -108,14 +111,14 @@ impl KnownPlan {
         keys
     }
 
-    /// Start of the first test whose motion may have an effect on a test that comes next, microseconds since 1970.
+    /// Start of the first test whose motion may affect the next test, microseconds since 1970.
     #[must_use]
     pub fn remembers_from(&self) -> i64 {
         self.until.0 - (REMEMBERED_S * 1e6) as i64
     }
 
-    /// The plan of the tests behind the latest, and what is known with them. `found` has the tests of the maps, those that are
-    /// remembered and all later ones, with their points. `None` where only all tests together say it.
+    /// The plan of the tests after the latest, and the updated known part. `found` has the tests of the maps, those
+    /// that are remembered and all later ones, with their points. `None` if only all tests together determine the plan.
     #[must_use]
     pub fn extended(
         &self,
@@ -179,7 +182,8 @@ fn mark_companions(plan: &FrictionPlan, at: usize, needed: &mut [bool]) {
 }
 
 impl KnownMap {
-    /// The map with the positions of its tests in `found`. Its epochs have no tests there: which tests they have is known.
+    /// The map with the positions of its tests in `found`. Its epochs have no tests there, since those are already
+    /// known.
     fn planned(&self, found: &FrictionTests, places: &HashMap<i64, usize>) -> Option<PlannedMap> {
         let positions = |keys: &[i64]| -> Option<Vec<usize>> {
             keys.iter().map(|key| places.get(key).copied()).collect()
@@ -206,7 +210,7 @@ mod tests {
 
     const NEEDED: usize = 5;
 
-    /// The tests of a plan and those that are remembered, of these.
+    /// The tests of a plan and the remembered ones among all tests.
     fn few(all: &FrictionTests, known: &KnownPlan) -> FrictionTests {
         let keys = known.tests();
         let is_read =
@@ -255,7 +259,7 @@ mod tests {
             }
             known = Some(expected);
         }
-        // with the first test behind work, with another description, and where a joint's full tests have doubled
+        // at the first test after maintenance, at another description, and when a joint's full tests have doubled
         assert!([151, 231, 351].iter().all(|of| again.contains(of)), "{again:?}");
         assert!(extended > 360 && again.len() < 28 && read < 40 * 8, "{extended}, {read}, {again:?}");
     }

@@ -5,7 +5,7 @@ use jiff::{SignedDuration, Timestamp};
 use super::*;
 use armwatch_model::anomaly::epoch::{Maintenance, TestMoment};
 
-/// A name, cycles of each test, size of the baseline, and the tests that it is expected to stand on.
+/// A name, cycles of each test, size of the baseline, and the expected tests of the baseline.
 type History<'a> = (&'a str, &'a dyn Fn(usize) -> usize, usize, Vec<i64>);
 
 const JOINTS: usize = 3;
@@ -22,7 +22,7 @@ pub(super) fn day(days: i64) -> Timestamp {
     first + SignedDuration::from_hours(24 * days)
 }
 
-/// A test a day with so many friction points in every joint.
+/// One test per day with this number of friction points in every joint.
 pub(super) fn daily(points: impl IntoIterator<Item = usize>) -> FrictionTests {
     let test = |(at, points): (i64, usize)| FrictionTest {
         run_id: at + 1,
@@ -56,8 +56,7 @@ fn bases(found: &FrictionTests) -> HashMap<i64, Option<IndexBasis>> {
     found.tests.iter().zip(plan.tests).map(|(test, planned)| (test.run_id, planned.basis)).collect()
 }
 
-/// Which runs form the baseline in histories where most tests are short, and in long ones: the same after 37 as after
-/// 336 tests.
+/// Runs of the baseline in histories with mostly short tests, and in long ones: the same after 37 as after 336 tests.
 #[test]
 fn the_baseline_is_the_first_full_tests_however_many_short_ones_stand_between() {
     let trial = |at: usize| if at < 12 { SHORT } else { FULL };
