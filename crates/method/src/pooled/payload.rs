@@ -353,8 +353,8 @@ fn information(joints: &[JointLoad], at: &DVector<f64>, prior: f64) -> DMatrix<f
     whole
 }
 
-/// Scatter of the cycles' scores without and with the load, with the degrees of freedom; `None` with too few cycles of either
-/// kind.
+/// Scatter of the cycles' scores without and with the load, with the degrees of freedom; `None` with too few cycles of
+/// either kind.
 fn of_cycles(joints: &[JointLoad], at: &DVector<f64>) -> Option<Vec<(DMatrix<f64>, f64)>> {
     let n = joints.len();
     let of_kind = |loaded: bool| {

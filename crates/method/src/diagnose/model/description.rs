@@ -149,7 +149,7 @@ impl<'a> JudgedRows<'a> {
         folder.take()
     }
 
-    /// Calls `take(joint, entries)` with the weighted row of the whole regressor, the shapes of friction and the torque.
+    /// Calls `take(joint, entries)` with the weighted row: whole regressor, shapes of friction, torque.
     fn each_entry(&self, robot: &Robot, gains: &[f64], mut take: impl FnMut(usize, &[f64])) {
         let mut filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
         filtered_coulomb_columns.extend(self.of_load.iter().copied().cloned());

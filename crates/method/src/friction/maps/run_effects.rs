@@ -8,7 +8,7 @@
 //!
 //! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start
 //! ([`start_decay`](super::run_points::start_decay)). `v(l)` is the part of warm friction that grows with speed
-//! ([`viscous_shares`](super::run_points::viscous_shares)): Coulomb and viscous friction wear differently by `shape`. All
+//! ([`viscous_shares`](super::run_points::viscous_shares)): Coulomb and viscous friction differ in wear by `shape`. All
 //! joints of a run are solved together, because they have one ambient effect in common. Each effect has a normal prior
 //! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear and shape.
 //!
