@@ -26,8 +26,8 @@ pub struct RecordedCycle {
     /// Factors of the cycle; only those of moving rows of the excitation stage are used.
     pub factors: Vec<JointFactor>,
     /// Share of each joint's rows that are independent, `[n]`
-    /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a missing one
-    /// counts as 1.
+    /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a missing
+    /// one counts as 1.
     pub independent_shares: Vec<f64>,
 }
 
