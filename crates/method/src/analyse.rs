@@ -120,7 +120,7 @@ fn analysed(
     if let Some(unsteady) = restored.unsteady {
         take_up(method, accepted(vec![unsteady], method.settings.accept), &mut analysis);
         if is_refused(&analysis) {
-            // without valid times, no other finding is meaningful
+            // without valid times, other findings are meaningless
             return analysis;
         }
     }

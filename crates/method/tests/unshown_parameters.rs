@@ -19,7 +19,7 @@ fn method() -> Method {
     Method::new(er3a(), AnalysisSettings { accept, ..AnalysisSettings::default() }).expect("base parameters")
 }
 
-/// Recording in which these joints are at rest.
+/// Recording with these joints at rest.
 fn recorded(method: &Method, still: &[usize], seed: u64) -> CycleAnalysis {
     let mut excitation = er3a().excitation.expect("an excitation");
     for &joint in still {

@@ -19,7 +19,7 @@ use std::borrow::Cow;
 
 /// Number of parts into which the excitation of each cycle is divided.
 const PARTS: usize = 4;
-/// Number of cycles from which on whole cycles are held out, because parts of one cycle have a common temperature.
+/// Smallest number of cycles for holding out whole cycles, because parts of one cycle have a common temperature.
 const WHOLE_CYCLES: usize = 3;
 /// Smallest relative reduction of the held-out error that justifies a law with more terms. Cycles differ by less than
 /// this.
@@ -45,7 +45,7 @@ pub struct LawScore {
 pub struct JointChoice {
     /// The joint.
     pub joint: JointIndex,
-    /// Simplest law that no other beats clearly.
+    /// Simplest law that none of the others beats clearly.
     pub chosen: LoadFriction,
     /// All laws that could be identified, fewest terms first.
     pub scores: Vec<LawScore>,
@@ -56,7 +56,7 @@ pub struct JointChoice {
 pub struct FrictionChoice {
     /// Results by joint.
     pub joints: Vec<JointChoice>,
-    /// Number of sets of rows that were held out in turn.
+    /// Number of held-out sets of rows.
     pub held_out_sets: usize,
     /// Laws that could not be compared, with reasons, in sentences.
     pub remarks: Vec<String>,
@@ -236,7 +236,7 @@ fn joined<'a>(sets: impl Iterator<Item = &'a Vec<TriangularFactor>>, n: usize) -
     all.into_iter().flatten().collect()
 }
 
-/// Subtracts the criterion of the law without load, and chooses the simplest law that no other beats clearly.
+/// Subtracts the criterion of the law without load, and chooses the simplest law that none of the others beats clearly.
 fn choose(joint: &mut JointChoice) {
     let Some(zero) = joint.scores.first().map(|score| score.criterion) else { return };
     joint.scores.iter_mut().for_each(|score| score.criterion -= zero);

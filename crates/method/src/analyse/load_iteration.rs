@@ -17,8 +17,8 @@ use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::ParameterId;
 use armwatch_model::run::Samples;
 
-/// Largest change of a column between passes, relative to the column, at which the load has converged: with a `mu` of
-/// 0.1 it is 0.01 % of the load torque.
+/// Largest change of a column between passes, relative to the column, of a converged load: with a `mu` of 0.1 it is
+/// 0.01 % of the load torque.
 const SETTLED: f64 = 1e-3;
 
 /// Largest number of passes after the linear one. Five are enough for a `mu` of 0.2, which exceeds that of any gear.

@@ -15,7 +15,7 @@ use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Samples;
 
-/// Share of the rows from which one constant value of a coarse torque counts as a stuck channel.
+/// Smallest share of the rows with one constant value for a coarse torque to count as a stuck channel.
 const COARSE_RUN: f64 = 0.5;
 /// Shortest duration of a constant value that is examined, s.
 const REPEATS_S: f64 = 0.5;

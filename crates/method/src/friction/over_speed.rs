@@ -2,8 +2,8 @@
 //!
 //! Each form is linear except for at most one parameter (exponent or Stribeck speed). The search for that parameter is
 //! one-dimensional and bounded, and solves for the linear ones at each step (variable projection, Golub & Pereyra 1973;
-//! a line search because the bounds matter). Friction never drives: coefficients that would be negative are held at
-//! zero, and a polynomial with negative values is refused.
+//! a line search because the bounds matter). Friction never drives: coefficients that would be negative become zero,
+//! and a polynomial with negative values is refused.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -31,14 +31,14 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 /// from a Coulomb part.
 const EXPONENT: [f64; 2] = [0.1, 3.0];
 
-/// Bounds of the Stribeck speed: from this fraction of the slowest measured speed, below which the points do not show
-/// it (`exp(-4)` remains), to this fraction of the fastest, above which it is curvature.
+/// Bounds of the Stribeck speed: from this fraction of the slowest measured speed to this fraction of the fastest.
+/// Points do not show a smaller value (`exp(-4)` remains of it), and a larger one is curvature.
 const STRIBECK: [f64; 2] = [0.5, 0.5];
 
 /// Number of grid intervals over the bounds; the minimum is then refined between the neighbours of the best grid point.
 const GRID: usize = 24;
 
-/// Number of speeds at which the sign of a polynomial is checked.
+/// Number of speeds for checking the sign of a polynomial.
 const SIGN_PLACES: usize = 50;
 
 /// Friction over speed of one joint, both directions, in the form that the data support.
@@ -304,7 +304,7 @@ impl Raw {
     }
 }
 
-/// Sum of squares per degree of freedom of both directions; `None` with less than two degrees, where it would be
+/// Sum of squares per degree of freedom of both directions; `None` with less than two degrees, because it would be
 /// chance.
 fn reduced(raws: &[Raw], sides: &[Side]) -> Option<f64> {
     let points: usize = sides.iter().map(|side| side.u.len()).sum();
@@ -376,7 +376,7 @@ fn fit(side: &Side, model: SpeedModel) -> Option<Raw> {
     finished(side, model, Some(finished_log(side, model, log)))
 }
 
-/// Nonlinear parameter near `log` at which the sum of squares has no slope, with the same coefficients held at zero.
+/// Nonlinear parameter near `log` with zero slope of the sum of squares, and with the same coefficients held at zero.
 fn finished_log(side: &Side, model: SpeedModel, log: f64) -> f64 {
     let bent = linear_count(model) - 1;
     let free = match linear(side, model, log) {

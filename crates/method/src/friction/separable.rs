@@ -24,8 +24,8 @@ pub(super) struct Terms {
     pub(super) slopes: Vec<(usize, DVector<f64>)>,
 }
 
-/// Nonlinear parameters near `start` at which Gauss-Newton steps are as small as rounding (Kaufman 1975: each step
-/// solves for the coefficients again); `start` itself if they do not converge.
+/// Nonlinear parameters near `start` with Gauss-Newton steps as small as rounding (Kaufman 1975: each step solves for
+/// the coefficients again); `start` itself if they do not converge.
 pub(super) fn on_gradient(
     start: &[f64],
     right: &DVector<f64>,

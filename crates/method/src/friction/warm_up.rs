@@ -27,8 +27,8 @@ use armwatch_model::robot::JointIndex;
 /// Smallest number of points of a fit.
 const MIN_POINTS: usize = 4;
 
-/// Largest number of points that a fit uses individually. With more, as from all runs of a robot, neighbours in time
-/// are averaged: this is enough for a curve of five parameters, and bounds the work.
+/// Largest number of points that a fit uses individually. If there are more, as from all runs of a robot, neighbours in
+/// time are averaged: this is enough for a curve of five parameters, and bounds the work.
 const MAX_POINTS: usize = 240;
 
 /// Largest distance of neighbours, as a fraction of the time since the start. A decay that is not over by then curves
@@ -71,9 +71,9 @@ pub(crate) struct WarmUpPoint {
 /// extrapolation. The condition then uses its value at the first point and an upper bound of its time constant
 /// (`early_fit`). It must also lower the Bayesian criterion (Schwarz 1978).
 ///
-/// With points of several runs, standard errors come from leaving out each run in turn, to first order (Efron & Stein
-/// 1981), because runs differ by more than points do. They are widened by Student's quantile with one degree of freedom
-/// less than there are runs, so that 1.96 of them are the 95 % interval even with few runs.
+/// If there are points of several runs, standard errors are those of leaving out each run in turn, to first order
+/// (Efron & Stein 1981), because runs differ by more than points do. They are widened by Student's quantile with one
+/// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval even with few runs.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are not finite.
@@ -252,8 +252,9 @@ impl ErrorsByRun {
 /// Standard errors from the scatter between runs: of `a`, then of amplitude and logarithm of the time constant of each
 /// part. `None` for a single run, or if only one run shows a parameter.
 ///
-/// With the normal equations `A` of all points, `A_r` and the score `s_r` of run `r`, leaving the run out changes the
-/// parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is `(R - 1) / R sum d_r d_r^T`.
+/// Let `A` be the normal equations of all points, and `A_r` and `s_r` the normal equations and the score of run `r`.
+/// Leaving the run out changes the parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is
+/// `(R - 1) / R sum d_r d_r^T`.
 fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<ErrorsByRun> {
     let size = 1 + 2 * parts.len();
     let runs = points.iter().map(|p| p.run).max()? + 1;

@@ -1,12 +1,12 @@
 //! Effect of a wrong torque or position channel on identified parameters.
 //!
-//! A fault adds a torque `f` to the torque that the model explains: `g tau_j` for a gain of joint `j`, a constant for
-//! an offset, `-delta d tau/d q_j` for a position that is `delta` too large. Weighted least squares put `A⁻¹ sum_i
-//! w_i W_iᵀ f_i` of it into the parameters, with `A = sum_i w_i W_iᵀ W_i` over the joints' rows `W_i` and weights
-//! `w_i`, and leave the rest unexplained. So stored parameters of later tests can be compared with each fault without
-//! any row. The weights are the inverse variances of the joints' residuals. A fault adds to this variance, so the
-//! response is computed for some strengths of the fault ([`STRENGTHS`]), each with its own weights. A change of
-//! weights alone also moves the parameters if the joints' rows disagree about them.
+//! A fault adds a torque `f` to the torque that the model explains: `g tau_j` for a gain of joint `j`, a constant
+//! for an offset, `-delta d tau/d q_j` for a position that is `delta` too large. Weighted least squares put
+//! `A⁻¹ sum_i w_i W_iᵀ f_i` of it into the parameters, with `A = sum_i w_i W_iᵀ W_i` over the joints' rows `W_i`
+//! and weights `w_i`, and leave the rest unexplained. So stored parameters of later tests can be compared with each
+//! fault without any row. The weights are the inverse variances of the joints' residuals. A fault adds to this
+//! variance, so the response is computed for some strengths of the fault ([`STRENGTHS`]), each with its own
+//! weights. A change of weights alone also moves the parameters if the joints' rows disagree about them.
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatRef, Side};
@@ -22,9 +22,9 @@ use armwatch_model::analysis::{Estimator, Identification, Motion};
 use armwatch_model::robot::{JointIndex, ParameterId, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Number of instants from which the response is computed: far more than parameters, and few relative to a cycle.
+/// Number of instants for the response: far more than parameters, and few relative to a cycle.
 const INSTANTS: usize = 1000;
-/// Size of a fault, relative to the torque or in Nm or rad, from which it counts as none.
+/// Upper limit of the size of a fault, relative to the torque or in Nm or rad.
 const MOST_SIZE: f64 = 1e6;
 /// Iterations of the weights and the unexplained torque of a strong fault.
 const ROUNDS: usize = 6;
@@ -75,7 +75,7 @@ struct ResponseRows {
 
 /// Sums over the rows of one joint.
 struct JointResponseSums {
-    /// Columns that are not zero: a joint depends on its own and the outer links.
+    /// Columns that are not zero: a joint depends on its link and the outer links.
     columns: Vec<usize>,
     /// `W_iᵀ W_i` of these columns, `[k x k]`.
     gram: Mat<f64>,

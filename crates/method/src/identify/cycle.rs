@@ -137,8 +137,8 @@ fn identify_all_rows(
 /// Identifies the parameters `kept` `[b]` from the joints' factors `[n]`, `b` columns each, without rows.
 ///
 /// `independent_shares` `[n]` are the shares of each joint's rows that count as independent
-/// ([`JointResidual::independent_share`]). With `A = sum_j w_j W_jᵀW_j`, weights `w_j` and a joint's residual
-/// variance `s_j²`, the covariance is `A⁻¹ (sum_j w_j² s_j² / share_j W_jᵀW_j) A⁻¹`.
+/// ([`JointResidual::independent_share`]). The covariance is `A⁻¹ (sum_j w_j² s_j² / share_j W_jᵀW_j) A⁻¹`
+/// with `A = sum_j w_j W_jᵀW_j`, weights `w_j` and a joint's residual variance `s_j²`.
 ///
 /// # Errors
 /// Those of [`identify_rows`]; [`NumericsError::Unsupported`] for an estimator that needs rows.
@@ -209,7 +209,7 @@ pub(crate) fn noise_errors(
     Ok(errors)
 }
 
-/// Ordinary solution, by which the motion is judged for every estimator.
+/// Ordinary solution, the basis for judging the motion with every estimator.
 fn solve_ordinary(kept: &[ParameterId], factors: &[TriangularFactor]) -> Result<LeastSquares, NumericsError> {
     let (stacked, rows) = stacked(kept, factors)?;
     Ok(LeastSquares { rows, ..stacked.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())? })

@@ -9,8 +9,8 @@ use armwatch_model::analysis::Motion;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{Samples, Stage};
 
-/// Rows of a cycle for the identification of parameters: the observed rows of the excitation stage, and for each joint
-/// those in which it moves. Columns with jumps are low-passed like the torque. The factors that
+/// Rows of a cycle for the identification of parameters: the observed rows of the excitation stage, for each joint only
+/// while it moves. Columns with jumps are low-passed like the torque. The factors that
 /// [`used_for_identification`](super::joint_factors::used_for_identification) chooses contain the same rows.
 #[derive(Debug)]
 pub struct CycleRows<'a> {

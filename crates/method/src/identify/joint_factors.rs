@@ -1,9 +1,9 @@
 //! Sufficient statistics of a cycle: one triangular factor for each joint, stage and motion.
 //!
-//! A joint's torque depends only on some base parameters: in a serial arm on those of its own and the outer links, and
-//! on its own friction and motor. So the rows of one joint are factored over the columns that can differ from zero,
-//! which takes a third of the time and memory of factors over all columns. A union of rows is a join of factors, and
-//! sums of squares need no recording.
+//! A joint's torque depends only on some base parameters: in a serial arm on those of the joint's link and the outer
+//! links, and of the joint's friction and motor. So the rows of one joint are factored over the columns that can differ
+//! from zero, which takes a third of the time and memory of factors over all columns. A union of rows is a join of
+//! factors, and sums of squares need no recording.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -10,7 +10,7 @@ use armwatch_model::robot::{
     FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterId, ParameterKind, Robot,
 };
 
-/// New part of a column below which it has no direction of its own.
+/// Smallest new part of a column with an independent direction.
 const DEPENDENT: f64 = 1e-9;
 
 /// Speed of the additional friction at low speed, as a part of the joint's largest speed.
@@ -27,7 +27,7 @@ pub struct LoadVisibility {
     pub joint: JointIndex,
     /// Largest torque of the gear while the joint moves, Nm (N).
     pub largest_load: f64,
-    /// Part of the column `|L| sign(v)` that no other column of the joint explains, 0 to 1.
+    /// Part of the column `|L| sign(v)` that the other columns of the joint do not explain, 0 to 1.
     pub own_part: f64,
 }
 

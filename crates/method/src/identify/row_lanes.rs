@@ -56,7 +56,7 @@ impl RowLanes {
         }
     }
 
-    /// Rows among the first `count` in which a joint moves.
+    /// Flags of the first `count` rows: true if a joint moves.
     pub(crate) fn moving(&self, robot: &Robot, joint: usize, count: usize) -> [bool; LANES] {
         let (speeds, low_speed) = (self.states.qd[joint].0, robot.joints[joint].counted_speed());
         let mut moving = [false; LANES];

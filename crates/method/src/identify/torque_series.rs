@@ -19,7 +19,7 @@ const ROWS_PER_BUCKET: usize = 6;
 /// Selection of the rows of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeriesRows {
-    /// Rows that count in verification: usable, at the rate at which the low-pass leaves information.
+    /// Rows that count in verification: usable, at the rate of the information after the low-pass.
     Counted,
     /// All low-passed rows.
     Filtered,

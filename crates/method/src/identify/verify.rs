@@ -73,7 +73,7 @@ impl MotionSums {
     }
 }
 
-/// Sums by joint and stage, from which every RMSD of one or more cycles follows.
+/// Sums by joint and stage, which determine every RMSD of one or more cycles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StageSums {
     by_joint: Vec<[MotionSums; 4]>,
@@ -92,8 +92,8 @@ impl StageSums {
     }
 
     /// RMSD of every joint over the excitation, friction and warming stages with rows, and over the whole cycle
-    /// including rows between stages. Each is over all rows, and over those in which the joint moves at its low-speed
-    /// threshold or faster.
+    /// including rows between stages. Each is over all rows, and over those with the joint at its low-speed threshold
+    /// or faster.
     #[must_use]
     pub fn rmsd(&self) -> Vec<TorqueRmsd> {
         let of_joint = |(j, stages): (usize, &[MotionSums; 4])| {

@@ -21,7 +21,7 @@ use crate::lanes::dot;
 const MAX_LEVERAGE: f64 = 0.99;
 
 /// Share of the scatter that is each block's own, `1 / (1 + 2 / pi²)`: with independent rows, two blocks that overlap
-/// by half share `1 / pi` of what either has.
+/// by half share `1 / pi` of their scatter.
 const OWN_SHARE: f64 = 0.831_4;
 
 /// Number of block lengths per record. Longer blocks are closer to independent, more blocks give a more certain error:
@@ -292,8 +292,8 @@ impl HalfBlockRows {
         (first > 0.0 && self.slopes.iter().all(|slope| (slope - first).abs() <= 0.0)).then_some(first)
     }
 
-    /// Columns that are not zero (a joint depends on its own and the outer links), and `w` of these, `[rows x
-    /// columns]`.
+    /// Columns that are not zero (a joint depends on its link and the outer links), and `w` of these,
+    /// `[rows x columns]`.
     fn felt(&self, b: usize) -> (Vec<usize>, Mat<f64>) {
         let column = |k: usize| self.w[k..].iter().step_by(b);
         let columns: Vec<usize> = (0..b).filter(|&k| column(k).any(|w| *w != 0.0)).collect();

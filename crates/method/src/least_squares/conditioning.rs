@@ -6,11 +6,11 @@ use super::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use super::solution::MAX_SCALED_CONDITION;
 use crate::NumericsError;
 
-/// Standard error over value above which a parameter is flagged, because its sign is uncertain. The customary limit of
-/// essential parameters (Pham & Gautier 1991).
+/// Largest standard error over value of a parameter without a flag; beyond it, the sign is uncertain. The customary
+/// limit of essential parameters (Pham & Gautier 1991).
 pub const FLAGGED_RELATIVE_ERROR: f64 = 0.3;
 
-/// Share of the leading entry of a singular vector above which a column belongs to the combination.
+/// Smallest entry of a singular vector, relative to the leading one, of a column in the combination.
 const PARTNER: f64 = 0.3;
 
 /// Information about the columns of a factor.
@@ -31,7 +31,7 @@ pub struct Identifiability {
 pub struct Indistinct {
     /// The column.
     pub column: usize,
-    /// Columns from which it is not distinguished.
+    /// Columns that the motion does not distinguish from it.
     pub from: Vec<usize>,
 }
 

@@ -8,7 +8,7 @@ use crate::statistics::distributions::f_quantile;
 /// Conditions for the removal of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EssentialSettings {
-    /// Standard error over value above which a parameter may be removed. The customary threshold is ten times the
+    /// Smallest standard error over value of a parameter that may be removed. The customary threshold is ten times the
     /// smallest of all parameters, or 0.1 to 0.3 (Pham & Gautier 1991).
     pub relative_error: f64,
     /// Probability of rejecting an equally good fit as worse.

@@ -19,7 +19,7 @@ pub struct RobustSettings {
     pub constant: f64,
     /// Largest number of passes over the rows.
     pub max_rounds: usize,
-    /// Change of the estimated torque, relative to the noise, at which the estimate has converged.
+    /// Largest change of the estimated torque, relative to the noise, of a converged estimate.
     pub settled: f64,
     /// Largest scaled condition number.
     pub max_condition: f64,

@@ -35,8 +35,8 @@ pub(crate) struct PriorEstimate {
     pub theta: Vec<f64>,
     /// Standard errors from data and prior together, `[b]`.
     pub sigma: Vec<f64>,
-    /// Share of each parameter that comes from data, `[b]`: 1 all data, 0 all prior. The diagonal of the resolution
-    /// matrix `(A + P)⁻¹ A`, limited to 0..1.
+    /// Share of data in each parameter, `[b]`: 1 all data, 0 all prior. The diagonal of the resolution matrix
+    /// `(A + P)⁻¹ A`, limited to 0..1.
     pub data_share: Vec<f64>,
     /// Factor on the prior's standard deviations.
     pub spread: f64,
@@ -81,7 +81,7 @@ pub(crate) fn with_prior(
     best.map(|(_, estimate)| estimate).ok_or(NumericsError::NotFinite("cross-validation"))
 }
 
-/// Estimate, and the trace of its resolution: the number of parameters that come from data.
+/// Estimate, and the trace of its resolution: the number of parameters that data determine.
 fn solve(
     factor: &TriangularFactor,
     independent_fraction: f64,

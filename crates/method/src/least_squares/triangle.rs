@@ -1,8 +1,9 @@
 //! Householder QR of a block of rows below a triangle, which remains a triangle.
 //!
-//! A reflection that clears column `i` of the block changes row `i` of the triangle and the block, and no other row of
-//! the triangle. Its vector is `v = [v0; x]`, and `x` is the column of the block. With `b = -sign(a) |[a; x]|`, `v0 = a
-//! - b` and `h = 2 / |v|²`, `1 - h v vᵀ` maps `[a; x]` to `[b; 0]` (Golub & Van Loan, Matrix Computations, 5.1).
+//! A reflection that clears column `i` of the block changes row `i` of the triangle and the block, and leaves the
+//! rest of the triangle unchanged. Its vector is `v = [v0; x]`, and `x` is the column of the block. Let
+//! `b = -sign(a) |[a; x]|`, `v0 = a - b` and `h = 2 / |v|²`. Then `1 - h v vᵀ` maps `[a; x]` to `[b; 0]` (Golub &
+//! Van Loan, Matrix Computations, 5.1).
 //!
 //! Four reflections make a panel before the later columns change, so that these are read and written a quarter as
 //! often. Reflection `k` applies to a column `[a; y]` that the earlier ones have changed:
@@ -16,13 +17,13 @@ use crate::lanes::{LANES, VectorKernel, in_vectors};
 /// Number of reflections per panel.
 const PANEL: usize = 4;
 
-/// Number of columns to which a panel is applied at once: sums of two columns with four reflections take half of the
-/// sixteen registers of a processor with 256 bits.
+/// Number of columns that a panel processes at once: sums of two columns with four reflections take half of the sixteen
+/// registers of a processor with 256 bits.
 const COLUMNS: usize = 2;
 
-/// Sum of squares of a column of the block below which it is zero. With few rows below a wide triangle, the remainder
-/// shrinks by the rounding with each reflection, and squares near the smallest double have lost their digits. A column
-/// of 1e-140 has no effect that a recording can show.
+/// Smallest sum of squares of a column of the block that is not zero. If there are few rows below a wide triangle, the
+/// remainder shrinks by the rounding with each reflection, and squares near the smallest double have lost their digits.
+/// A column of 1e-140 has no effect that a recording can show.
 const NEGLIGIBLE_SQUARES: f64 = 1e-280;
 
 /// Folds a block of rows into the upper triangle above them: `r` becomes the triangle of `[r; block]`.

@@ -6,7 +6,7 @@ use super::rows::SampleRows;
 use super::solution::LeastSquares;
 use crate::NumericsError;
 
-/// Largest relative change of a joint's residual standard deviation at which weights have converged.
+/// Largest relative change of a joint's residual standard deviation for converged weights.
 const SETTLED: f64 = 1e-8;
 /// Largest number of rounds. Weights converge in about five, or never.
 const MAX_ROUNDS: usize = 50;
@@ -47,8 +47,8 @@ impl WeightRule {
         share / (sigma * sigma)
     }
 
-    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and zero beyond `c
-    /// sigma`, where Huber's influence is constant.
+    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and zero beyond
+    /// `c sigma`, where Huber's influence is constant.
     #[must_use]
     pub fn slope(&self, joint: usize, residual: f64) -> f64 {
         let sigma = self.sigma[joint];

@@ -15,7 +15,8 @@ pub struct CouplingColumns {
 /// `c` is [`Coupling::ratio`].
 ///
 /// `tau_j = c (Iam qdd_m + fvm qd_m + fsm sign(s))`, `tau_m = c (Iam qdd_j + fvm qd_j) + fsm sign(s)`.
-/// Inertia and viscous friction due to a joint's own motion are part of its own motor inertia and viscous friction.
+/// Inertia and viscous friction due to a joint's own motion are part of this joint's motor inertia and viscous
+/// friction.
 ///
 /// `qd`, `qdd` `[n]` in rad/s, rad/s². Reference, for `c = 1`: Gautier, Janot, Vandanjon (2011), DIDIM identification
 /// of the Stäubli TX40, whose axis 6 is coupled to axis 5.

@@ -10,11 +10,11 @@ use crate::NumericsError;
 use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
 use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// Length above which the independent part of a column of unit norm makes it a kept column; the threshold of the source
-/// [3.2, D].
+/// Smallest independent part of a column of unit norm that makes it a kept column; the threshold of the source [3.2,
+/// D].
 ///
-/// Exact dependence leaves about 1e-13, and a useful parameter about 1e-2. Values between come from rounded geometry:
-/// an angle written as 1.5708 rad is off by 4e-6 and would add columns that no recording can distinguish.
+/// Exact dependence leaves about 1e-13, and a useful parameter about 1e-2. Rounded geometry causes values between
+/// these: an angle written as 1.5708 rad is off by 4e-6 and would add columns that no recording can distinguish.
 const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
 
 /// Length of a column, relative to the longest inertial one, below which it is invisible: a parameter of 1 kg m gives
@@ -514,7 +514,7 @@ mod tests {
             vec![Parallelogram::new(&robot.joints, joints[1], None).expect("parallel axes")];
         let base = base_parameters(&robot).expect("base parameters");
         let formulas = formulas(&base);
-        // the crank turns with the forearm, but no other link carries it: only its weight is independent
+        // the crank turns with the forearm, but the other links do not carry it: only its weight is independent
         assert_eq!(formulas[3..6], ["J2_mPx", "J2_mPy", "J2_Izz + J2_c_Izz"], "{formulas:?}");
         assert!(formulas.contains(&"J2_off + J2_t_s".to_owned()), "{formulas:?}");
         assert_eq!(formulas[formulas.len() - 3..], ["J2_k_s", "J2_c_mPx", "J2_c_mPy"], "{formulas:?}");

@@ -19,7 +19,7 @@ use armwatch_model::robot::{
 /// `f = m a + alpha x mP + omega x (omega x mP)`, `n = I alpha + omega x I omega + mP x a`.
 ///
 /// `parameters` `[n]`; `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints); writes `tau` `[n]` in Nm
-/// (N). Parameters need not be physical. Friction and motor inertia are not included. The function does not allocate.
+/// (N). Parameters may be unphysical. Friction and motor inertia are not included. The function does not allocate.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].

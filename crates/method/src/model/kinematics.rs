@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot, Transform};
 
 /// Frame of `joint` in the frame of the previous link, at the position `q` (rad, or m for a sliding joint): its
-/// placement, then `Rz(q)` or `Dz(q)`. For modified Denavit-Hartenberg parameters this equals `T(i-1,i) = Rx(alpha)
-/// Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], since the last two steps commute.
+/// placement, then `Rz(q)` or `Dz(q)`. For modified Denavit-Hartenberg parameters this equals
+/// `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], since the last two steps commute.
 #[inline]
 #[must_use]
 pub fn joint_transform(joint: &Joint, q: f64) -> Transform {

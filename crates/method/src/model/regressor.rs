@@ -206,9 +206,10 @@ impl KeptColumns {
 
     /// Writes the kept columns of one sample into a block of the observation matrix.
     ///
-    /// `block` is column-major with `block_rows` rows and at least `b` columns: the element at `(row, k)` is `block[k *
-    /// block_rows + row]`, which is faer's layout (`MatMut::from_column_major_slice_mut`). The sample fills the rows
-    /// `row..row + n`, one per joint, of the columns `0..b`; later columns, such as one for the torque, do not change.
+    /// `block` is column-major with `block_rows` rows and at least `b` columns: the element at `(row, k)` is
+    /// `block[k * block_rows + row]`, which is faer's layout (`MatMut::from_column_major_slice_mut`). The sample fills
+    /// the rows `row..row + n`, one per joint, of the columns `0..b`; later columns, such as one for the torque, do not
+    /// change.
     ///
     /// # Panics
     /// If the rows are not in the block, or a kept column is not one of the regressor.

@@ -136,7 +136,7 @@ pub fn compare_with_reference(
 fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     let n = robot.joint_count();
     let ids = ParameterId::natural_order(robot);
-    // Any numbers are suitable, since every identity is linear in them; bodies need not be physical.
+    // Any numbers are suitable, since every identity is linear in them; bodies may be unphysical.
     let phi: Vec<f64> = (1..=ids.len()).map(|k| 0.1 + (k as f64 * 2_f64.sqrt()).fract()).collect();
     let full = DynamicModel::from_parameters(robot, ids.iter().copied().zip(phi.iter().copied()));
     let mut grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(&phi)));

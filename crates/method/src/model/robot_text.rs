@@ -88,7 +88,7 @@ fn write_urdf(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
     Ok(())
 }
 
-/// Writes the conventions for which other packages give three different answers for one arm.
+/// Writes the conventions, because other packages give three different answers for one arm.
 fn write_conventions(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
     writeln!(f, "\nConventions")?;
     let near = match robot.joints.first().map(|joint| joint.geometry.source()) {

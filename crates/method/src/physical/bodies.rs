@@ -25,8 +25,8 @@ const LEAST_SHARE: f64 = 1e-9;
 const TO_THE_BORDER: f64 = 0.99;
 /// Halvings in the search for the minimum along a step.
 const HALVINGS: usize = 40;
-/// Largest length of Newton's step, in units in which the prior's curvature is one, at which the decrement estimates
-/// the distance of the cost from its minimum (Nesterov & Nemirovskii 1994).
+/// Largest length of Newton's step for the decrement to estimate the distance of the cost from its minimum (Nesterov &
+/// Nemirovskii 1994). The unit makes the prior's curvature one.
 const LOCAL: f64 = 0.25;
 /// Standard deviation about zero of friction and coupling parameters, in their SI units. It is far above the values of
 /// any arm, so it decides only parameters that nothing else decides.
@@ -42,7 +42,7 @@ pub(crate) struct PhysicalSettings {
     pub independent_fraction: f64,
     /// Largest number of steps at each weight of the data.
     pub max_steps: usize,
-    /// Newton decrement at which the fit has converged, unless the step is long. Its unit is the noise variance; it is
+    /// Largest Newton decrement of a converged fit, unless the step is long. Its unit is the noise variance; it is
     /// relative to the cost if that exceeds one.
     pub settled: f64,
 }
@@ -117,7 +117,7 @@ pub(crate) fn physical(
     }
     let mut problem = ConvexProblem::new(robot, base, factor, nominal, settings)?;
     let mut phi = problem.nominal.clone();
-    // at the start, data cost no more than one row of noise
+    // at the start, data cost no more than a single row of noise
     let residuals = problem.data_residuals(&phi);
     problem.data_share = (1.0 / dot(&residuals, &residuals).sqrt().max(1.0)).max(LEAST_SHARE);
     let mut steps = 0;
@@ -344,8 +344,8 @@ impl<'a> ConvexProblem<'a> {
         Ok((phi, false))
     }
 
-    /// Part of a step at which the cost along it is minimal. The cost is convex along the step, so this is the only
-    /// root of its slope.
+    /// Part of a step that minimises the cost. The cost is convex along the step, so this is the only root of its
+    /// slope.
     fn lowest(&self, phi: &[f64], change: &[f64], local: &Local, s: &[f64]) -> f64 {
         let first = StandardParameters::COUNT * self.links();
         let (links, beside) = s.split_at(first);
@@ -431,7 +431,7 @@ impl Local {
         links.chain(self.beside.iter().zip(of_others).map(|(scale, s)| scale * s)).collect()
     }
 
-    /// Part of the step `s` `[p]` at which a link or a motor stops being physical; infinite if none does.
+    /// Largest part of the step `s` `[p]` that keeps all links and motors physical; infinite if there is no limit.
     fn border(&self, s: &[f64], is_motor: impl Fn(usize) -> bool) -> f64 {
         let first = StandardParameters::COUNT * self.links.len();
         let links = s[..first].chunks_exact(StandardParameters::COUNT);

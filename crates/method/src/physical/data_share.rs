@@ -84,8 +84,8 @@ fn of_body(body: &StandardParameters) -> [f64; 10] {
     packed(body.mass(), &body.centre_of_mass(), &body.inertia_about_centre())
 }
 
-/// Change of mass, centre and inertia about it for a change of the ten parameters: `dc = (dh - c dm) / m`, `dI_c = dI -
-/// dm S(c) - m dS(c)` with `S(c) = cᵀc 1 - c cᵀ`.
+/// Change of mass, centre and inertia about it for a change of the ten parameters: `dc = (dh - c dm) / m`,
+/// `dI_c = dI - dm S(c) - m dS(c)` with `S(c) = cᵀc 1 - c cᵀ`.
 fn about_centre(body: &StandardParameters, change: &StandardParameters) -> [f64; 10] {
     let (m, c, dm) = (body.mass(), body.centre_of_mass(), change.mass());
     let dc = (change.first_moment() - c * dm) / m;

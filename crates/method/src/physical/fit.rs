@@ -11,7 +11,7 @@ use armwatch_model::robot::{JointIndex, Robot};
 
 /// Smallest assumed noise of a torque signal, relative to its RMS: without noise, the weight of rows would be infinite.
 pub(super) const NOISE_FLOOR: f64 = 1e-4;
-/// Largest relative change of a joint's noise at which weights have converged.
+/// Largest relative change of a joint's noise for converged weights.
 const SETTLED: f64 = 1e-6;
 /// Largest number of rounds; weights converge in about five.
 const MAX_ROUNDS: usize = 50;

@@ -11,7 +11,7 @@ use armwatch_model::robot::StandardParameters;
 /// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
 #[cfg(test)]
 pub const POSITIVE: f64 = 1e-10;
-/// Smallest eigenvalue relative to the largest to which a start that is not physical is lifted: a radius of a few mm
+/// Smallest eigenvalue, relative to the largest, of a start that was not physical and is lifted: a radius of a few mm
 /// against one of 100 mm.
 const LIFT: f64 = 1e-4;
 
@@ -68,9 +68,9 @@ pub(super) fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
     ])
 }
 
-/// Directions in which a body may change, `[10]`: `L E Lᵀ` for `J = L Lᵀ` and the ten symmetric `E` of unit norm.
-/// In these coordinates `s` the curvature of `-log det J` is one in all directions, and `J + sum s_k L E_k Lᵀ` is
-/// physical while `1 + sum s_k E_k` is positive definite.
+/// Directions of change of a body, `[10]`: `L E Lᵀ` for `J = L Lᵀ` and the ten symmetric `E` of unit norm. In these
+/// coordinates `s` the curvature of `-log det J` is one in all directions, and `J + sum s_k L E_k Lᵀ` is physical
+/// while `1 + sum s_k E_k` is positive definite.
 pub(super) fn directions(l: &Matrix4<f64>) -> [StandardParameters; 10] {
     BASIS.map(|place| parameters_of(&(l * basis_matrix(place) * l.transpose())))
 }

@@ -24,7 +24,7 @@ const TAPER: f64 = 0.5;
 /// Density before data correct it, kg/m³: an aluminium shell with steel gears. An arm of a metre weighs about 50 kg
 /// with it.
 const TYPICAL_DENSITY: f64 = 2000.0;
-/// Largest factor by which data may change the density; beyond it, the geometry does not help.
+/// Largest factor that data may apply to the density; beyond it, the geometry does not help.
 const DENSITY_RANGE: f64 = 10.0;
 /// Smallest motor inertia relative to the inertia that the joint carries: gears are chosen to match the two.
 const MOTOR_SHARE: f64 = 0.3;
@@ -67,9 +67,9 @@ pub struct BodyStart {
     pub density: Option<f64>,
 }
 
-/// Nominal bodies of the description, and uniform ones of fitted density for links without. Motor inertias that the
-/// description lacks come from the same fit, but are at least `MOTOR_SHARE` of the inertia that the joint carries in
-/// the middle of all ranges.
+/// Nominal bodies of the description, and uniform ones of fitted density for links without. The same fit gives the
+/// motor inertias that the description lacks, but they are at least `MOTOR_SHARE` of the inertia that the joint carries
+/// in the middle of all ranges.
 ///
 /// `factor` is that of `[w | tau]` of the base parameters.
 ///

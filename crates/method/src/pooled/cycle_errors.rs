@@ -1,8 +1,9 @@
 //! Standard errors from the scatter between whole cycles, exact from their factors.
 //!
 //! Rows of a cycle share all unmodelled effects: ripple, temperature, the path of the motion. Cycles are recorded
-//! minutes or days apart, so only they count as independent. The score of cycle `c` is `sum over joints of R_cjᵀ
-//! (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections keep products of columns.
+//! minutes or days apart, so only they count as independent. The score of cycle `c` is
+//! `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections keep products of
+//! columns.
 
 use faer::{Mat, Side};
 
@@ -11,8 +12,8 @@ use crate::NumericsError;
 use crate::identify::joint_factors::FactorColumns;
 use armwatch_model::robot::JointIndex;
 
-/// Smallest number of cycles whose scatter is used. With fewer, Student's quantile for the few degrees of freedom makes
-/// intervals so wide and uncertain that the noise of the rows gives better ones.
+/// Smallest number of cycles whose scatter is used. If there are fewer, Student's quantile for the few degrees of
+/// freedom makes intervals so wide and uncertain that the noise of the rows gives better ones.
 pub const FEWEST_CYCLES: usize = 8;
 
 /// Largest leverage of a cycle, so that a cycle that alone decides a parameter gives a large, but finite error.
@@ -35,7 +36,7 @@ impl ProblemColumns {
         Self { width: kept.len(), places: (0..columns.joint_count()).map(of_joint).collect() }
     }
 
-    /// One joint alone [3.21] over the columns `kept` of its own, ascending.
+    /// One joint alone [3.21] over the columns `kept` of this joint, ascending.
     #[must_use]
     pub fn of_joint(columns: &FactorColumns, joint: JointIndex, kept: &[usize]) -> Self {
         let mut places: Vec<Vec<Option<usize>>> =
@@ -65,7 +66,7 @@ impl ProblemColumns {
 
 /// Covariance of `theta` `[width]` with the cycles as clusters, and the degrees of freedom of each parameter. `inverse`
 /// `[width x width]` is the inverse triangular factor of the weighted problem, including prior rows if there are any.
-/// Scores are corrected for leverage as if the cycle were left out (CR3): with the factor `(C - 1) / C` of the sum this
+/// Scores are corrected for leverage, as in leaving the cycle out (CR3): with the factor `(C - 1) / C` of the sum this
 /// is the jackknife over cycles.
 ///
 /// # Errors
@@ -162,8 +163,8 @@ struct CycleBlock {
     score: Mat<f64>,
 }
 
-/// Score of the block with its residuals corrected for the fit, as if the block were left out: `w_bᵀ (1 - w_b
-/// w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so a matrix of `b` rows is enough.
+/// Score of the block with its residuals corrected for the fit, as in leaving the block out:
+/// `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so a matrix of `b` rows is enough.
 fn corrected(block: &CycleBlock) -> Result<Mat<f64>, NumericsError> {
     let eigen = block
         .information

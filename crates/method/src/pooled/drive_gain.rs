@@ -86,8 +86,7 @@ impl GainEstimate {
 /// Source of a standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GainErrorSource {
-    /// Scatter between cycles. Each recording has at least four, and each cycle is left out in turn (jackknife in two
-    /// strata).
+    /// Scatter between cycles, at least four per recording, by leaving out each in turn (jackknife in two strata).
     Cycles,
     /// Residual of the rows that are independent after the low-pass, because there are too few cycles.
     Rows,
@@ -107,7 +106,7 @@ impl GainErrorSource {
 /// Reason why a joint has no factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Unseen {
-    /// One of the recordings has no rows in which the joint moves, or fewer rows than unknowns.
+    /// One of the recordings has no moving rows of the joint, or fewer rows than unknowns.
     NoRows,
     /// The load never causes a torque at the joint: the axis is vertical and the load does not turn about it, or the
     /// load is on the axis.

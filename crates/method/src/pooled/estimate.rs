@@ -26,7 +26,7 @@ use armwatch_model::robot::{JointIndex, ParameterId};
 const FEWEST_FOR_HUBER: usize = 5;
 /// Largest number of iterations of the cycle weights; about ten are usual.
 const MAX_ROUNDS: usize = 100;
-/// Change of the estimated torque, relative to the noise, at which an estimate has converged.
+/// Largest change of the estimated torque, relative to the noise, of a converged estimate.
 const SETTLED: f64 = 1e-6;
 
 /// Estimator of parameters from the stacked rows of all joints.
@@ -109,7 +109,7 @@ pub struct PooledEstimate {
 /// Effect of a prior on an estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorReport {
-    /// Share of each parameter that comes from data: 1 all data, 0 all prior.
+    /// Share of data in each parameter: 1 all data, 0 all prior.
     pub data_share: Vec<f64>,
     /// Factor on the prior's standard deviations.
     pub spread: f64,
@@ -122,7 +122,7 @@ pub struct EssentialReport {
     pub removed: Vec<ParameterId>,
     /// F statistic of the smaller set against the full one.
     pub f_statistic: f64,
-    /// Largest F at which the smaller set counts as equally good.
+    /// Largest F of an equally good smaller set.
     pub f_limit: f64,
     /// Estimate with all parameters.
     pub full: Vec<IdentifiedParameter>,
@@ -356,7 +356,7 @@ fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, Numeri
     Ok(RowWeights { kept: Some(kept), ..RowWeights::of_noise(&noise) })
 }
 
-/// Estimates with a prior. Each joint's noise comes from its own fit, because a poor motion has no stacked solution.
+/// Estimates with a prior. The fit of each joint gives its noise, because a poor motion has no stacked solution.
 fn towards_prior(
     union: &PooledFactors,
     priors: &[Option<ParameterPrior>],

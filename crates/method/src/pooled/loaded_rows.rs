@@ -43,8 +43,8 @@ pub fn load_change(robot: &Robot, base: &BaseParameters, load: &StandardParamete
     base.group(&phi)
 }
 
-/// Columns of one joint: those of the arm, those of friction, and the changes by the loads, `[loads][columns of the
-/// joint]`.
+/// Columns of one joint: those of the arm, those of friction, and the changes by the loads,
+/// `[loads][columns of the joint]`.
 pub(super) struct JointProblem {
     pub(super) arm: Vec<usize>,
     friction: Vec<usize>,

@@ -43,7 +43,7 @@ const LEVEL: f64 = 0.95;
 const LEAST_BOUND: f64 = 1e-4;
 /// Largest bound: gains with a larger error are wrong settings.
 const LARGEST_BOUND: f64 = 0.9;
-/// Factor by which a bound is widened if the joints contradict it.
+/// Factor for widening a bound if the joints contradict it.
 const WIDER: f64 = 1.1;
 /// Logarithm of the agreement of gains with their bounds below which the joints contradict them.
 const LEAST_AGREEMENT: f64 = -8.0;
@@ -53,13 +53,13 @@ const FREE_BOUNDS: f64 = 10.0;
 const PLACES: u32 = 400;
 /// Largest number of steps of the fit; about six are usual.
 const MAX_STEPS: usize = 60;
-/// Change relative to its scale at which the fit has converged.
+/// Largest change, relative to its scale, of a converged fit.
 const CONVERGED: f64 = 1e-10;
 /// Number of halvings in the search for a quantile.
 const HALVINGS: usize = 60;
-/// Half the width of the interval of a mass, kg, up to which even a mass of zero counts as shown.
+/// Largest half-width of the interval of a mass, kg, that shows even a mass of zero.
 const SHOWN_MASS: f64 = 1.0;
-/// Half the width of the interval of a centre, m, up to which it counts as shown: the size of a hand.
+/// Largest half-width of the interval of a centre, m, that shows it: the size of a hand.
 const SHOWN_CENTRE: f64 = 0.1;
 
 /// Quantity with its 95 % interval.
@@ -424,7 +424,7 @@ impl CommonFactor {
             gains.iter().zip(errors).map(within).sum()
         };
         let spread = gains.iter().zip(errors).map(|(gain, error)| (gain.abs(), error.min(bound)));
-        // range of factors at which no gain is far outside
+        // range of factors that keeps every gain near its bounds
         let (least, most) = spread.fold((f64::INFINITY, 0.0_f64), |(least, most), (gain, error)| {
             (least.min(gain + 4.0 * error), most.max(gain - 4.0 * error))
         });

@@ -62,8 +62,8 @@ impl PooledFactors {
         Self { columns, by_joint, cycles: Vec::new() }
     }
 
-    /// Joins the rows of a cycle in which joints move during excitation, and ignores other factors.
-    /// `independent_shares` `[n]` are the shares of each joint's rows that count as independent
+    /// Joins the rows of a cycle with moving joints during excitation, and ignores other factors. `independent_shares`
+    /// `[n]` are the shares of each joint's rows that count as independent
     /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a
     /// missing one counts as 1.
     ///
@@ -107,7 +107,7 @@ impl PooledFactors {
         &self.columns
     }
 
-    /// Cycles in the order in which they were added.
+    /// Cycles in the order of addition.
     #[must_use]
     pub fn cycles(&self) -> &[CycleParts] {
         &self.cycles

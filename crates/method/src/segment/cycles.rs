@@ -1,6 +1,6 @@
 //! Cuts recordings into cycles.
 //!
-//! A cycle begins where the recorded cycle counter changes. Without a counter, it begins where the stage signal falls
+//! A change of the recorded cycle counter begins a cycle. Without a counter, a cycle begins when the stage signal falls
 //! back to an earlier stage: excitation, friction and warming follow each other in this order within a cycle.
 
 use std::ops::Range;
@@ -49,7 +49,7 @@ pub enum SegmentError {
     CounterReturns {
         /// Counter before and after the zero.
         counter: u32,
-        /// Row of the recording at which it returns, from 0.
+        /// Row of its return in the recording, from 0.
         row: u64,
         /// Time of that row, s.
         time_s: f64,
@@ -63,7 +63,7 @@ pub enum SegmentError {
         from: u32,
         /// Counter after.
         to: u32,
-        /// Row of the recording at which it falls, from 0.
+        /// Row of the decrease in the recording, from 0.
         row: u64,
         /// Time of that row, s.
         time_s: f64,
@@ -103,7 +103,7 @@ pub struct CycleCutter {
     buffers: Buffers,
 }
 
-/// State of a cutter after its last cut. With it and the later rows, another cutter can continue.
+/// State of a cutter after its last cut. Another cutter can continue with it and the later rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CutterState {
     /// Number of rows before the first row without a cycle.
@@ -295,7 +295,7 @@ impl CycleCutter {
     }
 }
 
-/// Contiguous ranges of `0..rows` in which `holds` is true.
+/// Contiguous ranges of `0..rows` with `holds` true.
 pub(crate) fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
     let mut ranges = Vec::new();
     let mut start = None;

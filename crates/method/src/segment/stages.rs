@@ -2,7 +2,7 @@
 //! configuration. Also windows of a recording without stages.
 //!
 //! Rows arrive in chunks of any size and leave in the same order once their stage is known. The result does not depend
-//! on the chunks. At most the rows of one debounce time, or of one block of motion, are held back.
+//! on the chunks. At most the rows of one debounce time, or of one block of motion, are pending.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,15 +49,15 @@ pub struct SignalState {
     pub outside: Option<OutsideLevels>,
 }
 
-/// State before the next row, without the rows that are held back. A finder that continues from it assigns the same
-/// stages to all later rows. It does not return the rows that were held back.
+/// State before the next row, without the pending rows. A finder that continues from it assigns the same stages to all
+/// later rows. It does not return the rows that were pending.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct FinderState {
     /// Time of the first row of the recording, s.
     pub first_time: Option<f64>,
     /// State of the analogue signal, if the layout has one.
     pub signal: SignalState,
-    /// State of the motion, if stages come from it.
+    /// State of the motion, if it determines the stages.
     pub motion: MotionFinderState,
 }
 
@@ -82,7 +82,7 @@ impl StageFinder {
         FinderState { first_time: self.first_time, signal: self.signal, motion: self.motion.state().clone() }
     }
 
-    /// Number of rows that are held back until their stage is known.
+    /// Number of rows that are pending until their stage is known.
     #[must_use]
     pub fn held_rows(&self) -> usize {
         self.held.rows() + self.motion.held_rows()
@@ -127,8 +127,8 @@ impl StageFinder {
         }
     }
 
-    /// Ends the recording and returns the rows that were held back. They belong to the stage before them, because the
-    /// next one was not confirmed.
+    /// Ends the recording and returns the pending rows. They belong to the stage before them, because the next one was
+    /// not confirmed.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         if self.rule == StageRule::Motion {
@@ -204,7 +204,7 @@ impl StageFinder {
     }
 }
 
-/// Deletes joint and level of rows outside the friction stage, where they are meaningless.
+/// Deletes joint and level of rows outside the friction stage, because they are meaningless there.
 fn without_stray_signals(mut rows: Samples) -> Samples {
     for (signal, stage) in rows.friction_signal.iter_mut().flatten().zip(&rows.stage) {
         if *stage != Stage::Friction {
@@ -379,7 +379,7 @@ mod tests {
             prop_assume!(early.is_none());
             let (stages, same_fault) = settled(finder().at(first.state()), rows, chunk);
             prop_assert_eq!(same_fault, fault);
-            // if a recording ends with a fault, rows before it may still be held back
+            // if a recording ends with a fault, rows before it may still be pending
             prop_assert_eq!(&stages[..], whole.get(skipped..).unwrap_or_default());
         }
 

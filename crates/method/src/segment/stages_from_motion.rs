@@ -1,10 +1,10 @@
 //! Stages from the motion alone, for exports without any signal.
 //!
-//! A joint moves if it is at its low-speed threshold or faster. Blocks are consecutive rows in which several joints,
-//! one joint or no joint moves. An interruption shorter than [`SETTLE_S`] belongs to the block around it, so brief
+//! A joint moves if it is at its low-speed threshold or faster. A block is a sequence of rows with several moving
+//! joints, with one, or with none. An interruption shorter than [`SETTLE_S`] belongs to the block around it, so brief
 //! stops and crossings of the threshold do not cut a block. A block of one joint is friction. The first blocks of
 //! several joints are excitation, those after friction are warming, and the next after warming begin another cycle.
-//! Shorter blocks are moves between stages. At most the rows of [`BLOCK_S`] and [`SETTLE_S`] are held back.
+//! Shorter blocks are moves between stages. At most the rows of [`BLOCK_S`] and [`SETTLE_S`] are pending.
 
 use std::collections::VecDeque;
 
@@ -28,7 +28,7 @@ const DIFFERENCE_S: f64 = 0.05;
 /// hardly advance would collect rows without limit.
 const MOST_RECENT: usize = 4096;
 
-/// Time for which a joint counts as moving after it moved, s. Otherwise each turning point would end the motion.
+/// Duration of the moving state after a joint moved, s. Without it, each turning point would end the motion.
 const HOLD_S: f64 = 0.3;
 
 /// Number of joints that move.
@@ -67,10 +67,10 @@ pub(crate) struct MotionFinder {
     state: MotionFinderState,
 }
 
-/// State of the motion before the next row, without the rows that are held back.
+/// State of the motion before the next row, without the pending rows.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionFinderState {
-    /// Time at which each joint last moved, s, `[n]`.
+    /// Time of the last motion of each joint, s, `[n]`.
     pub moved: Vec<Option<f64>>,
     /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
     pub recent: VecDeque<(f64, Vec<f64>)>,
@@ -98,8 +98,8 @@ impl MotionFinder {
         Self { low_speed, state, ..Self::default() }
     }
 
-    /// Continues at `state` of another finder. Rows that the other finder held back are not returned; later rows get
-    /// the same stages without them.
+    /// Continues at `state` of another finder. Rows that are pending in the other finder are not returned; later rows
+    /// get the same stages without them.
     #[must_use]
     pub fn at(self, state: MotionFinderState) -> Self {
         Self { state, ..self }
@@ -111,7 +111,7 @@ impl MotionFinder {
         &self.state
     }
 
-    /// Number of rows that are held back.
+    /// Number of pending rows.
     #[must_use]
     pub fn held_rows(&self) -> usize {
         self.held.rows()
@@ -139,7 +139,7 @@ impl MotionFinder {
         self.held.take_front(stages.len()).with_stages(stages)
     }
 
-    /// Ends the recording and returns the rows that were held back.
+    /// Ends the recording and returns the pending rows.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         let rows = std::mem::take(&mut self.held);
@@ -237,7 +237,7 @@ mod tests {
 
     const RATE: f64 = 50.0;
 
-    /// Rows in which these joints move (one bit each), each for some seconds; speeds change sign every second.
+    /// Rows with these joints moving (one bit each), each for some seconds; speeds change sign every second.
     fn recording(parts: &[(u8, f64)], with_velocity: bool) -> RawSamples {
         let mut samples = RawSamples {
             position: vec![Vec::new(); 3],
@@ -307,7 +307,7 @@ mod tests {
                 let of_stage = runs(&stages).into_iter().filter(|(stage, _)| *stage == wanted);
                 of_stage.map(|(_, seconds)| seconds).sum::<f64>()
             };
-            // in each of two cycles, three boundaries of friction are late by the time for which joints count as moving
+            // in each of two cycles, three boundaries of friction are late by the duration of the moving state
             let late = 6.0 * HOLD_S + 0.2;
             let expected = [(Stage::Excitation, 24.0), (Stage::Friction, 48.0), (Stage::Warming, 30.0)];
             for (stage, expected) in expected {

@@ -10,16 +10,16 @@ use armwatch_model::run::Samples;
 
 /// Step, as a part of the mean step, below which rows arrived together or late.
 const SHORT: f64 = 0.6;
-/// Share of short steps from which on times are examined; loggers that drop rows have none.
+/// Smallest share of short steps for an examination of times; loggers that drop rows have none.
 const SHORT_SHARE: f64 = 0.02;
-/// Number of rows over which the mean step is computed, and among which at least one row arrives without delay.
+/// Number of rows in a mean step; among so many, at least one row arrives without delay.
 const WINDOW: usize = 32;
-/// Factor by which the deviation of positions from the line between their neighbours must be smaller by row number than
-/// by time stamp for positions to follow the row number.
+/// Smallest ratio between the deviations of positions from the line between their neighbours by time stamp and by row
+/// number, if positions follow the row number.
 const BETTER: f64 = 2.0;
-/// Factor by which a step must exceed nearly all others to be a pause.
+/// Smallest ratio of a pause to nearly all other steps.
 const PAUSE: f64 = 2.5;
-/// Factor by which the time of a span of rows must exceed the usual one to contain a pause.
+/// Smallest ratio of the time of a span of rows with a pause to the usual one.
 const PAUSED_SPAN: f64 = 1.5;
 /// Share of the steps that may be longer.
 const LONGEST_SHARE: f64 = 0.01;
@@ -93,7 +93,7 @@ fn follow_rows(samples: &Samples, mean: f64) -> bool {
         for row in 1..time.len() - 1 {
             let [before, here, after] = [position[row - 1], position[row], position[row + 1]];
             let span = time[row + 1] - time[row - 1];
-            // wrapped angles jump, and pauses are between other rows
+            // folded angles jump, and pauses are between other rows
             let jumps = (here - before).abs().max((after - here).abs()) > std::f64::consts::PI;
             if jumps || span > 4.0 * WINDOW as f64 * mean {
                 continue;
@@ -159,7 +159,7 @@ fn least_delays(time: &[f64], step: f64) -> Vec<f64> {
     delays.chunks_exact(WINDOW).map(|window| window.iter().copied().fold(f64::INFINITY, f64::min)).collect()
 }
 
-/// Splits rows at missing ones, where the least delay grows from one window to the next, and stays.
+/// Splits rows at missing ones: there the least delay grows from one window to the next, and stays.
 fn without_missing(time: &[f64], rows: Range<usize>, mean: f64) -> Vec<Range<usize>> {
     let least = least_delays(&time[rows.clone()], mean);
     let mut cuts = vec![rows.start];

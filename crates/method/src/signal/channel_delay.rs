@@ -4,7 +4,7 @@ use super::time_grid::median_step;
 use armwatch_model::run::Samples;
 use armwatch_model::run::channel_delays::ChannelDelays;
 
-/// Length of a step, in median steps, above which it is a gap without interpolation.
+/// Largest step, in median steps, that is interpolated; a longer one is a gap.
 const GAP_STEPS: f64 = 3.0;
 
 /// Applies `delays`: moves the late channels of `samples` to the times of their rows. The value at `t` is the one

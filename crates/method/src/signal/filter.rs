@@ -32,8 +32,8 @@ pub struct FilteredSignals {
     pub qdd: Vec<Vec<f64>>,
     /// Torques `tau`.
     pub tau: Vec<Vec<f64>>,
-    /// Usable rows: stretches between gaps, without the ends at which the low-pass and the differences have data on one
-    /// side only.
+    /// Usable rows: stretches between gaps, without the ends, because the low-pass and the differences have data on one
+    /// side only there.
     pub usable: Vec<Range<usize>>,
     /// Stretches between gaps that were filtered; rows outside hold zeros.
     stretches: Vec<GaplessRows>,
@@ -68,7 +68,7 @@ impl FilteredSignals {
         }
     }
 
-    /// Usable rows at the rate at which the low-pass leaves information: every [`row_step`]-th.
+    /// Usable rows at the rate of the information after the low-pass: every [`row_step`]-th.
     pub fn observed_rows(&self) -> impl Iterator<Item = usize> + '_ {
         let step = row_step(self.cutoff, self.sample_rate);
         self.usable.iter().flat_map(move |stretch| stretch.clone().step_by(step))
@@ -126,7 +126,7 @@ impl FilteredSignals {
         self.buffers.give_back(channels);
     }
 
-    /// Returns the memory of its own channels.
+    /// Returns the memory of all channels.
     pub fn end(self) {
         let Self { q, qd, qdd, tau, buffers, .. } = self;
         buffers.give_back([q, qd, qdd, tau].into_iter().flatten());

@@ -39,11 +39,12 @@ struct FilterSection {
 }
 
 impl LowPass {
-    /// Designs the filter. Poles of the analog low-pass are on the left half of a circle, at `s_i = W exp(jπ(2i + N
-    /// + 1)/2N)`; the bilinear transform `z = (4 + s)/(4 - s)` of a rate of 2 moves them into the unit circle and
-    /// all zeros to -1. The warped radius `W = 4 tan(π cutoff/rate)` keeps the gain of 1/√2 at the cut-off
-    /// (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.2 and 7.3). The poles nearest to the unit circle
-    /// come last, the gain `Re W^N / Π(4 - s_i)` first. This is `butter(4, cutoff, fs=rate, output="sos")` of SciPy.
+    /// Designs the filter. Poles of the analog low-pass are on the left half of a circle, at
+    /// `s_i = W exp(jπ(2i + N + 1)/2N)`; the bilinear transform `z = (4 + s)/(4 - s)` of a rate of 2 moves them into
+    /// the unit circle and all zeros to -1. The warped radius `W = 4 tan(π cutoff/rate)` keeps the gain of 1/√2 at
+    /// the cut-off (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.2 and 7.3). The poles nearest to the
+    /// unit circle come last, the gain `Re W^N / Π(4 - s_i)` first. This is
+    /// `butter(4, cutoff, fs=rate, output="sos")` of SciPy.
     pub(super) fn new(cutoff: f64, sample_rate: f64) -> Result<Self, NumericsError> {
         if !(cutoff > 0.0 && cutoff < 0.5 * sample_rate) {
             return Err(NumericsError::CutoffTooHigh { sample_rate_hz: sample_rate, cutoff_hz: cutoff });
@@ -90,7 +91,7 @@ impl LowPass {
     }
 
     /// Filters the first `N` channels in `GROUPS` groups of lanes and returns their number. Each step waits for the
-    /// previous one, so two groups take hardly longer than one.
+    /// previous one, so two groups take hardly longer than a single group.
     fn pass<const N: usize, const GROUPS: usize>(
         &self,
         channels: &[&[f64]],
@@ -252,8 +253,8 @@ mod tests {
         assert!(LowPass::new(12.0, 250.0).expect("fits").over(&[], &buffers).is_empty());
     }
 
-    /// Values of SciPy 1.17.1: `b[0]` of the first section and both `a[1:]` of `butter(4, cutoff, fs=rate,
-    /// output="sos")`, and `sosfilt_zi`.
+    /// Values of SciPy 1.17.1: `b[0]` of the first section and both `a[1:]` of
+    /// `butter(4, cutoff, fs=rate, output="sos")`, and `sosfilt_zi`.
     #[test]
     fn sections_are_those_of_scipy() {
         let expected = [

@@ -1,4 +1,4 @@
-//! Repairs of recorded rows before any computation: times of arrival and wrapped angles.
+//! Repairs of recorded rows before any computation: times of arrival and folded angles.
 
 use std::borrow::Cow;
 
@@ -17,7 +17,7 @@ pub struct Restored {
     pub unsteady: Option<Finding>,
 }
 
-/// Assigns the times of an even grid to rows that were stamped on arrival, and unwraps the angles of rotary joints.
+/// Assigns the times of an even grid to rows that were stamped on arrival, and unfolds the angles of rotary joints.
 /// Rows that need neither are not copied.
 pub fn restore(robot: &Robot, samples: &mut Cow<'_, Samples>) -> Restored {
     let mut restored = Restored::default();

@@ -4,8 +4,8 @@ use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::run::Samples;
 use armwatch_model::run::temperature::{TemperatureTrack, ZERO_CELSIUS};
 
-/// Accepted temperatures of a motor, K: -40 degC, colder than the specification of any arm, to 200 degC, where the best
-/// insulation fails. Codes of open or broken sensors are outside: -273, -200, 850, 1372, 3276.7 degC.
+/// Accepted temperatures of a motor, K: -40 degC, colder than the specification of any arm, to 200 degC, the limit of
+/// the best insulation. Codes of open or broken sensors are outside: -273, -200, 850, 1372, 3276.7 degC.
 const MOTOR: [f64; 2] = [ZERO_CELSIUS - 40.0, ZERO_CELSIUS + 200.0];
 
 /// Accepted ambient temperatures, K: -40 to 70 degC.

@@ -1,20 +1,20 @@
 //! Recordings with uneven times: their detection, their rate, and interpolation of channels to an even grid and back,
 //! so that a digital filter and central differences use true times.
 
-/// Length of a step, in median steps, above which it is a gap that a filter must not cross. One row that a logger
-/// dropped makes a step of two, which interpolation bridges.
+/// Largest step, in median steps, that a filter may cross; a longer one is a gap. One row that a logger dropped makes a
+/// step of two, which interpolation bridges.
 const GAP_STEPS: f64 = 2.5;
 /// Longest gap that is bridged, in periods of the cut-off: signals that the low-pass keeps need two rows per period,
 /// with a margin.
 const BRIDGED_PERIODS: f64 = 0.35;
-/// Length of a step, in median steps, above which it is a gap without a bridge.
+/// Largest step, in median steps, that needs no bridge.
 const UNBRIDGED_STEPS: f64 = 1.5;
 /// Deviation from evenly spaced rows that has no effect, relative to a step: a speed of full range in 50 rows changes
 /// the position by less than its noise.
 const EVEN: f64 = 0.01;
 /// Largest deviation of rounded time stamps from evenly spaced rows, in units of their last digit, with rounding.
 const ROUNDED: f64 = 1.05;
-/// Relative difference between the mean and the median step above which the mean is used.
+/// Smallest relative difference between the mean and the median step that requires the mean.
 const MEDIAN_HOLDS: f64 = 1e-3;
 /// Number of points of a Lagrange polynomial.
 pub(crate) const POINTS: usize = 6;

@@ -5,7 +5,7 @@ pub use armwatch_model::analysis::median::median;
 use armwatch_model::analysis::{ParameterStatistics, RmsdSwing, StatisticsWindow};
 use armwatch_model::robot::ParameterId;
 
-/// Number of cycles in which the arm warms up; the thesis gives its statistics with and without them.
+/// Number of warm-up cycles; the thesis gives its statistics with and without them.
 const WARM_UP_CYCLES: u32 = 5;
 
 /// Statistics of one parameter over the cycles of a run, given as `(cycle, value)` in the order of the cycles: over all
@@ -146,7 +146,7 @@ mod tests {
             let found = of(&[odd]);
             assert!(found.cycles == 7 && found.value < 1.5 * quiet.value, "{odd}: {found:?}");
         }
-        // a cold first cycle, and more than one outlier
+        // a cold first cycle, and several outliers
         assert!(of(&[0]).value > 10.0 * quiet.value && of(&[2, 5]).value > 10.0 * quiet.value);
         assert_eq!(of(&[2, 5]).cycles, 8);
     }

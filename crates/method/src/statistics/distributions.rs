@@ -6,7 +6,7 @@ use armwatch_model::analysis::interval::is_probability;
 
 pub use armwatch_model::analysis::interval::{normal_quantile, student_quantile};
 
-/// Degrees of freedom above which probabilities and densities of Student's distribution use the normal one: at four
+/// Smallest degrees of freedom that use the normal distribution for probabilities and densities of Student's: at four
 /// standard deviations they differ by less than a hundredth.
 const NEARLY_NORMAL_FROM: f64 = 1e4;
 

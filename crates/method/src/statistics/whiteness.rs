@@ -7,7 +7,7 @@ use super::descriptive::{mean, standard_deviation};
 use super::distributions::chi_square_tail;
 use armwatch_model::analysis::Estimate;
 
-/// Smallest number of values for which memory is distinguishable from chance.
+/// Smallest number of values that distinguishes memory from chance.
 pub const MIN_VALUES: usize = 8;
 
 /// Largest lag-1 autocorrelation that is acceptable for control charts: beyond it, false alarms of an exponentially
@@ -85,7 +85,7 @@ pub fn whiteness(values: &[f64]) -> Option<Whiteness> {
     if values.len() < MIN_VALUES || !std.is_finite() || std <= 0.0 {
         return None;
     }
-    // an even number, for which chi-square has a closed form
+    // an even number, because chi-square then has a closed form
     let lags = (values.len() / 10 * 2).clamp(2, MOST_LAGS);
     let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
     let correlation = |lag: usize| products(values, mean, lag) / squares;

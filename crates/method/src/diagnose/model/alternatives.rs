@@ -16,7 +16,7 @@ use armwatch_model::robot::{
 const INSTANTS: usize = 250;
 /// Largest part of the squares that may remain with a tilted base for the tilt to be kept.
 const TILTED: f64 = 0.97;
-/// Factor by which a change must leave less than a more likely one.
+/// Smallest ratio of the residuals of a likely and an unlikely change for the unlikely one to win.
 const HARDLY_MORE: f64 = 1.15;
 /// Number of single numbers that are tried with the change that fits the torques.
 const NUMBERS_TRIED: usize = 4;

@@ -25,11 +25,12 @@ const WELL: f64 = 10.0;
 /// Largest part of the misfit that may remain after a change that is the cause. Fits of single joints leave less than
 /// any change, so no change is tried if the description leaves at most 1.5 times their squares.
 const CAUSE: f64 = 2.0 / 3.0;
-/// Error of a joint's own fit, relative to its RMS torque, above which its torque may be another joint's.
+/// Smallest error of a joint's own fit, relative to its RMS torque, for a torque that may be another joint's.
 const FOREIGN: f64 = 0.2;
 /// Largest ratio of the misfits after and before a change of one more joint for that joint to count.
 const ONE_MORE: f64 = 0.9;
-/// Factor by which a number of the description must leave less: channels and the mounting are more likely causes.
+/// Factor on the misfit of a changed number of the description, because channels and the mounting are more likely
+/// causes.
 const HARDLY_MORE: f64 = 1.15;
 /// Smallest mean weighted square that a wrong number of the description must cost: 3 % of a torque whose error is the
 /// smallest.
@@ -42,15 +43,14 @@ const SETTLED: usize = 5;
 const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
 /// Number of sweeps over the scales of all torques.
 const SCALE_SWEEPS: usize = 3;
-/// Factor above which a scale is another unit or gear: gains of catalogues are accurate to some ten per cent.
+/// Smallest factor of another unit or gear: gains of catalogues are accurate to some ten per cent.
 const OTHER_UNIT: f64 = 1.5;
-/// Factor of the misfit up to which another arm explains the torques equally well: ripple that depends on the posture
+/// Largest ratio of misfits of an arm that explains the torques equally well: ripple that depends on the posture
 /// resembles gravity.
 const AS_WELL: f64 = 2.0;
 /// Smallest step, rad, of the search for directions of gravity.
 const LEAST_STEP: f64 = 0.05;
-/// Factor by which the misfit may be larger with gravity along an axis or half-way between two than with the best
-/// direction.
+/// Largest ratio of the misfit with gravity along an axis, or half-way between two, to that with the best direction.
 const ROUNDED: f64 = 1.3;
 
 /// Findings about signs, order, mounting or a length, if one change explains the torques of all joints. `level`

@@ -16,9 +16,9 @@ pub(super) enum ModelChange {
     Turned(Vec<usize>),
     /// Two torques exchanged.
     Swapped(usize, usize),
-    /// Factor by which one torque was recorded too large.
+    /// One torque recorded too large, with the factor.
     Scaled(usize, f64),
-    /// Factors by which torques were recorded too large, relative to each other.
+    /// Torques recorded too large, with their relative factors.
     Rescaled(Vec<f64>),
     /// Gravity in another direction, m/s².
     Mounted(Vector3<f64>),

@@ -70,7 +70,7 @@ struct JointFitRows<'a> {
     torque: usize,
     /// Standard deviation of the torque's error, Nm (N), as recorded.
     sigma: f64,
-    /// Factor by which the torque was recorded too large.
+    /// Ratio of the recorded to the true torque.
     scale: f64,
 }
 
@@ -135,8 +135,8 @@ impl Channels<'_> {
         self.stacked(&self.robot.joint_indices().map(own).collect::<Vec<_>>(), bounds)
     }
 
-    /// Fit of all joints to the torques that `order` assigns to them, each recorded too large by the factor in
-    /// `scales`.
+    /// Fit of all joints to the torques that `order` assigns to them. `scales` are the ratios of the recorded to the
+    /// true torques.
     pub(super) fn ordered_fit(
         &self,
         factors: &[TriangularFactor],

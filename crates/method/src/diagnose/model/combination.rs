@@ -3,12 +3,12 @@
 /// Thresholds of plausibility.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlausibleSettings {
-    /// Relative RMSD of the moving excitation rows above which it is reported, and refused. Healthy arms stay below
-    /// 0.13 (thesis, chapter 5).
+    /// Smallest relative RMSD of the moving excitation rows that is reported, and that is refused. Healthy arms stay
+    /// below 0.13 (thesis, chapter 5).
     pub relative_rmsd: [f64; 2],
-    /// Number of standard errors by which a number must be negative.
+    /// Smallest distance of a negative number from zero, in standard errors, for a finding.
     pub standard_errors: f64,
-    /// Factor between identified and nominal inertia of a joint above which it is reported, and refused.
+    /// Smallest factor between identified and nominal inertia of a joint that is reported, and that is refused.
     pub nominal_factors: [f64; 2],
 }
 

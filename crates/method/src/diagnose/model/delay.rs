@@ -18,33 +18,33 @@ const FURTHER: f64 = 2.0;
 /// Distance between the tried delays, s; a parabola interpolates.
 const STEP_S: f64 = 0.01;
 
-/// Delay at which the torque of a joint fits its motion best.
+/// Best delay between the torque of a joint and its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TorqueDelay {
     /// The joint.
     pub joint: JointIndex,
-    /// Time by which the torque is late, s; negative if it is early.
+    /// Delay of the torque, s; negative if it is early.
     pub delay: f64,
     /// Residual sum of squares at that delay, relative to that without a delay.
     pub residual_ratio: f64,
 }
 
-/// Delay at which the torques of all joints together fit the motion best.
+/// Best common delay between the torques of all joints and the motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointDelay {
     /// Delays of single joints, if the best one is inside the range.
     pub joints: Vec<TorqueDelay>,
     /// Number of joints with enough rows.
     pub judged: usize,
-    /// Time by which all torques are late, s; negative if they are early.
+    /// Delay of all torques, s; negative if they are early.
     pub delay: f64,
     /// Geometric mean over the judged joints, weighted by rows, of the residual sum of squares at that delay,
     /// relative to that of the torques as recorded.
     pub residual_ratio: f64,
 }
 
-/// Common delay of all torques at which the joints' own columns explain them best, by the likelihood of each joint's
-/// residual with a separate variance.
+/// Common delay with which the joints' own columns explain all torques best, by the likelihood of each joint's residual
+/// with a separate variance.
 ///
 /// `filtered_coulomb_columns` are the low-passed columns of the robot that have jumps, `excitation` are usable rows in
 /// order, and `shapes` `[n][SHAPES][rows]` are further columns of each joint, or empty. `None` if no joint has enough

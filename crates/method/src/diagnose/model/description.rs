@@ -1,8 +1,8 @@
 //! Test that torques agree with the description: a test of lack of fit in the direction of its numbers.
 //!
 //! Base parameters adapt: a model with wrong geometry may explain torques nearly as well as the right one, but its
-//! residual is not noise. To first order the residual of a description whose numbers are off by `dp` is `S dp` with `S
-//! = d(w theta)/dp`. The part of `S` that the base parameters do not absorb is compared with the residual (Lagrange
+//! residual is not noise. To first order the residual of a description whose numbers are off by `dp` is `S dp` with
+//! `S = d(w theta)/dp`. The part of `S` that the base parameters do not absorb is compared with the residual (Lagrange
 //! multiplier test; Rao 1948, Large sample tests of statistical hypotheses concerning several parameters).
 
 use nalgebra::Vector3;
@@ -67,7 +67,7 @@ pub struct NumberScore {
 pub struct JudgedRows<'a> {
     /// Signals of the cycle after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Rows at a distance at which they are independent after the low-pass.
+    /// Rows far enough apart to be independent after the low-pass.
     pub rows: Vec<usize>,
     /// Standard deviation of each joint's residual `[n]`, Nm (N). The weight of a row is the inverse.
     pub noise: Vec<f64>,

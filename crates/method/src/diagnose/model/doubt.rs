@@ -19,21 +19,21 @@ use armwatch_model::run::Stage;
 /// Thresholds for doubt about a description or about the time of the torques.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubtSettings {
-    /// Share of the residual that changed numbers of the description explain, above which a search for another
-    /// description begins.
+    /// Smallest share of the residual explained by changed numbers of the description that starts a search for another
+    /// description.
     pub looked_share: f64,
-    /// The same share above which a contradiction is reported, and refused, even without a better description, if the
-    /// model leaves more than `healthy` of a torque unexplained.
+    /// Smallest such share that is reported, and that is refused, even without a better description, if the model
+    /// leaves more than `healthy` of a torque unexplained.
     pub description_shares: [f64; 2],
-    /// Moving relative RMSD: an upper limit for models of healthy arms (thesis, chapter 5), and the value above which a
-    /// contradiction without a remedy is refused.
+    /// Moving relative RMSD: an upper limit for models of healthy arms (thesis, chapter 5), and the smallest value for
+    /// refusing a contradiction without a remedy.
     pub healthy: [f64; 2],
     /// Torque error, relative to a joint's RMS torque, that a wrong description must cause at some joint to be refused.
     pub cost: f64,
     /// Smallest error that counts, as a share of the joint's rated torque or of the largest RMS torque of the arm.
     pub least_share: f64,
-    /// Largest weighted residual sum of squares of another description, relative to the given one's, at which it is
-    /// named as the likely one.
+    /// Largest weighted residual sum of squares of another description, relative to the given one's, for naming it as
+    /// the likely one.
     pub alternative: f64,
     /// Cut-off of the low-pass, Hz, below which a contradiction is reported and never refused. Excitation moves with up
     /// to about 3 Hz. A lower cut-off removes part of the motion; filtered torques are then no function of filtered
@@ -42,7 +42,7 @@ pub struct DoubtSettings {
     /// Duration of excitation, s, below which a contradiction is also never refused. Joints then reverse so rarely that
     /// friction of an unexpected shape resembles another arm.
     pub least_excitation: f64,
-    /// Delays of the torques above which the delay is reported, and refused, s.
+    /// Smallest delay of the torques that is reported, and that is refused, s.
     pub delays: [f64; 2],
     /// Largest residual sum of squares with the best delay, relative to that without a delay.
     pub delay_residual: f64,
@@ -69,7 +69,7 @@ impl Default for DoubtSettings {
     }
 }
 
-/// Cycle and model from which a description is judged.
+/// Cycle and model for judging a description.
 #[derive(Debug, Clone, Copy)]
 pub struct JudgedCycle<'a> {
     /// The description.
@@ -267,8 +267,8 @@ fn perhaps_contradicted(test: &DescriptionTest) -> Finding {
     }
 }
 
-/// Remark that most joints, each on its own fit, explain their torques better with a delay, while delayed torques are
-/// not distinguishable from friction that changes sign late.
+/// Remark that most joints, each fitted separately, explain their torques better with a delay, while delayed torques
+/// are not distinguishable from friction that changes sign late.
 fn perhaps_late(found: &JointDelay, settings: &DoubtSettings) -> Option<Finding> {
     let mut sorted: Vec<f64> = found.joints.iter().map(|of| of.delay).collect();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -2,16 +2,16 @@
 //! units or time.
 //!
 //! Friction that changes sign late after a reversal resembles a delayed torque, and friction that changes sign smoothly
-//! resembles a wrong length. Each joint gets columns that depend only on its own motion, so they cannot represent
-//! gravity or inertia: smooth signs, a bump at low speed (Stribeck 1902) and the bristle that bends before a surface
-//! slips (Dahl 1968), which is late by a distance.
+//! resembles a wrong length. Each joint gets columns that depend only on the motion of this joint, so they cannot
+//! represent gravity or inertia: smooth signs, a bump at low speed (Stribeck 1902) and the bristle that bends before a
+//! surface slips (Dahl 1968), which is late by a distance.
 
 use crate::signal::filter::FilteredSignals;
 
-/// Speeds at which a smooth sign changes, and of the bump, relative to the joint's RMS speed.
+/// Speeds of the change of a smooth sign, and of the bump, relative to the joint's RMS speed.
 const SMOOTH: [f64; 2] = [0.05, 0.3];
 const BUMP: f64 = 0.15;
-/// Distances over which friction changes sign after a reversal, relative to the joint's range of motion; the smallest
+/// Distances of the change of friction's sign after a reversal, relative to the joint's range of motion; the smallest
 /// is that of a stiff gearbox, minutes of arc.
 const BRISTLE: [f64; 3] = [0.001, 0.006, 0.04];
 

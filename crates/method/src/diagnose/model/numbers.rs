@@ -34,7 +34,7 @@ pub enum DescribedNumber {
     Gravity(usize),
     /// Factor on a joint's torque: unit, gear ratio, drive gain.
     TorqueGain(JointIndex),
-    /// Time by which torques are late against positions, s.
+    /// Delay of the torques relative to the positions, s.
     TorqueDelay,
 }
 

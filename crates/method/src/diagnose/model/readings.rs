@@ -37,7 +37,7 @@ pub(super) struct ChannelReading {
     pub(super) robot: Robot,
     /// Index of the recorded torque of each joint.
     pub(super) order: Vec<usize>,
-    /// Factor by which each joint's torque was recorded too large; negative for a reversed sign.
+    /// Ratio of the recorded to the true torque of each joint; negative for a reversed sign.
     pub(super) scales: Vec<f64>,
 }
 
@@ -199,7 +199,7 @@ impl<'a> ReadingComparison<'a> {
         Lacking::new(&builder.take().restricted(&columns), kept.len())
     }
 
-    /// Calls `take(joint, regressor, state, [weight of its columns, weighted torque])` for each joint that moves in each
+    /// Calls `take(joint, regressor, state, [weight of its columns, weighted torque])` for each moving joint in each
     /// row.
     fn each(
         &self,

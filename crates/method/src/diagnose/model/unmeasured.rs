@@ -123,7 +123,7 @@ pub(crate) fn unmeasured(weighed: &ModelWeights<'_>, weightless: impl Fn() -> bo
     })
 }
 
-/// Finding of torques from which gravity was subtracted, with its evidence.
+/// Finding of torques without gravity, because it was subtracted, with the evidence.
 pub(super) fn without_gravity(words: &str, evidence: (&'static str, f64)) -> Finding {
     finding(
         format!("the torque has no gravity in it ({words}): the controller has subtracted gravity; {NAME}"),

@@ -13,8 +13,8 @@ use armwatch_model::run::{Samples, Stage};
 /// Thresholds of the evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeighSettings {
-    /// Relative growth of the torque error over all joints, if bodies must be physical, above which an unphysical
-    /// inertia is doubtful, and refused. Real arms reach 0.11.
+    /// Smallest relative growth of the torque error over all joints, if bodies must be physical, that makes an
+    /// unphysical inertia doubtful, and that refuses it. Real arms reach 0.11.
     pub physics_costs: [f64; 2],
     /// Torque error, as a part of a joint's rated torque, below which it is no evidence against a description.
     pub rated_share: f64,

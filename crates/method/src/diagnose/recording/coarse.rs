@@ -7,12 +7,12 @@ use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 const MOST_VALUES: usize = 400;
 /// Smallest number of values: two may be a contact that opens and closes.
 const FEWEST_VALUES: usize = 3;
-/// Number of rows in which values are counted.
+/// Number of rows for counting values.
 const ROWS: usize = 20_000;
 /// Distance of values from multiples of the smallest difference, relative to it, that is allowed for decimals of a
 /// conversion.
 const OFF_GRID: f64 = 0.05;
-/// Step relative to the RMS of the torque above which it is reported.
+/// Smallest step, relative to the RMS of the torque, that is reported.
 const TOLD: f64 = 0.02;
 
 /// Step of a torque channel, Nm (N), if it has few values and all are multiples of one step.
@@ -36,7 +36,7 @@ pub(super) fn step(torque: impl Iterator<Item = f64>) -> Option<f64> {
     (values.len() >= FEWEST_VALUES && values.array_windows().all(on_grid)).then_some(step)
 }
 
-/// Stride of the rows in which a channel's values are counted.
+/// Stride of the rows for counting a channel's values.
 pub(super) fn counted(rows: usize) -> usize {
     rows.div_ceil(ROWS).max(1)
 }

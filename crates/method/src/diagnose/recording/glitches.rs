@@ -6,21 +6,21 @@ use crate::signal::fold::LEAP;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, JointKind};
 
-/// Distance from the channel's usual range, in multiples of the range, above which a value is no motion of an arm.
-/// Peaks of healthy torques stay within one range.
+/// Smallest distance from the channel's usual range, in multiples of the range, that no motion of an arm reaches. Peaks
+/// of healthy torques stay within one range.
 const BEYOND: f64 = 4.0;
 /// Share of the sorted values at each end that is excluded from the usual range.
 const TAIL: f64 = 0.005;
 /// Number of rows for the usual range; more would not change it.
 const RANGE_ROWS: usize = 4000;
-/// Number of copies of each row from which on the number is reported.
+/// Smallest number of copies of each row for reporting the number.
 const WHOLE_TIMES: f64 = 2.5;
 /// Largest share of the moving rows that may repeat the previous row in every channel.
 const REPEATED: f64 = 0.01;
 
 /// Step, as a part of the range that a joint moved over, below which it is resolution and no leap.
 const RESOLUTION: f64 = 0.01;
-/// Largest share of the rows that may leap. With more, the position is in another unit, which other checks find.
+/// Largest share of the rows that may leap. If more do, the position is in another unit, which other checks find.
 const LEAPING: f64 = 0.002;
 
 /// Values far outside the channel's usual range: markers such as -9999, lost digits.
@@ -98,7 +98,7 @@ fn spike(
     ))
 }
 
-/// Positions that the joint cannot reach from the previous row: wrapped angles, lost digits, deleted rows. Joints with
+/// Positions that the joint cannot reach from the previous row: folded angles, lost digits, deleted rows. Joints with
 /// `known` findings are skipped. If rows are `repeated`, the first row of the next value contains the motion of all of
 /// them.
 pub(super) fn leaps(view: &ChannelView<'_>, known: &[Finding], repeated: Option<&Finding>) -> Vec<Finding> {

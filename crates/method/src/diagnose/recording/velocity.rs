@@ -4,7 +4,7 @@ use super::view::{BELONGS, ChannelView, DEGREES, DiagnoseSettings, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 
-/// Relative distance of a factor from the exact ratio of two units at which it counts as that ratio.
+/// Largest relative distance between a factor and the exact ratio of two units that still counts as equal.
 const UNIT_TOLERANCE: f64 = 0.03;
 /// Factor from radians per second to turns per minute.
 const RPM: f64 = 30.0 / std::f64::consts::PI;

@@ -10,16 +10,16 @@ use armwatch_model::run::{Samples, Stage};
 /// Thresholds of the checks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiagnoseSettings {
-    /// Share of the excitation's rows in which a joint must move; below it, the joint is at rest.
+    /// Smallest share of the excitation's rows with motion of a joint that is not at rest.
     pub moving_share: f64,
-    /// Largest relative distance of the middle 80 % of the speeds from their median at which they count as one speed.
+    /// Largest relative distance of the middle 80 % of the speeds from their median for a single speed.
     pub speed_spread: f64,
-    /// Shares of rows at the largest torque above which saturation is reported, and refused.
+    /// Smallest share of rows at the largest torque that is reported as saturation, and that is refused.
     pub saturated_shares: [f64; 2],
-    /// Relative deviation of a velocity from its position's derivative above which it is reported. Low-pass and
+    /// Smallest relative deviation of a velocity from its position's derivative that is reported. Low-pass and
     /// differences leave 1 %.
     pub velocity_gain: f64,
-    /// Distances beyond a limit, as parts of the range, above which positions are reported, and refused.
+    /// Smallest distance of positions beyond a limit, as a part of the range, that is reported, and that is refused.
     pub limit_margins: [f64; 2],
     /// Part of its range that at least one rotary joint must move over. The excitation of a test uses most of it; a
     /// degree read as radian is 0.017 of it.
@@ -59,7 +59,7 @@ pub(super) struct ChannelView<'a> {
     pub(super) row_count: usize,
     /// Rows of the excitation stage, or all if there is none.
     pub(super) excitation: Vec<usize>,
-    /// True if there is an excitation stage. Without one, joints need not all move.
+    /// True if there is an excitation stage. Without one, a joint may be at rest.
     pub(super) has_excitation: bool,
     /// Derivative of the low-passed position, `[n][rows of the recording]`.
     pub(super) dq: Vec<Vec<f64>>,

@@ -1,4 +1,4 @@
-//! Friction maps from which indices are computed: fitted once and held.
+//! Friction maps for the computation of indices: fitted once and held.
 //!
 //! A map and the thermal effects of its runs (`run_effects.rs`) are fitted alternately, since each needs the other.
 //! Wear is then relative to the mean of the baseline's runs, which has the index one. A map may be learnt from more
@@ -24,8 +24,7 @@ use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 
-/// Number of rounds in which run effects and maps are fitted alternately; the third changes the index by less than 0.1
-/// %.
+/// Number of alternate fits of run effects and maps; the third changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
 
 /// Maps of joints with one baseline.
@@ -192,7 +191,7 @@ fn points_by_level(
     (levels, points)
 }
 
-/// Median of the mean speed of a joint in the cycles in which it moves.
+/// Median of the mean speed of a joint over the cycles with motion of this joint.
 fn usual_speed(joint: JointIndex, spans: &[CycleMotion]) -> Option<f64> {
     let known = spans.iter().filter_map(|span| known_speed(joint, span));
     median(&known.filter(|speed| *speed > 0.0).collect::<Vec<f64>>())
@@ -217,7 +216,7 @@ fn drop_flat(
 
 /// Assigns each point the offset and the factor of its run, for the next fit of the map.
 ///
-/// With a sensor the offset remains zero. The ambient coefficient, or the fast part in addition to a motor's
+/// The offset remains zero if there is a sensor. The ambient coefficient, or the fast part in addition to a motor's
 /// temperature, must explain such offsets; otherwise the run effects would absorb them round by round.
 fn apply_effects(record: &mut JointRecord, fit: &FittedMap, of: &JointEffects, starts: &[f64]) {
     let with_offset = f64::from(u8::from(record.sensor == ThermalSensor::None));

@@ -1,4 +1,4 @@
-//! Held friction map, from which the indices of runs are computed.
+//! Held friction map, for the computation of the indices of runs.
 
 use super::run_record::{Level, activities, level_points};
 use crate::friction::maps::map::FittedMap;
@@ -87,8 +87,8 @@ impl Zero {
 
     /// Effects relative to the baseline: wear as `(1 + w) / (1 + mean w) - 1`, the ambient effect as a difference.
     ///
-    /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs. For one of these runs it becomes `(1 - 2 /
-    /// n) v + mean v / n`, because its own effect is the `n`th part of the mean.
+    /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs. For one of these runs it becomes
+    /// `(1 - 2 / n) v + mean v / n`, because its own effect is the `n`th part of the mean.
     pub(in crate::friction) fn relative(&self, effect: &RunEffect, in_baseline: bool) -> Relative {
         let own = if in_baseline { 1.0 - self.own_share } else { 1.0 };
         Relative {

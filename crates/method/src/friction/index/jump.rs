@@ -14,8 +14,8 @@ use armwatch_model::robot::JointIndex;
 /// obstacle.
 const LEAST_CYCLES: usize = 2;
 
-/// Smallest jump, of the logarithm of friction. A smaller one has little effect on the index, and is left to the
-/// detectors.
+/// Smallest jump, of the logarithm of friction. The detectors evaluate smaller ones, which have little effect on the
+/// index.
 const LEAST_JUMP: f64 = 0.08;
 
 /// Smallest ratio of a jump to the largest other change between cycles. A joint whose friction varies from cycle to

@@ -73,7 +73,7 @@ struct Said {
     at: Option<f64>,
     /// Kind of this alarm.
     kind: Option<AnomalyKind>,
-    /// Number of tests with more friction than [`NEVER_OK`] in which the joint was reported as healthy.
+    /// Number of tests with more friction than [`NEVER_OK`] that reported the joint as healthy.
     healthy: usize,
     /// True if an alarm of the joint closed.
     has_closed: bool,

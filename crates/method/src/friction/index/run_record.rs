@@ -10,7 +10,7 @@ use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 
-/// Smallest number of points of a level in a run that has an index. With a fitted map, the motion before the run
+/// Smallest number of points of a level in a run that has an index. Once the map is fitted, the motion before the run
 /// predicts its thermal state well enough, and the interval contains the error of that prediction.
 pub const SHORT_RUN_POINTS: usize = 2;
 
@@ -42,7 +42,7 @@ pub(super) struct Level {
     pub place: usize,
     /// Nominal speed as a fraction of the joint's largest speed.
     pub speed_fraction: f64,
-    /// Load at which friction is compared, Nm (N), if friction depends on it.
+    /// Load for comparisons of friction, Nm (N), if friction depends on it.
     pub load: Option<f64>,
 }
 

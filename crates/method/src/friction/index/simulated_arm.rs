@@ -371,7 +371,7 @@ pub(super) fn largest(changes: &[f64]) -> f64 {
     changes.iter().fold(0.0, |worst, change| worst.max(change.abs()))
 }
 
-/// Kelvin of colder air at which the cold part of friction of joint 1 grows by half.
+/// Kelvin of colder air that increase the cold part of friction of joint 1 by half.
 pub(super) fn half_colder() -> f64 {
     let gear = gears()[0];
     let cold_part = gear.viscosity(0.0) - 1.0;

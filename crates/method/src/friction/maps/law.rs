@@ -64,8 +64,8 @@ pub(in crate::friction) struct LawParameters<T = f64> {
     pub share: T,
     /// Logarithm of the cooling ratio: time constants at rest as a multiple of those in motion.
     pub cooling: T,
-    /// Parameter of the [`ThermalSensor`](super::record::ThermalSensor). With an ambient temperature, thermal deficit
-    /// per kelvin below the usual one, 1/K. With a motor's temperature, curvature of the deficit over it, without unit.
+    /// Parameter of the [`ThermalSensor`](super::record::ThermalSensor): for an ambient temperature, thermal deficit
+    /// per kelvin below the usual one, 1/K; for a motor's temperature, curvature of the deficit over it, without unit.
     /// Not used without a sensor.
     pub sensor: T,
 }

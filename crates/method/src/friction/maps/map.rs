@@ -6,10 +6,10 @@
 //!
 //! The deficits of the two parts follow from the thermal law ([`super::thermal_state`]), or from a measured
 //! temperature. `warm` and `cold` are linear and solved for. The parameters of the law are nonlinear; the fit finds
-//! them by a search along one coordinate at a time (variable projection, Golub & Pereyra 1973). With an ambient
-//! temperature the cost has long narrow valleys, in which such a search stops. So its coefficient is solved for at
-//! every law, and the search continues in the direction of its last step (Hooke & Jeeves 1961). Each parameter has a
-//! weak prior.
+//! them by a search along one coordinate at a time (variable projection, Golub & Pereyra 1973). If there is an ambient
+//! temperature, the cost has long narrow valleys that stop such a search. So its coefficient is solved for at every
+//! law, and the search continues in the direction of its last step (Hooke & Jeeves 1961). Each parameter has a weak
+//! prior.
 
 use super::law::{
     BOUNDS, Bounds, LawParameter, LawParameters, LawPrior, MOTOR_AHEAD, MOTOR_BOUNDS, MOTOR_PRIOR, PRIOR,
@@ -60,8 +60,8 @@ impl FittedMap {
         Self { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY }
     }
 
-    /// Predicted friction of a point at the law `law` and its thermal deficit `x`, without the run's factor, Nm: `warm
-    /// + cold (mixed(x) + offset)`.
+    /// Predicted friction of a point at the law `law` and its thermal deficit `x`, without the run's factor, Nm:
+    /// `warm + cold (mixed(x) + offset)`.
     pub(super) fn predicted(&self, law: &LawParameters, p: &RecordPoint, x: ThermalDeficit) -> f64 {
         self.warm[p.level] + self.cold[p.level] * (law.mixed(x) + p.offset)
     }
@@ -168,7 +168,7 @@ pub(in crate::friction) fn fit_map(record: &JointRecord, start: Option<LawParame
 }
 
 /// Coordinate search: steps up and down along each searched parameter, and halves all steps after a round without a
-/// better map. With an ambient temperature, a pattern search.
+/// better map. If there is an ambient temperature, a pattern search.
 fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
     let in_valleys = matches!(record.sensor, ThermalSensor::Ambient(_));
     let last_step = if in_valleys { LAST_STEP_IN_VALLEYS } else { LAST_STEP };
@@ -372,7 +372,7 @@ impl LevelSums {
     }
 
     /// Least-squares line `y = warm + cold x` with `cold = max(cov(x, y) / var x, 0)`, since friction does not fall
-    /// while a gear cools. With `b = cold`, the mean square residual is `var y - 2 b cov(x, y) + b² var x`.
+    /// while a gear cools. The mean square residual is `var y - 2 b cov(x, y) + b² var x` with `b = cold`.
     fn line(&self) -> LevelLine {
         let Self { n, x, xx, y, xy, yy } = *self;
         let (mean_x, mean_y) = (x / n, y / n);

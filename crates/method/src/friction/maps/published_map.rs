@@ -13,7 +13,7 @@ use super::thermal_state::ThermalDeficit;
 use armwatch_model::analysis::Estimate;
 use armwatch_model::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
 
-/// Largest standard error of a parameter, as a fraction of its prior's deviation, at which it counts as measured.
+/// Largest standard error of a measured parameter, as a fraction of its prior's deviation.
 const MEASURED: f64 = 0.5;
 
 /// Smallest number of runs for a covariance that is clustered by run; with fewer, residuals count as independent.
@@ -102,9 +102,9 @@ fn covariance_parameters(record: &JointRecord) -> &'static [LawParameter] {
 /// Increase of friction per kelvin below the usual ambient temperature, at the level with the largest cold part, Nm/K,
 /// with its standard error; `None` if the record has no ambient temperature.
 ///
-/// It is the product of `cold` and the coefficient `c`, with the variance `c² var cold + 2 c cold cov(cold, c) +
-/// cold² var c`. If the first cycles hardly resolve the fast part, both factors are uncertain, but their product is
-/// not.
+/// It is the product of `cold` and the coefficient `c`, with the variance
+/// `c² var cold + 2 c cold cov(cold, c) + cold² var c`. If the first cycles hardly resolve the fast part, both
+/// factors are uncertain, but their product is not.
 pub(super) fn ambient_effect(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<Estimate> {
     if !matches!(record.sensor, ThermalSensor::Ambient(_)) {
         return None;
@@ -222,8 +222,8 @@ fn quality(record: &JointRecord, fitted: &FittedMap) -> (f64, f64) {
 
 /// Covariance of a map's unknowns in the order of [`MapLayout`]; `None` if it is singular.
 ///
-/// With the gradient `g` and the relative residual `r` of each point, the residual variance `s²` and the prior
-/// deviations `sigma`, the information is `A = sum g gᵀ + s² diag(1 / sigma²)`. With few runs the covariance is
+/// Let `g` be the gradient and `r` the relative residual of each point, `s²` the residual variance and `sigma` the
+/// prior deviations. The information is `A = sum g gᵀ + s² diag(1 / sigma²)`. A few runs have the covariance
 /// `s² A⁻¹`. From [`MIN_CLUSTERS`] runs on, the runs are clusters of residuals that depend on each other
 /// ([`clustered`]).
 fn covariance(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<DMatrix<f64>> {

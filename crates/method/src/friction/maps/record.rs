@@ -73,12 +73,12 @@ pub(in crate::friction) enum ThermalSensor {
     Ambient(AmbientTemperatures),
 }
 
-/// Temperature of a motor over the history, with the scale from which a thermal deficit follows.
+/// Temperature of a motor over the history, with the scale of its thermal deficit.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::friction) struct MotorTemperatures {
-    /// Temperature at which the thermal deficit is 0, K.
+    /// Temperature of a thermal deficit of 0, K.
     pub warm: f64,
-    /// Temperature at which the thermal deficit is 1, K.
+    /// Temperature of a thermal deficit of 1, K.
     pub cold: f64,
     /// Readings of each run, one per cycle: middle of the cycle since the epoch of the history, s, and mean
     /// temperature, K.

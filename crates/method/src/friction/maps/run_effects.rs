@@ -31,14 +31,14 @@ const SCALE_ROUNDS: usize = 4;
 /// Scale of the ambient effect that is common to all joints, as a fraction of friction at the largest speed.
 const AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
 /// Scale of the ambient effect of a joint whose motor's temperature is measured, as a fraction of friction at the
-/// largest speed. That temperature includes the ambient one, so such joints have no effect in common.
+/// largest speed. This temperature includes the ambient one, so such joints have no effect in common.
 const OWN_AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.03, smallest: 0.003 };
 /// Scale of the thermal deficit at the start of a run beyond the predicted one.
 const START_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
 /// Scale of the effect of one level in one run, as a fraction of friction.
 const LEVEL_SCALE: ScaleBounds = ScaleBounds { largest: 0.005, smallest: 0.0003 };
 
-/// Smallest number of effective degrees of freedom over all runs from which a prior scale is estimated.
+/// Smallest number of effective degrees of freedom over all runs for the estimate of a prior scale.
 const MIN_SCALE_DOF: f64 = 0.5;
 
 /// Random effects of a run on one joint.
@@ -193,7 +193,7 @@ struct ScaleBounds {
     smallest: f64,
 }
 
-/// Sums from which a prior scale is estimated.
+/// Sums for the estimate of a prior scale.
 #[derive(Debug, Clone, Copy, Default)]
 struct EmpiricalScale {
     /// Sum of the squared effects.
@@ -307,7 +307,7 @@ mod tests {
     use crate::friction::maps::run_points::RunPoint;
     use crate::friction::maps::run_solution::{RunScales, SHAPE_SCALE, WEAR_SCALE, WearScales};
 
-    /// Run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
+    /// Run of one joint with a posterior variance of wear that is the fraction `left` of the prior's.
     fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {
         let point = RunPoint { level: 0, torque: 10.0, predicted: 10.0, slope: 1.0, decay: [0.5, 0.5] };
         let points = RunPoints {

@@ -4,7 +4,7 @@ use super::map::{FittedMap, point_deficits};
 use super::record::{JointRecord, ThermalSensor};
 use crate::statistics::descriptive::{mean, median};
 
-/// Ratio of the scatter of a run's points to the joint's usual one above which their weight is reduced.
+/// Smallest ratio of the scatter of a run's points to the joint's usual one that reduces their weight.
 const FAR_MORE: f64 = 2.5;
 /// Smallest number of second differences for this: with eight, normal points exceed the ratio in one or two runs of a
 /// hundred.

@@ -80,7 +80,8 @@ impl RunSolution {
 
     /// Sum of effects of a joint as estimated from the data alone, and its effective degrees of freedom, 0 to 1.
     ///
-    /// With the posterior mean `w` and variance `v` under the prior variance `p`, the data have the information
+    /// The posterior has the mean `w` and variance `v`, and the prior the variance `p`. The data then have the
+    /// information
     /// `i = 1 / v - 1 / p`; they estimate the sum as `w / (v i)` with the variance `1 / i`. `v i = 1 - v / p` is the
     /// effective degrees of freedom. A shrunk estimate would understate wear, and its interval would cover the truth
     /// too often without wear and too rarely with it. The shrunk estimate remains if the data do not determine the sum.
@@ -342,8 +343,8 @@ impl NormalEquations {
 
     /// Adds the points of a joint, linearised about the present effects.
     ///
-    /// With the extra deficit `e = ambient + d_slow start_slow + d_fast start_fast`, its present value `e0`, friction
-    /// `f = predicted + slope e0` and `s = slope / f`, each point gives the equation
+    /// Let `e = ambient + d_slow start_slow + d_fast start_fast` be the extra deficit, `e0` its present value,
+    /// `f = predicted + slope e0` friction and `s = slope / f`. Each point gives the equation
     /// `tau / f - 1 + s e0 = wear + shape (v - mean v) + level + s e`, with `weight` times its usual weight.
     fn add_points(
         &mut self,

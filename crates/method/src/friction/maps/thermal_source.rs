@@ -28,13 +28,13 @@ const MIN_RANGE_K: f64 = 5.0;
 /// must not define the scale.
 const TAIL: f64 = 0.05;
 
-/// Smallest number of runs with an ambient temperature from which its coefficient is fitted.
+/// Smallest number of runs with an ambient temperature for a fit of its coefficient.
 const MIN_AMBIENT_RUNS: usize = 5;
 /// Smallest standard deviation of the ambient temperature over these runs, K; errors of a sensor are some tenths.
 const MIN_AMBIENT_DEVIATION_K: f64 = 1.0;
 
-/// Residual with a motor's temperature, as a multiple of the residual with motion alone, above which the temperature is
-/// rejected if the residual is also above [`MAX_RESIDUAL`]. A temperature that lags behind the gears leaves a smaller
+/// Largest residual with a motor's temperature, as a multiple of the residual with motion alone. If a residual exceeds
+/// this and [`MAX_RESIDUAL`], the temperature is rejected. A temperature that lags behind the gears leaves a smaller
 /// residual; one of another part leaves nearly all of the variation.
 const MAX_RESIDUAL_RATIO: f64 = 2.0;
 /// Largest residual with a motor's temperature, as a fraction of the variation of friction.

@@ -10,20 +10,20 @@ use crate::statistics::descriptive::{mean, standard_deviation};
 use armwatch_model::analysis::GravityRemoval;
 use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot, Spring, SpringForm};
 
-/// Largest angle to the vertical, rad, at which an axis carries no gravity. Floors tilt by up to 0.5 degrees, which
-/// does not change a plateau's mean over both directions.
+/// Largest angle to the vertical, rad, of an axis without gravity. Floors tilt by up to 0.5 degrees, which does not
+/// change a plateau's mean over both directions.
 const VERTICAL_TOLERANCE: f64 = 0.02;
 
 /// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly parallel, which
 /// harms their coefficients but not their sum inside the travel.
 const MAX_GRAVITY_CONDITION: f64 = 1e6;
 
-/// Largest scaled condition number of the fit that separates the torque's own constant from the load. With less travel
-/// than about 0.2 rad in each direction, that constant would be noise, and the load includes it.
+/// Largest scaled condition number of the fit that separates the torque's own constant from the load. If the travel is
+/// less than about 0.2 rad in each direction, that constant would be noise, and the load includes it.
 const MAX_OFFSET_CONDITION: f64 = 200.0;
 
-/// Largest factor by which a fitted load may increase the variance of a plateau's friction above that of its mean
-/// torque. A motion back and forth over one travel has a factor of one to four.
+/// Largest allowed ratio of the variance of a plateau's friction, after removal of a fitted load, to that of its mean
+/// torque. A motion back and forth over one travel has a ratio of one to four.
 const MAX_INFLATION: f64 = 10.0;
 
 /// Largest error of the load, as a fraction of friction, if the factor exceeds [`MAX_INFLATION`]: half of the smallest
@@ -36,7 +36,7 @@ pub(super) struct Freed {
     pub(super) torque: f64,
     /// Same as [`armwatch_model::analysis::FrictionPoint::std`], Nm (N).
     pub(super) std: f64,
-    /// Method by which gravity was removed.
+    /// Method of removing gravity.
     pub(super) how: GravityRemoval,
 }
 
@@ -135,10 +135,10 @@ struct Loaded {
     with_offset: bool,
 }
 
-/// Least squares of [5.3] over the moving rows of the joint's friction stage: `tau = -mPx sin(theta) - mPy cos(theta) +
-/// I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant. The constant is an offset of the torque signal; it is no load
-/// and remains in the torque. A sliding joint has a constant load, and so has a spring that no motion distinguishes
-/// from an offset.
+/// Least squares of [5.3] over the moving rows of the joint's friction stage:
+/// `tau = -mPx sin(theta) - mPy cos(theta) + I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant. The constant is an
+/// offset of the torque signal; it is no load and remains in the torque. A sliding joint has a constant load, and so
+/// has a spring that no motion distinguishes from an offset.
 struct GravityFit<'a> {
     joint: JointIndex,
     kind: JointKind,
@@ -254,8 +254,8 @@ impl<'a> GravityFit<'a> {
 
     /// Variance of the friction of a plateau over that of its mean torque, at least 1.
     ///
-    /// With the mean `x` of the plateau's rows of `X`, its load `c` (the entries of `x` at the loads, zeros
-    /// elsewhere) and `g = (XᵀX)⁻¹ c`, friction is the sum of `w_i tau_i` with `w_i = 1/n - x_i·g` on the plateau
+    /// Let `x` be the mean of the plateau's rows of `X`, `c` its load (the entries of `x` at the loads, zeros
+    /// elsewhere) and `g = (XᵀX)⁻¹ c`. Friction is the sum of `w_i tau_i` with `w_i = 1/n - x_i·g` on the plateau
     /// and `-x_i·g` elsewhere, so that `n sum w_i² = 1 + n (c·g - 2 x·g)`.
     fn inflation(&self, filtered: &FilteredSignals, plateau: &[usize]) -> f64 {
         let columns = self.inverse.ncols();

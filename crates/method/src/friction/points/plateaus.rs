@@ -22,7 +22,7 @@ const MIN_PLATEAU_S: f64 = 0.12;
 /// slower, and overshoot is short.
 const PLATEAU_QUANTILE: f64 = 0.7;
 
-/// Relative difference of measured speed from the level's nominal speed above which a remark reports it.
+/// Smallest relative difference between measured and nominal speed of a level that a remark reports.
 const NOMINAL_TOLERANCE: f64 = 0.15;
 
 /// Steps of reduced speed in controllers, as a fraction. The speed of a stage is rounded to them, so that tests with
@@ -173,7 +173,7 @@ fn carried_load(
     Some(CarriedLoad { torque: carried / rows.len().max(1) as f64, friction })
 }
 
-/// Rows in which `joint` is under test.
+/// Rows with `joint` under test.
 fn tested_rows(
     robot: &Robot,
     samples: &Samples,
@@ -278,8 +278,8 @@ fn level_at(levels: &[f64], fraction: f64) -> f64 {
     same.unwrap_or((fraction * 1e4).round() / 1e4)
 }
 
-/// Rows of all plateaus at `speed` among `rows`, without their ends, where the low-passed torque still contains the
-/// ramp.
+/// Rows of all plateaus at `speed` among `rows`, without their ends, because the low-passed torque still contains the
+/// ramp there.
 fn constant_rows(
     filtered: &FilteredSignals,
     rows: &[usize],

@@ -8,8 +8,8 @@ use armwatch_model::robot::{JointIndex, Robot};
 /// Shortest pass of a slow motion through a level's speed, s.
 const MIN_PASS_S: f64 = 0.15;
 
-/// Smallest ratio between the rows in which a slow motion accelerates and those in which it decelerates, or the
-/// inverse; below it, inertia would appear as friction.
+/// Smallest ratio between the numbers of rows with acceleration and with deceleration, or its inverse; below it,
+/// inertia would appear as friction.
 const LEAST_BALANCE: f64 = 0.5;
 
 /// Friction over speed from slow motion back and forth without constant speed, such as a sinusoid of one joint. It uses
@@ -54,7 +54,7 @@ pub(super) fn slow_passes(
     found
 }
 
-/// Remark about a joint whose points come from slow passes.
+/// Remark about a joint with points from slow passes.
 pub(super) fn slow_remark(robot: &Robot, joint: JointIndex, passes: &[Plateau]) -> String {
     let mut seen: Vec<f64> = passes.iter().map(|pass| pass.speed_fraction).collect();
     seen.dedup();

@@ -68,7 +68,7 @@ pub(super) fn from_the_best<T>(
     judged.into_iter().find_map(|(_, fit)| make(fit))
 }
 
-/// Logarithms of time constants near `log_times` at which the sum of squares has no slope. The curve is `a`, the terms
+/// Logarithms of time constants near `log_times` with zero slope of the sum of squares. The curve is `a`, the terms
 /// `held` and one decay for each time constant.
 pub(super) fn finished_log_times(
     points: &[Mean],

@@ -1,9 +1,9 @@
 //! Fast part of warming that only the first points of a run show.
 //!
-//! With cycles of five minutes and a time constant of one, only the first cycle shows the fast part. Its height at t =
-//! 0 and its time constant are then not distinguishable: any faster part of larger height gives the same points. The
-//! points do show its value at the first of them, and an upper bound of its time constant. So the fit tries a series of
-//! time constants and fits the other parameters for each (profile likelihood, Venzon & Moolgavkar 1988).
+//! If cycles take five minutes and the time constant is one minute, only the first cycle shows the fast part. Its
+//! height at t = 0 and its time constant are then not distinguishable: any faster part of larger height gives the same
+//! points. The points do show its value at the first of them, and an upper bound of its time constant. So the fit tries
+//! a series of time constants and fits the other parameters for each (profile likelihood, Venzon & Moolgavkar 1988).
 
 use nalgebra::DVector;
 use varpro::prelude::*;
@@ -31,15 +31,15 @@ const FASTEST: f64 = 0.05;
 /// Slowest time constant relative to the record; slower ones are not fast.
 const SLOWEST_IN_RECORD: f64 = 0.25;
 
-/// Smallest number of points that show the part, each by `SHOWN_BY` times the deviation of all. With one point per
-/// cycle there may be only one; it must then exceed the level that chance reaches in `CHANCE_OF_ONE_POINT` of all
+/// Smallest number of points that show the part, each by `SHOWN_BY` times the deviation of all. If each cycle has one
+/// point, there may be only one; it must then exceed the level that chance reaches in `CHANCE_OF_ONE_POINT` of all
 /// curves.
 const FEWEST_POINTS: f64 = 2.0;
 const SHOWN_BY: f64 = 2.0;
 const CHANCE_OF_ONE_POINT: f64 = 1e-4;
 
-/// Fit of two exponentials. The faster one is given by its value at the first point and an upper bound of its time
-/// constant. `None` if the points do not bound it, or too few show it.
+/// Fit of two exponentials. The result describes the faster one by its value at the first point and an upper bound of
+/// its time constant. `None` if the points do not bound it, or too few show it.
 pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
     // as many parameters as two exponentials, and at least one degree of freedom for the residual
     let freedom = points.len().checked_sub(5).filter(|freedom| *freedom > 0)? as f64;

@@ -390,7 +390,7 @@ fn fitted(
 fn exact_torques_of_a_body_are_reproduced_from_a_wrong_start() {
     let robot = er3a();
     let base = base_parameters(&robot).expect("base parameters");
-    // With little noise, the data drive a link to the border of physical bodies, where a plain descent stalls.
+    // If the noise is small, the data drive a link to the border of physical bodies, and a plain descent stalls.
     for sigma in [0.05, 1e-2, 1e-3] {
         let fit = fitted(&robot, &base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
         assert!(fit.settled, "{} steps", fit.steps);
