@@ -185,8 +185,7 @@ fn identify_and_verify(
     let mut level = None;
     let channels = judge_channels(method, recorded, channels, &mut level);
     take_up(method, accepted(channels, accept), analysis);
-    // also for refused cycles: a fault may become known later, and verification without the faulty part needs the
-    // factors
+    // also for refused cycles: the fault may become known later, and `verify` compares them with other parameters
     keep_factors(method, factored, analysis);
     if is_refused(analysis) {
         // wrong channels give wrong friction, so nothing of this cycle may count

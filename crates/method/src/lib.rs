@@ -4,15 +4,16 @@
 //!
 //! # Equations
 //!
-//! The joint torques of rigid links with friction are linear in the parameters `phi`. A recording shows only some of their
-//! sums, the base parameters `theta`. The rows of all joints and samples, stacked, are the problem to solve:
+//! The joint torques of rigid links with friction are linear in the parameters `phi`. A recording shows only some of
+//! their sums, the base parameters `theta`. The rows of all joints and samples, stacked, are the problem to solve:
 //!
 //! ```text
 //! tau = Y(q, qd, qdd) phi = W theta
 //! ```
 //!
-//! A zero-phase Butterworth low-pass `F` of fourth order acts on every channel. `qdd` is the central difference of the filtered
-//! `qd`. The columns of Coulomb friction jump, so they pass the same low-pass as the torque: `F tau = F(W) theta`.
+//! A zero-phase Butterworth low-pass `F` of fourth order acts on every channel. `qdd` is the central difference of the
+//! filtered `qd`. The columns of Coulomb friction jump, so they pass the same low-pass as the torque:
+//! `F tau = F(W) theta`.
 //!
 //! Weighted least squares weights each joint `j` by its noise and finds these weights by iteration:
 //!
@@ -29,9 +30,9 @@
 //! none               0
 //! ```
 //!
-//! Neighbouring residuals are correlated. Blocks of time `b`, which overlap by half, are independent enough to give the
-//! standard errors `sigma`. `H_b` is the taper of a block, `e` the residual and `A_b` the information without the block. For
-//! independent rows the sum is too large by the factor `c`. Weights are part of `W` and `e`:
+//! Neighbouring residuals are correlated. Blocks of time `b`, which overlap by half, are independent enough to give
+//! the standard errors `sigma`. `H_b` is the taper of a block, `e` the residual and `A_b` the information without the
+//! block. For independent rows the sum is too large by the factor `c`. Weights are part of `W` and `e`:
 //!
 //! ```text
 //! sigma_k² = [ sum_b A_b⁻¹ Wᵀ H_b e eᵀ H_b W A_b⁻¹ ]_kk / c_k,     A_b = Wᵀ W - Wᵀ H_b² W

@@ -104,7 +104,7 @@ pub(crate) struct MechanicalEnergy {
 
 /// Energy of links, cranks and springs at the posture `q` and speed `qd` `[n]` (rad, rad/s; m, m/s).
 ///
-/// Tests compare its time derivative with the power of [`DynamicModel::load`]. For independence it has a separate
+/// Checks compare its time derivative with the power of [`DynamicModel::load`]. For independence it has a separate
 /// recursion, without accelerations.
 #[must_use]
 pub(crate) fn mechanical_energy(
