@@ -1,4 +1,4 @@
-//! The method on one screen: condition, identify, verify, friction, of one cycle.
+//! Analysis of one cycle: condition, identify, verify, measure friction.
 
 pub mod friction_choice;
 pub mod load_iteration;
@@ -40,7 +40,7 @@ use armwatch_model::analysis::{
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{Cycle, RunKind, Samples, Stage};
 
-/// A robot with everything that its analysis needs and that no recording changes. Made once.
+/// Robot with all that its analysis needs and no recording changes. Created once.
 #[derive(Debug, Clone)]
 pub struct Method {
     /// The arm.
@@ -63,29 +63,29 @@ impl Method {
         Ok(Self { robot, base, columns, settings })
     }
 
-    /// The method for an arm of another structure, with the same settings.
+    /// The same settings for an arm with another structure.
     pub(crate) fn of_other(&self, robot: Robot, base: BaseParameters, columns: FactorColumns) -> Self {
         Self { robot, base, columns, settings: self.settings }
     }
 
-    /// How cycles are analysed.
+    /// Settings of the analysis.
     pub(crate) fn settings(&self) -> &AnalysisSettings {
         &self.settings
     }
 }
 
-/// First cycles of a test whose response is computed: it follows from the motion, which all cycles share, and the first
-/// one may be refused.
+/// Number of cycles of a test whose response is computed. The response follows from the motion, which all cycles share;
+/// two are used because the first may be refused.
 const CYCLES_WITH_RESPONSE: u32 = 2;
 
-/// Analyses one cycle. Never fails: what could not be had says why in the result.
+/// Analyses one cycle. Never fails: the result contains the reason for each missing part.
 #[must_use]
 pub fn analyse_cycle(method: &Method, cycle: &Cycle) -> CycleAnalysis {
     let samples = &mut Cow::Borrowed(&cycle.samples);
     analysed(method, cycle.number, samples, &Buffers::default(), &SpareThreads::default())
 }
 
-/// As [`analyse_cycle`], of a cycle whose memory goes round in `buffers`, on more threads than one while some are `spare`.
+/// Same as [`analyse_cycle`], with memory from `buffers` and with more threads while some are `spare`.
 #[must_use]
 pub fn analyse_cycle_in(
     method: &Method,
@@ -120,7 +120,7 @@ fn analysed(
     if let Some(unsteady) = restored.unsteady {
         take_up(method, accepted(vec![unsteady], method.settings.accept), &mut analysis);
         if is_refused(&analysis) {
-            // without times, nothing else that looks wrong is
+            // without valid times, other findings are meaningless
             return analysis;
         }
     }
@@ -139,7 +139,7 @@ fn analysed(
         || {
             let channels = diagnose_samples(&method.robot, recorded, &filtered, &DiagnoseSettings::default());
             if let Cow::Owned(samples) = recorded {
-                // nobody looks at recorded positions and velocities any more
+                // recorded positions and velocities are no longer needed
                 give_back(samples.position.iter_mut().chain(samples.velocity.iter_mut().flatten()), buffers);
             }
             channels
@@ -171,8 +171,8 @@ fn analysed(
     analysis
 }
 
-/// From factors to parameters, verification and friction; `channels` are the findings about the recording, of which
-/// positions and velocities as recorded may be gone.
+/// Computes parameters, verification and friction from factors. `channels` are the findings about the recording, whose
+/// recorded positions and velocities may already be released.
 fn identify_and_verify(
     method: &Method,
     number: u32,
@@ -185,10 +185,10 @@ fn identify_and_verify(
     let mut level = None;
     let channels = judge_channels(method, recorded, channels, &mut level);
     take_up(method, accepted(channels, accept), analysis);
-    // kept of refused cycles too: what is wrong with one may be known later, and verification goes without it
+    // also for refused cycles: the fault may become known later, and `verify` compares them with other parameters
     keep_factors(method, factored, analysis);
     if is_refused(analysis) {
-        // wrong channels give wrong friction: nothing of this cycle may count
+        // wrong channels give wrong friction, so nothing of this cycle may count
         return;
     }
 
@@ -228,7 +228,7 @@ fn identify_and_verify(
     note_missing_stages(samples, &mut analysis.remarks);
 }
 
-/// What a model says of its cycle.
+/// Results that compare a model with its cycle.
 #[derive(Default)]
 struct Explained {
     verification: Vec<TorqueRmsd>,
@@ -237,7 +237,7 @@ struct Explained {
     friction: FrictionPoints,
 }
 
-/// What the model `found` says of its cycle; friction is measured without one, too.
+/// Compares the model `found` with its cycle. Friction is measured without a model, too.
 fn explained(
     method: &Method,
     number: u32,
@@ -274,7 +274,8 @@ fn explained(
     }
 }
 
-/// Whether a log has no positions; then says what it would need, and how large its torques are.
+/// Returns true if a recording has no positions, and then adds the missing channels and the size of its torques to
+/// `analysis`.
 pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis) -> bool {
     if samples.has_positions() {
         return false;
@@ -297,7 +298,7 @@ pub(super) fn without_positions(samples: &Samples, analysis: &mut CycleAnalysis)
     true
 }
 
-/// What is known of a cycle before anything is computed.
+/// Result of a cycle before anything is computed.
 pub(super) fn unanalysed(method: &Method, number: u32, samples: &Samples) -> CycleAnalysis {
     let (temperatures, mut remarks) = cycle_temperatures(samples);
     let asked = method.settings.cutoff;
@@ -330,7 +331,7 @@ pub(super) fn unanalysed(method: &Method, number: u32, samples: &Samples) -> Cyc
     }
 }
 
-/// What is said of a cut-off that the rows do not carry.
+/// Remark that the sample rate is too low for the requested cut-off.
 fn lowered(asked: f64, cutoff: f64) -> String {
     format!(
         "the rows are too few for a low-pass at {asked} Hz, which needs four times as many a second; it is analysed \
@@ -339,14 +340,14 @@ fn lowered(asked: f64, cutoff: f64) -> String {
     )
 }
 
-/// Mean speed of each joint over the rows that the low-pass leaves, rad/s (m/s), `[n]`.
+/// Mean speed of each joint over the rows that remain after the low-pass, rad/s (m/s), `[n]`.
 fn mean_speeds(filtered: &FilteredSignals) -> Vec<f64> {
     let usable = || filtered.usable.iter().flat_map(Clone::clone);
     let rows = usable().count().max(1) as f64;
     filtered.qd.iter().map(|qd| usable().map(|row| qd[row].abs()).sum::<f64>() / rows).collect()
 }
 
-/// Findings that would refuse a cycle, or make it doubtful, and are accepted only mark it.
+/// Lowers the severity of accepted findings that would refuse a cycle or make it doubtful: they only mark it.
 fn accepted(findings: Vec<Finding>, accept: FindingKinds) -> Vec<Finding> {
     let weakened = |finding: Finding| match finding.severity {
         FindingSeverity::Refuse | FindingSeverity::Doubt if accept.contains(finding.kind) => {
@@ -361,7 +362,7 @@ fn is_refused(analysis: &CycleAnalysis) -> bool {
     analysis.findings.iter().any(|finding| finding.severity == FindingSeverity::Refuse)
 }
 
-/// Takes up what is worth knowing as remarks, and what must not pass as the reason to refuse.
+/// Adds findings as remarks, or as the reason for a refusal.
 fn take_up(method: &Method, findings: Vec<Finding>, analysis: &mut CycleAnalysis) {
     let known = std::mem::take(&mut analysis.findings);
     let all = without_consequences([known.clone(), findings].concat());
@@ -392,7 +393,7 @@ fn duration(samples: &Samples) -> f64 {
     }
 }
 
-/// Why a cycle without excitation has no parameters, and what it has.
+/// Reason why a cycle without excitation has no parameters, and its friction points.
 fn without_excitation(points: &[FrictionPoint]) -> String {
     let mut joints: Vec<String> = points.iter().map(|point| point.joint.to_string()).collect();
     joints.dedup();
@@ -431,7 +432,7 @@ pub(super) fn note_gaps(samples: &Samples, filtered: &FilteredSignals, remarks: 
     }
 }
 
-/// Says of which joints no torque is recorded.
+/// Remark about joints without a recorded torque.
 fn without_torque(robot: &Robot) -> Option<String> {
     let joints = robot.joint_indices().filter(|joint| !robot.joints[joint.index()].has_torque);
     let joints: Vec<String> = joints.map(|joint| joint.to_string()).collect();
@@ -445,7 +446,7 @@ fn without_torque(robot: &Robot) -> Option<String> {
     })
 }
 
-/// Says which parameters have no value of their own, since the motion does not tell them apart.
+/// Adds a remark about parameters that have no value because the motion does not distinguish them.
 fn note_unshown(analysis: &mut CycleAnalysis) {
     let Ok(found) = &analysis.identification else { return };
     let unshown = found.parameters.iter().filter(|of| !of.is_shown());
@@ -486,7 +487,7 @@ mod tests {
         vec![Cycle { number: 1, samples }, cycle(2, 1500)]
     }
 
-    /// The parameters of the other joints stay within their errors, and those that only joint 6 shows have no value.
+    /// Parameters of the other joints stay within their errors. Those that only joint 6 shows have no value.
     #[test]
     fn a_joint_without_torque_leaves_the_others_identified() {
         let whole = analyse_cycle(&method(), &cycles()[0]).identification.expect("parameters");
@@ -526,7 +527,7 @@ mod tests {
     #[test]
     fn results_do_not_depend_on_how_many_threads_are_spare() {
         let (method, buffers) = (method(), Buffers::going_round());
-        // one that is refused, too, and one that has no excitation
+        // also a cycle that is refused, and one without excitation
         let mut odd = cycles();
         odd[0].samples.torque[1].iter_mut().for_each(|torque| *torque = -*torque);
         odd[1].samples.stage.iter_mut().for_each(|stage| *stage = Stage::Warming);
@@ -543,7 +544,7 @@ mod tests {
         }
     }
 
-    /// Other tests that run meanwhile do so on either form, and see no difference.
+    /// Tests that run at the same time use either form and see no difference.
     #[test]
     fn results_do_not_depend_on_how_wide_the_registers_are() {
         let method = method();

@@ -1,4 +1,4 @@
-//! What a whole run says: warm-up fits, statistics of parameters, one summary a joint.
+//! Analysis of a whole run: warm-up fits, statistics of parameters, one summary per joint.
 
 use super::friction::points::level_means::{SAME_PASS_S, at_level, direction_difference, nearest_level};
 use super::friction::warm_up::{WarmUpPoint, fit_warm_up, warm_up_rmsd};
@@ -9,7 +9,7 @@ use armwatch_model::analysis::settings::AnalysisSettings;
 use armwatch_model::analysis::{FrictionPoint, JointSummary, RunAnalysis, WarmFriction, WarmUpFit};
 use armwatch_model::robot::JointIndex;
 
-/// Looks at a run as a whole: warm-up fits, statistics of parameters, one summary a joint.
+/// Analyses a whole run: warm-up fits, statistics of parameters, one summary per joint.
 #[must_use]
 pub fn analyse_run(
     joint_count: usize,
@@ -19,7 +19,7 @@ pub fn analyse_run(
     analyse_run_on(&SpareThreads::default(), joint_count, settings, measurements)
 }
 
-/// As [`analyse_run`], fits on more threads than one while some are `spare`.
+/// Same as [`analyse_run`], with fits on more threads while some are `spare`.
 #[must_use]
 pub fn analyse_run_on(
     spare: &SpareThreads,
@@ -45,14 +45,14 @@ pub fn analyse_run_on(
     }
 }
 
-/// Warm-up curves of the given friction points: one for each joint and speed with enough of them. Points of
-/// several runs stand one run after another: where time goes back, the next run begins.
+/// Warm-up curves of the given friction points: one for each joint and speed with enough of them. Points of several
+/// runs are consecutive: the next run begins where time decreases.
 #[must_use]
 pub fn warm_up_fits(points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     warm_up_fits_on(&SpareThreads::default(), points)
 }
 
-/// As [`warm_up_fits`], on more threads than one while some are `spare`.
+/// Same as [`warm_up_fits`], on more threads while some are `spare`.
 #[must_use]
 pub fn warm_up_fits_on(spare: &SpareThreads, points: &[FrictionPoint]) -> Vec<WarmUpFit> {
     let mut keys: Vec<(JointIndex, f64)> = points.iter().map(|p| (p.joint, p.speed_fraction)).collect();
@@ -63,7 +63,7 @@ pub fn warm_up_fits_on(spare: &SpareThreads, points: &[FrictionPoint]) -> Vec<Wa
 }
 
 fn warm_up_fit(points: &[FrictionPoint], (joint, speed_fraction): (JointIndex, f64)) -> Option<WarmUpFit> {
-    // a lasting difference of the directions is no scatter in time
+    // a constant difference of the directions is no scatter in time
     let half = 0.5 * direction_difference(points, joint, speed_fraction);
     let curve = |half: f64| -> Vec<WarmUpPoint> {
         let (mut run, mut before) = (0, f64::NEG_INFINITY);

@@ -1,36 +1,39 @@
-//! Memory of channels that goes round. The channels of a cycle are about as long as those of the cycle before it; memory
-//! that is given back to the system and asked for again costs a fault for each page, and lies in pieces.
+//! Reuse of memory for channels. The channels of consecutive cycles have similar lengths. Memory that is returned to
+//! the system and requested again costs a fault per page, and becomes fragmented.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Fewest numbers of a channel that is used again. Allocators cache shorter ones, and a short channel must not take the
+/// Shortest channel, in numbers, that is reused. Allocators cache shorter ones, and a short channel must not take the
 /// memory of a long one.
 const LEAST: usize = 512;
 
-/// Most numbers in all channels that wait together, 192 MiB: those of some cycles of a million rows would be gigabytes.
+/// Largest total of numbers in all waiting channels, 192 MiB: those of some cycles of a million rows would be
+/// gigabytes.
 const MOST_NUMBERS: usize = (192 << 20) / size_of::<f64>();
 
-/// Most channels that wait to be taken again: about those of three cycles of a six-axis arm, raw and filtered. New memory is only
-/// asked for while none waits, so that they are no more than were in use at once; a channel of a long cycle is most of a megabyte.
+/// Largest number of waiting channels: about those of three cycles of a six-axis arm, raw and filtered. New memory is
+/// requested only if none waits, so there are no more of them than were in use at once. A channel of a long cycle takes
+/// most of a megabyte.
 const MOST: usize = 256;
 
-/// New memory has room for this part of its length more, one in 8: cycles of a test differ by some rows, and a cycle that is
-/// still being read holds rows of the next one too. So the memory of any channel of a cycle serves any other.
+/// Inverse of the spare room in new memory: one part in 8 of its length. Cycles of a test differ by some rows, and a
+/// cycle that is still being read also holds rows of the next one. So the memory of any channel of a cycle fits any
+/// other.
 const MARGIN: usize = 8;
 
-/// Channels that were given back, shared by all that work on an export; those of the default are given back to the system.
+/// Returned channels, shared by all work on an export. The default releases them to the system.
 #[derive(Debug, Clone, Default)]
 pub struct Buffers(Option<Arc<Mutex<WaitingChannels>>>);
 
-/// Channels that wait to be taken.
+/// Channels that wait for reuse.
 #[derive(Debug, Default)]
 struct WaitingChannels {
     channels: Vec<Vec<f64>>,
-    /// Numbers that they have room for.
+    /// Total capacity of the channels, in numbers.
     numbers: usize,
 }
 
-/// What they hold means nothing.
+/// All buffers are equal: their contents are meaningless.
 impl PartialEq for Buffers {
     fn eq(&self, _: &Self) -> bool {
         true
@@ -38,13 +41,13 @@ impl PartialEq for Buffers {
 }
 
 impl Buffers {
-    /// Buffers that keep what is given back, until the last one who has them drops them.
+    /// Creates buffers that keep returned channels until the last owner is dropped.
     #[must_use]
     pub fn going_round() -> Self {
         Self(Some(Arc::default()))
     }
 
-    /// A channel of `length` numbers that mean nothing.
+    /// Channel of `length` arbitrary numbers.
     #[must_use]
     pub fn channel(&self, length: usize) -> Vec<f64> {
         let mut channel = self.taken(length);
@@ -52,7 +55,7 @@ impl Buffers {
         channel
     }
 
-    /// An empty channel with room for `length` numbers.
+    /// Empty channel with room for `length` numbers.
     #[must_use]
     pub fn room(&self, length: usize) -> Vec<f64> {
         let mut channel = self.taken(length);
@@ -60,7 +63,7 @@ impl Buffers {
         channel
     }
 
-    /// Takes channels that are not needed any more.
+    /// Returns channels that are no longer needed.
     pub fn give_back(&self, channels: impl IntoIterator<Item = Vec<f64>>) {
         let Some(mut waiting) = self.waiting() else { return };
         for channel in channels {
@@ -78,7 +81,7 @@ impl Buffers {
         }
         if let Some(mut waiting) = self.waiting() {
             let place = waiting.channels.iter().rposition(|channel| channel.capacity() >= length);
-            // all are too short, and new memory takes the place of one of them
+            // if all are too short, new memory replaces one of them
             let taken = match place {
                 Some(place) => Some(waiting.channels.swap_remove(place)),
                 None => waiting.channels.pop(),
@@ -108,14 +111,14 @@ mod tests {
         buffers.give_back([long, Vec::new()]);
         let shorter = buffers.channel(900);
         assert_eq!((shorter.len(), shorter.as_ptr()), (900, place));
-        // of those that are long enough, the one that was given back last
+        // among those that are long enough, the one that was returned last
         buffers.clone().give_back([vec![0.0; 2000], shorter]);
         let again = buffers.room(1100);
         assert_eq!((again.len(), again.as_ptr()), (0, place), "a part more fits");
         assert!(again.capacity() >= 1100);
     }
 
-    /// Channels that wait, and the numbers that they have room for.
+    /// Number of waiting channels, and their total capacity.
     fn waiting(buffers: &Buffers) -> (usize, usize) {
         buffers.waiting().map_or((0, 0), |waiting| (waiting.channels.len(), waiting.numbers))
     }
@@ -143,7 +146,7 @@ mod tests {
         let buffers = Buffers::going_round();
         buffers.give_back((0..2 * MOST).map(|_| vec![0.0; LEAST]));
         assert_eq!(waiting(&buffers), (MOST, MOST * LEAST));
-        // the memory of long channels is bounded, too; it is not touched here
+        // the memory of long channels is bounded too; this test does not touch it
         let buffers = Buffers::going_round();
         buffers.give_back((0..8).map(|_| Vec::with_capacity(MOST_NUMBERS / 4)));
         assert_eq!(waiting(&buffers), (4, MOST_NUMBERS));

@@ -1,8 +1,8 @@
-//! Several numbers worked on at once: a lane each, in plain arrays that the compiler puts into vector registers.
+//! Several numbers at once, one per lane, in plain arrays that the compiler puts into vector registers.
 //!
-//! Kernels are functions that are inlined into [`wide`], which compiles them once for any processor and once for
-//! those with 256-bit registers (AVX2) and chooses while the program runs. No operation is fused or reordered, so
-//! both give the same bits.
+//! Kernels are functions that are inlined into [`wide`]. It compiles them once for any processor and once for those
+//! with 256-bit registers (AVX2), and chooses at run time. No operation is fused or reordered, so both give the same
+//! bits.
 
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,23 +12,23 @@ use pulp::{Arch, Scalar256b, Simd, WithSimd};
 /// Numbers in a [`Lanes`].
 pub const LANES: usize = 4;
 
-/// A number of each of several instants or rows. Operations are written out: a closure or an iterator in each of them
-/// would be a call in a kernel too large for the compiler to inline more.
+/// One number for each of several instants or rows. Operations are written out, because in a kernel that is too large
+/// for further inlining each closure or iterator would become a call.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lanes(pub [f64; LANES]);
 
 impl Lanes {
-    /// Zero in each lane.
+    /// Zero in all lanes.
     pub const ZERO: Self = Self([0.0; LANES]);
 
-    /// The same number in each lane.
+    /// Same number in all lanes.
     #[inline(always)]
     #[must_use]
     pub fn splat(value: f64) -> Self {
         Self([value; LANES])
     }
 
-    /// The sum of the lanes.
+    /// Sum of the lanes.
     #[inline(always)]
     #[must_use]
     pub fn sum(self) -> f64 {
@@ -100,7 +100,7 @@ impl SubAssign for Lanes {
     }
 }
 
-/// A vector of space at each of several instants.
+/// Spatial vector at each of several instants.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LaneVector {
     /// Along x.
@@ -115,7 +115,7 @@ impl LaneVector {
     /// Zero at each instant.
     pub const ZERO: Self = Self { x: Lanes::ZERO, y: Lanes::ZERO, z: Lanes::ZERO };
 
-    /// The same vector at each instant.
+    /// Same vector at each instant.
     #[inline(always)]
     #[must_use]
     pub fn splat(x: f64, y: f64, z: f64) -> Self {
@@ -168,10 +168,10 @@ impl Mul<Lanes> for LaneVector {
     }
 }
 
-/// Numbers that sums and comparisons of long series take at once, so that none waits for the one before.
+/// Numbers that sums and comparisons of long series process in parallel, so that none waits for the previous one.
 const ABREAST: usize = 16;
 
-/// Sum of products of two series of one length.
+/// Sum of products of two series of equal length.
 #[must_use]
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     struct Dot<'a>(&'a [f64], &'a [f64], &'a mut f64);
@@ -200,7 +200,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sum
 }
 
-/// Smallest and largest of a series; infinite, the wrong way round, of none. What is not a number does not count.
+/// Smallest and largest value of a series; `[inf, -inf]` for an empty one. NaN does not count.
 #[must_use]
 pub(crate) fn extent(series: &[f64]) -> [f64; 2] {
     let mut found = [f64::INFINITY, f64::NEG_INFINITY];
@@ -236,7 +236,7 @@ impl Kernel for Extent<'_> {
     }
 }
 
-/// The less of two numbers by a comparison: `f64::min` is in no register. What is not a number does not count.
+/// Smaller of two numbers by a comparison, since `f64::min` has no vector instruction. NaN does not count.
 #[inline(always)]
 fn lower(low: f64, x: f64) -> f64 {
     if x < low { x } else { low }
@@ -247,8 +247,7 @@ fn higher(high: f64, x: f64) -> f64 {
     if x > high { x } else { high }
 }
 
-/// Largest difference of two neighbours of a series, without sign; zero of fewer than two. What is not a number does not
-/// count.
+/// Largest absolute difference of two neighbours in a series; zero for fewer than two. NaN does not count.
 #[must_use]
 pub(crate) fn largest_step(series: &[f64]) -> f64 {
     struct LargestStep<'a>(&'a [f64], &'a mut f64);
@@ -279,7 +278,7 @@ pub(crate) fn largest_step(series: &[f64]) -> f64 {
     largest
 }
 
-/// How many numbers of a series lie in each of two closed ranges; what is not a number lies in none.
+/// Number of values of a series in each of two closed ranges; NaN is in none.
 #[must_use]
 pub(crate) fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2] {
     struct Counts<'a>(&'a [f64], [[f64; 2]; 2], &'a mut [usize; 2]);
@@ -302,11 +301,11 @@ pub(crate) fn counts_within(series: &[f64], ranges: [[f64; 2]; 2]) -> [usize; 2]
     counts
 }
 
-/// Whether kernels run as on a processor without wide registers.
+/// True if kernels run as on a processor without wide registers.
 static FOR_ANY_PROCESSOR: AtomicBool = AtomicBool::new(false);
 
-/// Lets kernels of this process run as on a processor without wide registers, with the same results: for benchmarks and
-/// tests. Other crates go on choosing for themselves.
+/// Makes kernels of this process run as on a processor without wide registers, with the same results: for benchmarks
+/// and tests. Other crates still choose for themselves.
 pub fn run_as_on_any_processor(is_so: bool) {
     FOR_ANY_PROCESSOR.store(is_so, Ordering::Relaxed);
 }
@@ -315,7 +314,7 @@ fn processor() -> Arch {
     if FOR_ANY_PROCESSOR.load(Ordering::Relaxed) { Arch::Scalar } else { Arch::new() }
 }
 
-/// Work that [`wide`] compiles for wide registers: `run` and all that it calls must be `#[inline(always)]`.
+/// Work that [`wide`] compiles for wide registers: `run` and all functions it calls must be `#[inline(always)]`.
 pub trait Kernel {
     /// Does the work.
     fn run(self);
@@ -338,15 +337,15 @@ pub fn wide(kernel: impl Kernel) {
     processor().dispatch(Dispatched(kernel));
 }
 
-/// Work on vectors of [`LANES`] numbers, `S::f64s`. Where a kernel ends in sums over lanes, the compiler takes arrays
-/// apart and puts them together again in each step; vectors it leaves alone.
+/// Work on vectors of [`LANES`] numbers, `S::f64s`. If a kernel ends in sums over lanes, the compiler would disassemble
+/// and reassemble arrays in each step; it does not do so with vectors.
 pub(crate) trait VectorKernel {
-    /// Does the work; it and all that it calls must be `#[inline(always)]`.
+    /// Does the work. It and all functions it calls must be `#[inline(always)]`.
     fn run<S: Simd>(self, simd: S);
 }
 
-/// Runs a kernel with vector registers where the processor has such of [`LANES`] numbers, else on arrays of as many:
-/// the same bits.
+/// Runs a kernel with vector registers of [`LANES`] numbers if the processor has them, otherwise on arrays of the same
+/// length. The results have the same bits.
 #[inline]
 pub(crate) fn in_vectors(kernel: impl VectorKernel) {
     struct Dispatched<K>(K);
@@ -390,7 +389,7 @@ mod tests {
         for length in [0, 1, 15, 16, 17, 100] {
             let a: Vec<f64> = (0..length).map(|k| f64::from(k * 7919 % 101) - 50.0).collect();
             let b: Vec<f64> = (0..length).map(|k| f64::from(k * 31 % 17)).collect();
-            // whole numbers: sums in any order are the same
+            // whole numbers: the order of a sum does not matter
             assert_eq!(dot(&a, &b), a.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>());
             let expected =
                 a.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)]);

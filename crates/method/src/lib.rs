@@ -4,15 +4,16 @@
 //!
 //! # Equations
 //!
-//! The joint torques of rigid links with friction are linear in the parameters `phi`. A recording shows only some of their
-//! sums, the base parameters `theta`. The rows of all joints and samples, stacked, are the problem to solve:
+//! The joint torques of rigid links with friction are linear in the parameters `phi`. A recording shows only some of
+//! their sums, the base parameters `theta`. The rows of all joints and samples, stacked, are the problem to solve:
 //!
 //! ```text
 //! tau = Y(q, qd, qdd) phi = W theta
 //! ```
 //!
-//! A zero-phase Butterworth low-pass `F` of fourth order acts on every channel. `qdd` is the central difference of the filtered
-//! `qd`. The columns of Coulomb friction jump, so they pass the same low-pass as the torque: `F tau = F(W) theta`.
+//! A zero-phase Butterworth low-pass `F` of fourth order acts on every channel. `qdd` is the central difference of the
+//! filtered `qd`. The columns of Coulomb friction jump, so they pass the same low-pass as the torque:
+//! `F tau = F(W) theta`.
 //!
 //! Weighted least squares weights each joint `j` by its noise and finds these weights by iteration:
 //!
@@ -29,9 +30,9 @@
 //! none               0
 //! ```
 //!
-//! Neighbouring residuals are correlated. Blocks of time `b`, which overlap by half, are independent enough to give the
-//! standard errors `sigma`. `H_b` is the taper of a block, `e` the residual and `A_b` the information without the block. For
-//! independent rows the sum is too large by the factor `c`. Weights are part of `W` and `e`:
+//! Neighbouring residuals are correlated. Blocks of time `b`, which overlap by half, are independent enough to give
+//! the standard errors `sigma`. `H_b` is the taper of a block, `e` the residual and `A_b` the information without the
+//! block. For independent rows the sum is too large by the factor `c`. Weights are part of `W` and `e`:
 //!
 //! ```text
 //! sigma_k² = [ sum_b A_b⁻¹ Wᵀ H_b e eᵀ H_b W A_b⁻¹ ]_kk / c_k,     A_b = Wᵀ W - Wᵀ H_b² W
@@ -115,7 +116,7 @@ pub mod analyse_run;
 pub mod production;
 pub mod partial_run;
 
-/// Why numbers could not be had. Carries the figures that decided it.
+/// Reason why there is no numeric result, with the values that decided it.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericsError {
     /// There are too few rows.
@@ -123,9 +124,9 @@ pub enum NumericsError {
     TooShort {
         /// The data that are too short.
         what: &'static str,
-        /// Rows there are.
+        /// Number of rows.
         rows: usize,
-        /// Rows needed.
+        /// Number of rows that are necessary.
         needed: usize,
     },
     /// The motion does not excite every parameter.
@@ -134,27 +135,27 @@ pub enum NumericsError {
          or a joint stands still; record the excitation stage with all joints moving"
     )]
     RankDeficient {
-        /// Parameters not seen.
+        /// Number of parameters that are not visible.
         count: usize,
-        /// Parameters asked for.
+        /// Number of all parameters.
         columns: usize,
-        /// The first of them.
+        /// Names of the first of them.
         names: String,
     },
-    /// A robot's geometry leaves open how many parameters its torques can show.
+    /// A robot's geometry does not determine how many parameters its torques can show.
     #[error(
         "{kept} parameters are independent one after another, but {rank} singular values stand out (at the border \
          {smallest_kept:.1e} and {largest_dropped:.1e} against 1e-4): the geometry is almost degenerate; check \
          twists and offsets for rounding, and the joint limits"
     )]
     RankUnclear {
-        /// Columns kept one after another.
+        /// Number of columns kept one by one.
         kept: usize,
-        /// Singular values above the threshold.
+        /// Number of singular values above the threshold.
         rank: usize,
-        /// Singular value at the place of the last kept column.
+        /// Singular value at the index of the last kept column.
         smallest_kept: f64,
-        /// The next one.
+        /// Next singular value.
         largest_dropped: f64,
     },
     /// The sample rate is too low for the low-pass.
@@ -162,21 +163,21 @@ pub enum NumericsError {
     CutoffTooHigh {
         /// Sample rate, Hz.
         sample_rate_hz: f64,
-        /// Cut-off asked for, Hz.
+        /// Requested cut-off, Hz.
         cutoff_hz: f64,
     },
-    /// The stored numbers are too few or too many for a triangular factor.
+    /// The number of stored values does not match a triangular factor.
     #[error("{numbers} numbers are not a triangular factor of {columns} columns and the torque")]
     NotATriangle {
-        /// Numbers there are.
+        /// Number of values.
         numbers: usize,
-        /// Columns wanted.
+        /// Number of columns.
         columns: usize,
     },
-    /// Factors or parameters whose columns mean different things were put together.
+    /// Factors or parameters with different columns were combined.
     #[error("{0}")]
     ColumnsDiffer(String),
-    /// Something that this program does not do for such a robot.
+    /// A function that the program does not provide for such a robot.
     #[error("not provided: {0}")]
     Unsupported(&'static str),
     /// A joint's friction was not measured at enough speeds.
@@ -187,9 +188,9 @@ pub enum NumericsError {
     TooFewSpeeds {
         /// The joint.
         joint: armwatch_model::robot::JointIndex,
-        /// Different speeds there are.
+        /// Number of different speeds.
         speeds: usize,
-        /// Speeds needed.
+        /// Number of speeds that are necessary.
         needed: usize,
     },
     /// A matrix routine did not converge, or a number is not finite.

@@ -1,5 +1,5 @@
-//! The first cycles of a test as a summary for the detectors: of a test that is still being written, or of a complete
-//! one that is compared with it.
+//! First cycles of a test as a summary for the detectors: of a test that is still being written, or of a complete one
+//! that is compared with it.
 
 use crate::statistics::descriptive::{median, parameter_statistics};
 use armwatch_model::analysis::cycle_friction::cycle_friction;
@@ -8,10 +8,10 @@ use armwatch_model::analysis::{FrictionPoint, JointSummary, StatisticsWindow};
 use armwatch_model::anomaly::{CycleSeries, RunParameter, RunSummary};
 use armwatch_model::robot::{JointIndex, ParameterKind};
 
-/// What cycles 1 to `last_cycle` of a test say: friction of each cycle, means of the inertial parameters, and the median
-/// relative RMSD of each joint. A friction index and whatever else needs the whole test is left out.
+/// Summary of cycles 1 to `last_cycle` of a test: friction of each cycle, means of the inertial parameters, and the
+/// median relative RMSD of each joint. Results that need the whole test, such as a friction index, are omitted.
 ///
-/// `run` gives key, start, epochs and what its parameters stand for; its other figures are not read.
+/// `run` provides key, start, epochs and the meaning of its parameters; its other values are not read.
 #[must_use]
 pub fn first_cycles(run: &RunSummary, measurements: &RunMeasurements, last_cycle: u32) -> RunSummary {
     let measured = RunMeasurements {

@@ -1,14 +1,15 @@
-//! Threads that nobody else needs at the moment, for work of independent parts. What parts come to does not depend on which
-//! thread does them. Who lends the threads starts them: nothing here does.
+//! Spare threads for independent parts of the work. The results do not depend on the thread that computes them. The
+//! caller lends the threads; this module starts none.
 
 use std::fmt;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Runs some work here and, at once, on as many more threads as are spare, at most so many; ends when all have ended.
+/// Runs some work here and, at the same time, on the spare threads up to the given number; returns after all have
+/// finished.
 type RunAtOnce = dyn Fn(usize, &(dyn Fn() + Sync)) + Send + Sync;
 
-/// Lends threads beside the one that works; the default lends none.
+/// Access to spare threads; the default has none.
 #[derive(Clone, Default)]
 pub struct SpareThreads(Option<Arc<RunAtOnce>>);
 
@@ -19,15 +20,15 @@ impl fmt::Debug for SpareThreads {
 }
 
 impl SpareThreads {
-    /// Threads that `run` lends: it runs the work that it is given here and, at once, on as many more threads as are spare, at
-    /// most as many as it is told, and ends when all have ended.
+    /// Spare threads lent by `run`: it runs the given work here and, at the same time, on the spare threads up to the
+    /// given number, and returns after all have finished.
     #[must_use]
     pub fn lent_by(run: impl Fn(usize, &(dyn Fn() + Sync)) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(run)))
     }
 
-    /// What `work` gives of each of the parts `0..count`, in their order. `begin` makes what a thread keeps from one part to
-    /// the next.
+    /// Results of `work` for the parts `0..count`, in order. `begin` creates the state that a thread keeps between
+    /// parts.
     pub fn each<S, T: Send>(
         &self,
         count: usize,
@@ -49,14 +50,14 @@ impl SpareThreads {
         if let Some(run) = &self.0 {
             run(count.saturating_sub(1), &take_parts);
         }
-        // what nobody has taken
+        // remaining parts
         take_parts();
         let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
         done.sort_unstable_by_key(|(part, _)| *part);
         done.into_iter().map(|(_, found)| found).collect()
     }
 
-    /// What both come to; without a spare thread `one` is done first.
+    /// Results of both; without a spare thread `one` runs first.
     pub fn both<A: Send + Default, B: Send + Default>(
         &self,
         one: impl FnOnce() -> A + Send,
@@ -76,7 +77,7 @@ impl SpareThreads {
             of_one = of_one.or(a);
             of_other = of_other.or(b);
         }
-        // each of them was done once
+        // each ran exactly once
         (of_one.unwrap_or_default(), of_other.unwrap_or_default())
     }
 }

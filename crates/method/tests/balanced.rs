@@ -1,5 +1,5 @@
-//! Arms with a spring, a counterbalance and a parallelogram: formulas against the simulator, and what identification
-//! finds.
+//! Tests of arms with a spring, a counterbalance and a parallelogram: formulas against the simulator, and identified
+//! parameters.
 
 #![expect(clippy::expect_used, reason = "functions that tests call")]
 
@@ -17,7 +17,7 @@ use armwatch_simulate::plan::motion::MotionState;
 use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
 use armwatch_testing::er3a;
 
-/// The ER3A with all that a palletiser has beside its motors.
+/// ER3A with the springs and the crank of a palletiser.
 fn palletiser() -> Robot {
     let text = format!(
         "{}{}",
@@ -58,7 +58,7 @@ fn springs_and_cranks_take_the_torque_that_the_simulator_gives_them() {
             felt[j] = felt[j].max((simulated[j] - plain[j]).abs());
         }
     }
-    // the crank reaches joints 1 to 3, the counterbalance joint 2, the spring joint 4
+    // the crank affects joints 1 to 3, the counterbalance joint 2, the spring joint 4
     assert!(felt[..4].iter().all(|felt| *felt > 1.0) && felt[4..] == [0.0; 2], "{felt:?}");
 }
 
@@ -69,13 +69,13 @@ fn a_palletiser_has_the_parameters_of_its_springs_and_some_of_its_crank() {
     for name in ["J2_k_c", "J2_t_c", "J4_k_s", "J4_t_s", "J3_c_mPx", "J3_c_mPy"] {
         assert!(names.iter().any(|of| of == name), "{name}: {names:?}");
     }
-    // the crank turns about the axis of the upper arm, as this does
+    // the crank turns about the axis of the upper arm, like the upper arm itself
     let hidden = ["J3_c_m", "J3_c_mPz", "J3_c_Izz"];
     assert!(names.iter().all(|of| !hidden.contains(&of.as_str())), "{names:?}");
 }
 
-/// Parameters inside and outside of their 95 % intervals over recordings with these seeds; the second pair counts those of
-/// springs and cranks alone.
+/// Numbers of parameters inside and outside of their 95 % intervals over recordings with these seeds; the second pair
+/// counts only those of springs and cranks.
 fn counted(seeds: impl Iterator<Item = u64>) -> [(u32, u32); 2] {
     let method = Method::new(palletiser(), AnalysisSettings::default()).expect("base parameters");
     let truth = method.base.group(&nominal(&method.robot));
@@ -101,7 +101,8 @@ fn share((inside, outside): (u32, u32)) -> f64 {
     f64::from(inside) / f64::from(inside + outside)
 }
 
-/// Of 6 recordings with some 70 parameters each, a fortieth outside of 93 to 97 % is two standard deviations.
+/// 6 recordings with about 70 parameters each: the standard deviation of the share is 1 %, and the tolerance is three
+/// times that.
 #[test]
 fn parameters_of_a_palletiser_are_within_their_intervals() {
     let [all, _] = counted(1..7);

@@ -1,5 +1,6 @@
-//! Both sides of the border: sound recordings of arms that no description ships are taken, wrong ones are named with
-//! their cause. Bodies, friction, ripple and noise are drawn; the motions are short Fourier series, as people record them.
+//! Tests of both sides of the border: sound recordings of unknown arms are accepted, faulty ones are refused with their
+//! cause. Bodies, friction, ripple and noise are random; the motions are short Fourier series, as in typical
+//! recordings.
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test, which prints its table")]
 
 #[path = "borders/case.rs"]
@@ -26,7 +27,7 @@ fn analysed(described: &Robot, samples: Samples) -> CycleAnalysis {
     analyse_cycle(&method, &Cycle { number: 1, samples })
 }
 
-/// What became of it: the reason, or the doubts.
+/// Outcome of an analysis, with the reason or the doubts.
 fn said(analysis: &CycleAnalysis) -> String {
     match &analysis.identification {
         Err(reason) => format!("REFUSED {reason}"),
@@ -35,7 +36,7 @@ fn said(analysis: &CycleAnalysis) -> String {
     }
 }
 
-/// A share of cases that must hold, those that do not printed.
+/// Asserts that at least `share` of the cases hold, and prints those that do not.
 #[track_caller]
 fn holds(name: &str, cases: &[(String, bool)], share: f64) {
     let good = cases.iter().filter(|(_, good)| *good).count();
@@ -44,7 +45,7 @@ fn holds(name: &str, cases: &[(String, bool)], share: f64) {
     assert!(good as f64 >= share * cases.len() as f64, "{name}: {good} of {}", cases.len());
 }
 
-/// Joints 4 to 7 in turn.
+/// Number of joints, 4 to 7 in turn.
 fn count(seed: u64) -> usize {
     4 + (seed % 4) as usize
 }
@@ -152,7 +153,7 @@ fn swapped_torques_are_named() {
     holds("swaps", &(500..530).map(one).collect::<Vec<_>>(), 0.97);
 }
 
-/// Recordings whose torque is made of the motion, the torque of the bodies and the recorded torque.
+/// Checks recordings whose torque `make` computes from the motion, the torque of the bodies and the recorded torque.
 #[track_caller]
 fn torques_are(
     name: &str,
@@ -311,7 +312,7 @@ fn a_torque_ten_times_as_large_is_named() {
             said.contains(&format!("scale of the torque of joint {}", joint + 1)) && !is_taken(&analysis);
         (format!("{seed} {}: {said}", joint + 1), right)
     };
-    // a first joint that no gravity acts on takes most of its scale into its own inertia
+    // if gravity does not act on a first joint, its own inertia absorbs most of the scale
     holds("scale", &(850..880).map(one).collect::<Vec<_>>(), 0.8);
 }
 
@@ -320,7 +321,7 @@ fn torques_in_percent_of_rated_are_named_as_such() {
     let percent = |case: &mut Case, _: &[MotionState], _: &[Vec<f64>], samples: &mut Samples| {
         let last = samples.torque.len() - 1;
         for (joint, torque) in samples.torque.iter_mut().enumerate() {
-            // wrists are rated for a twentieth of the shoulder's torque
+            // rated torques of wrists are a twentieth of the shoulder's
             let rated = 300.0 * 0.05_f64.powf(joint as f64 / last as f64) * case.rng.random_range(0.8..1.2);
             torque.iter_mut().for_each(|tau| *tau *= 100.0 / rated);
         }
@@ -382,7 +383,7 @@ fn a_turned_torque_of_an_arm_off_level_is_named() {
             .collect();
         (format!("{seed} {}: {}", joint + 1, said(&analysis)), named == [joint])
     };
-    // 28 of 30 today
+    // 28 of 30 at present
     holds("signs off level", &(940..970).map(one).collect::<Vec<_>>(), 0.93);
 }
 
@@ -400,6 +401,6 @@ fn late_torques_are_named() {
         let analysis = analysed(&case.described(), samples);
         (format!("{seed}: {}", said(&analysis)), is_refused(&analysis, FindingKind::TorqueDelay))
     };
-    // the others are a remark: friction that turns over late looks the same in ten seconds
+    // the others get a remark: friction that changes sign late looks the same in ten seconds
     holds("late", &(600..620).map(one).collect::<Vec<_>>(), 0.8);
 }

@@ -1,4 +1,4 @@
-//! Triangular factors of joints against the rows that they were made from.
+//! Tests of joints' triangular factors against their rows.
 
 #![expect(clippy::expect_used, reason = "functions that tests call")]
 
@@ -20,14 +20,14 @@ use armwatch_testing::cycle::cycle;
 use armwatch_testing::direct::{Direct, assert_equal, raw_parameters};
 use armwatch_testing::er3a;
 
-/// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
+/// Tolerance for the rounding of a QR of some thousand rows, times the condition of the problem.
 const EQUAL: f64 = 1e-9;
 
 fn method() -> Method {
     Method::new(er3a(), AnalysisSettings::default()).expect("base parameters")
 }
 
-/// Factors and parameters of a cycle, whose made-up torque no judgement of the data would let pass.
+/// Factors and parameters of a cycle without checks, which its synthetic torque would not pass.
 fn unjudged(method: &Method, cycle: &Cycle) -> (Factored, Vec<f64>) {
     let c = filter_signals(&cycle.samples, 12.0).expect("long enough");
     let (columns, kept) = (&method.columns, &method.base.kept_columns);
@@ -91,7 +91,7 @@ fn rmsd_from_factors_is_that_of_inverse_dynamics_over_the_rows() {
     let direct = Direct::new(&method, &cycle, &theta);
     direct.assert_verification(&torque_rmsd(&method.columns, &factored.factors, &theta));
     let contrast = warming_contrast(&method.columns, &factored, &theta);
-    // rows 1400 to 1999 are the warming stage, without the six at the end 198 rows a third
+    // rows 1400 to 1999 are the warming stage; without the last six, a third has 198 rows
     assert_eq!(contrast.len(), 6);
     for found in &contrast {
         let j = found.joint.index();
@@ -107,7 +107,7 @@ fn joined_factors_are_those_of_all_rows_of_their_cycles() {
     let of_each: Vec<Vec<JointFactor>> =
         cycles.iter().map(|cycle| unjudged(&method, cycle).0.factors).collect();
     let (_, theta) = unjudged(&method, &cycles[0]);
-    // two at once and then the third, as a log is joined part by part
+    // two at once and then the third, as a production log is joined part by part
     let first = joined(&method.columns, &of_each[..2].concat());
     let all = joined(&method.columns, &[first, of_each[2].clone()].concat());
     let parts = (all.iter()).map(|of| (of.joint, of.stage as usize, of.motion as usize));
@@ -116,7 +116,7 @@ fn joined_factors_are_those_of_all_rows_of_their_cycles() {
         all.iter().map(|of| of.factor.rows()).sum::<usize>(),
         of_each.iter().flatten().map(|of| of.factor.rows()).sum::<usize>()
     );
-    // the other road: sums over the cycles, whose factors are held against their rows above
+    // the other method: sums over the cycles, whose factors are compared with their rows above
     let mut sums = StageSums::default();
     of_each.iter().for_each(|factors| sums.add(&method.columns, factors, &theta));
     for (found, expected) in torque_rmsd(&method.columns, &all, &theta).iter().zip(sums.rmsd()) {

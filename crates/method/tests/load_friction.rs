@@ -1,4 +1,4 @@
-//! Friction that depends on the load, on arms whose gears the simulator computes by itself.
+//! Load-dependent friction on arms whose gears the simulator computes independently.
 
 #![expect(clippy::expect_used, clippy::panic, reason = "functions that tests call")]
 
@@ -22,7 +22,7 @@ use armwatch_simulate::{SimulationSettings, rows_of_run};
 use armwatch_testing::er3a;
 use nalgebra::{Matrix3, Vector3};
 
-/// Efficiency of the teeth in these tests: strain wave gears lose 5 to 10 % of what they transmit.
+/// Efficiency of the teeth in these tests: strain wave gears lose 5 to 10 % of the transmitted power.
 const EFFICIENCY: f64 = 0.93;
 
 fn with_load(mut robot: Robot, load: LoadFriction) -> Robot {
@@ -45,7 +45,7 @@ fn method(robot: Robot) -> Method {
     Method::new(robot, AnalysisSettings { accept, ..AnalysisSettings::default() }).expect("base parameters")
 }
 
-/// The cycles of a run as its export has them.
+/// Cycles of a run as in its export.
 fn cycles(robot: &Robot, settings: &SimulationSettings, run: u32) -> Vec<Cycle> {
     let n = robot.joint_count();
     let mut cycles: Vec<Cycle> = Vec::new();
@@ -74,7 +74,7 @@ fn cycles(robot: &Robot, settings: &SimulationSettings, run: u32) -> Vec<Cycle> 
     cycles
 }
 
-/// One excitation of warm gears with Coulomb and viscous friction as [3.10] has them.
+/// One excitation of warm gears with the Coulomb and viscous friction of [3.10].
 fn excitation(seed: u64) -> SimulationSettings {
     SimulationSettings {
         seed,
@@ -93,7 +93,7 @@ fn identified(method: &Method, cycle: &Cycle) -> Identification {
     analysis.identification.unwrap_or_else(|reason| panic!("{reason}"))
 }
 
-/// True base values of what the simulator moves; `None` for friction under load.
+/// True base values in the simulator; `None` for friction under load.
 fn truth(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
     let nominal = |joint: JointIndex| robot.joints[joint.index()].nominal.expect("nominal parameters");
     let phi: Vec<f64> = ParameterId::natural_order(robot)
@@ -109,7 +109,7 @@ fn truth(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
     base.group(&phi).into_iter().zip(&base.kept).map(|(value, id)| is_known(id).then_some(value)).collect()
 }
 
-/// Shares of inertial parameters within their intervals, and of motor and friction ones.
+/// Numbers of inertial and of all other parameters: within their intervals, and in total.
 #[derive(Debug, Default)]
 struct Coverage {
     inertial: [usize; 2],
@@ -175,7 +175,7 @@ fn friction_proportional_to_the_load_is_identified_on_every_joint_that_carries_o
         assert!(mu.std_error < 0.006, "joint {}: {mu:?}", joint + 1);
         assert!((mu.value - 0.06).abs() < 4.0 * mu.std_error, "joint {}: {mu:?}", joint + 1);
     }
-    // stored factors know the term: they give the torque error that the cycle was stored with
+    // stored factors contain the term: they give the torque error that was stored with the cycle
     for of in &analysis.verification {
         assert!(of.all_rows.value.is_finite());
     }
@@ -190,20 +190,20 @@ fn the_teeth_of_a_strain_wave_gear_have_the_coefficient_of_their_efficiency() {
         let found = identified(&method(with_load(er3a(), load)), &cycle);
         for joint in [1, 2] {
             let mu = coefficient(&found, joint, FrictionTerm::Load);
-            // they lose up to 1.3 times as much at low speed
+            // losses at low speed are up to 1.3 times as large
             let bounds = at_speed - 4.0 * mu.std_error..1.3 * at_speed + 4.0 * mu.std_error;
             assert!(bounds.contains(&mu.value) && mu.std_error < 0.01, "joint {}: {mu:?}", joint + 1);
         }
     }
 }
 
-/// Few seeds: 200 of them are in [`intervals_cover_the_truth_on_three_arms`].
+/// Few seeds; [`intervals_cover_the_truth_on_three_arms`] uses 200.
 #[test]
 fn without_the_term_the_load_biases_the_parameters_and_with_it_the_intervals_hold_them() {
     let gears = |seed| SimulationSettings { friction_load: 0.06, ..excitation(seed) };
     let with = coverage(&er3a(), LoadFriction::Linear, 4, gears);
     assert!(with.share() > 0.9, "{with:?}");
-    // without it, Coulomb friction has to explain what the load takes: some Nm of the shoulder
+    // without the term, Coulomb friction must explain the load's part: some Nm at the shoulder
     let f1 = |load: LoadFriction| {
         let method = method(with_load(er3a(), load));
         let found = identified(&method, &cycles(&er3a(), &gears(9), 0).remove(0));
@@ -215,7 +215,7 @@ fn without_the_term_the_load_biases_the_parameters_and_with_it_the_intervals_hol
     assert!((with.value - truth).abs() < half_width(&with, LEVEL), "{with:?} {truth}");
 }
 
-/// Prints the coverage of intervals; some minutes.
+/// Prints the coverage of intervals; takes some minutes.
 #[test]
 #[ignore = "200 seeds on three arms take some minutes"]
 fn intervals_cover_the_truth_on_three_arms() {
@@ -263,7 +263,7 @@ fn the_comparison_names_the_joints_that_need_a_law_of_load() {
     assert!(plain.joints.iter().all(|joint| joint.chosen == LoadFriction::None), "{:?}", plain.joints);
 }
 
-/// A body of this mass with its centre outside the flange.
+/// Body of this mass with its centre outside the flange.
 fn tool(mass: f64) -> Load {
     Load { mass, centre: Vector3::new(0.03, 0.0, 0.08), inertia: Matrix3::identity() * (0.002 * mass) }
 }
@@ -282,7 +282,7 @@ fn map_run(analyses: &[CycleAnalysis], start: f64) -> MapRun {
     }
 }
 
-/// Indices of runs with tools of these masses against a baseline without, `[tool][joint]`.
+/// Indices of runs with tools of these masses, relative to a baseline without, `[tool][joint]`.
 fn indices_with_tools(load: LoadFriction, gears: &SimulationSettings, masses: &[f64]) -> Vec<Vec<f64>> {
     let robot = er3a();
     let method = method(with_load(robot.clone(), load));
@@ -321,7 +321,7 @@ fn test_of_friction() -> SimulationSettings {
     }
 }
 
-/// Tools of 10, 30 and 60 % of the 3 kg that the ER3A is rated for.
+/// Tools of 10, 30 and 60 % of the ER3A's rated payload of 3 kg.
 #[test]
 fn a_tool_does_not_look_like_wear_where_friction_depends_on_the_load() {
     let masses = [0.3, 0.9, 1.8];

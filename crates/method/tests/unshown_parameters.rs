@@ -19,7 +19,7 @@ fn method() -> Method {
     Method::new(er3a(), AnalysisSettings { accept, ..AnalysisSettings::default() }).expect("base parameters")
 }
 
-/// A recording in which the joints at these places stand still.
+/// Recording with these joints at rest.
 fn recorded(method: &Method, still: &[usize], seed: u64) -> CycleAnalysis {
     let mut excitation = er3a().excitation.expect("an excitation");
     for &joint in still {
@@ -53,7 +53,7 @@ fn a_parameter_that_the_motion_does_not_show_is_left_out_and_named() {
     for friction in 1..=4 {
         assert!(unshown.clone().any(|of| of.id.to_string() == format!("J6_f{friction}")), "{remark}");
     }
-    // what is given means what it means where all is shown
+    // given parameters have the same meaning as when all are shown
     for of in given {
         let truth = whole.parameters.iter().find(|other| other.id == of.id).expect("the same parameters");
         let error = of.std_error.hypot(truth.std_error);
@@ -65,7 +65,7 @@ fn a_parameter_that_the_motion_does_not_show_is_left_out_and_named() {
             truth.value
         );
     }
-    // and all together explain the torque of the joints that move
+    // together they explain the torque of the joints that move
     let explained = part.verification.iter().filter(|of| of.joint.number() < 6);
     let explained = explained.filter(|of| of.moving_rows.samples > 0);
     for of in explained {

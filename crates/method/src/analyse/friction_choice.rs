@@ -1,4 +1,4 @@
-//! Which joints need friction that depends on load: laws compared by their error on rows that they were not identified on.
+//! Choice of load-dependent friction laws per joint, by the torque error on rows that the identification did not use.
 
 use super::Method;
 use super::load_iteration::{LoadIteration, add_load_columns};
@@ -17,61 +17,62 @@ use armwatch_model::robot::{JointIndex, LoadFriction, ParameterKind, Robot};
 use armwatch_model::run::Samples;
 use std::borrow::Cow;
 
-/// Parts that the excitation of each cycle is cut into.
+/// Number of parts into which the excitation of each cycle is divided.
 const PARTS: usize = 4;
-/// Cycles from which on whole cycles are held out: parts of one cycle share its heat.
+/// Smallest number of cycles for holding out whole cycles, because parts of one cycle have a common temperature.
 const WHOLE_CYCLES: usize = 3;
-/// Least part by which a law with more terms must lower the held-out error. Less is within what cycles differ by.
+/// Smallest relative reduction of the held-out error that justifies a law with more terms. Cycles differ by less than
+/// this.
 const LEAST_GAIN: f64 = 0.03;
 
-/// How one law does on one joint.
+/// Score of one law for one joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LawScore {
     /// The law.
     pub load: LoadFriction,
     /// Torque error on held-out rows over the torque, root mean squares of the moving rows.
     pub held_out: f64,
-    /// Bayesian information criterion less that of the law without load; the smaller, the better.
+    /// Bayesian information criterion minus that of the law without load; smaller is better.
     pub criterion: f64,
-    /// Its coefficients from all rows.
+    /// Coefficients from all rows.
     pub coefficients: Vec<IdentifiedParameter>,
-    /// Most passes that the load of any cycle took to settle.
+    /// Largest number of passes until the load of a cycle converged.
     pub passes: usize,
 }
 
-/// What a joint needs.
+/// Result for one joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointChoice {
     /// The joint.
     pub joint: JointIndex,
-    /// The simplest law that no other beats clearly.
+    /// Simplest law that none of the others beats clearly.
     pub chosen: LoadFriction,
     /// All laws that could be identified, fewest terms first.
     pub scores: Vec<LawScore>,
 }
 
-/// The comparison of all joints.
+/// Comparison of all joints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrictionChoice {
-    /// By joint.
+    /// Results by joint.
     pub joints: Vec<JointChoice>,
-    /// How many sets of rows were held out in turn.
+    /// Number of held-out sets of rows.
     pub held_out_sets: usize,
-    /// Laws that could not be compared, and why, in sentences.
+    /// Laws that could not be compared, with reasons, in sentences.
     pub remarks: Vec<String>,
 }
 
-/// Factors of an arm with one law.
+/// Factors of an arm for one law.
 struct Candidate {
     name: &'static str,
     method: Method,
-    /// By cycle and part, of each joint `[n]`.
+    /// Factors by cycle, part and joint `[n]`.
     cycles: Vec<Vec<Vec<TriangularFactor>>>,
     passes: usize,
     failed: Option<String>,
 }
 
-/// Compares the laws, cycle by cycle, so that only one is in memory.
+/// Comparison of laws, cycle by cycle, so that only one cycle is in memory.
 pub struct FrictionComparison {
     candidates: Vec<Candidate>,
     settings: AnalysisSettings,
@@ -79,7 +80,7 @@ pub struct FrictionComparison {
 }
 
 impl FrictionComparison {
-    /// A comparison without cycles of the laws of load of an arm; its laws of speed stay.
+    /// Creates a comparison of the load laws of an arm, without cycles; its speed laws remain.
     ///
     /// # Errors
     /// Those of [`Method::new`].
@@ -166,7 +167,7 @@ impl FrictionComparison {
         Ok(FrictionChoice { joints, held_out_sets: sets, remarks })
     }
 
-    /// Score of each joint and the number of sets that were held out.
+    /// Score of each joint, and the number of held-out sets.
     fn scored(&self, candidate: &Candidate) -> Result<(Vec<LawScore>, usize), NumericsError> {
         let robot = &candidate.method.robot;
         let kept = &candidate.method.base.kept;
@@ -235,13 +236,13 @@ fn joined<'a>(sets: impl Iterator<Item = &'a Vec<TriangularFactor>>, n: usize) -
     all.into_iter().flatten().collect()
 }
 
-/// Counts criteria from the law without load and takes the simplest law that no other beats clearly.
+/// Subtracts the criterion of the law without load, and chooses the simplest law that none of the others beats clearly.
 fn choose(joint: &mut JointChoice) {
     let Some(zero) = joint.scores.first().map(|score| score.criterion) else { return };
     joint.scores.iter_mut().for_each(|score| score.criterion -= zero);
     let mut best = &joint.scores[0];
     for score in &joint.scores[1..] {
-        // a gear that gives power back under load is none
+        // friction under load cannot return power
         let opposes = score.coefficients.first().is_some_and(|of| of.value > 0.0);
         let better = score.held_out < (1.0 - LEAST_GAIN) * best.held_out && score.criterion < best.criterion;
         if opposes && better {

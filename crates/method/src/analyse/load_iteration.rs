@@ -1,8 +1,8 @@
-//! Friction under load needs the load, which follows from the parameters that are sought: solved by iteration.
+//! Iteration for friction under load, which depends on the load and so on the unknown parameters.
 //!
-//! The first pass leaves the terms of load out and is linear. Each further pass computes the torque that the gears carry
-//! from the parameters of the pass before, makes the columns of load from it, and solves again. An error `e` of the load
-//! changes the torque by `mu e`, so the error shrinks by about `mu` from pass to pass.
+//! The first pass omits the load terms and is linear. Each further pass computes the torque on the gears from the
+//! parameters of the previous pass, computes the load columns from it, and solves again. An error `e` of the load
+//! changes the torque by `mu e`, so each pass reduces the error by a factor of about `mu`.
 
 use super::Method;
 use crate::NumericsError;
@@ -17,17 +17,17 @@ use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::ParameterId;
 use armwatch_model::run::Samples;
 
-/// Largest change of a column from one pass to the next, relative to the column: with a `mu` of 0.1 it is 0.01 % of the
-/// carried torque.
+/// Largest change of a column between passes, relative to the column, of a converged load: with a `mu` of 0.1 it is
+/// 0.01 % of the load torque.
 const SETTLED: f64 = 1e-3;
 
-/// Most passes after the linear one. With a `mu` of 0.2, far beyond any gear, five suffice.
+/// Largest number of passes after the linear one. Five are enough for a `mu` of 0.2, which exceeds that of any gear.
 const MOST_PASSES: usize = 8;
 
-/// Whether the load settled.
+/// Outcome of the iteration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LoadIteration {
-    /// After this many passes behind the linear one.
+    /// Converged after this many passes, not counting the linear one.
     Settled(usize),
     /// The columns still change after the last pass. Holds the largest relative change of a column in it.
     Unsettled(f64),
@@ -36,7 +36,7 @@ pub enum LoadIteration {
 }
 
 impl LoadIteration {
-    /// What is said of an iteration that gives no load to rely on.
+    /// Remark about an iteration without a reliable load.
     #[must_use]
     pub fn remark(&self) -> Option<String> {
         match self {
@@ -54,8 +54,8 @@ impl LoadIteration {
     }
 }
 
-/// Adds the columns of friction under load to `columns`, which has the other columns that jump. Without a load to start
-/// from, nothing is added.
+/// Adds the columns of friction under load to `columns`, which contains the other columns with jumps. Adds nothing if
+/// there is no load to start from.
 pub(crate) fn add_load_columns(
     method: &Method,
     filtered: &FilteredSignals,
@@ -86,7 +86,7 @@ pub(crate) fn add_load_columns(
     LoadIteration::Unsettled(change)
 }
 
-/// Parameters from the excitation, without the terms of load in the first pass.
+/// Parameters from the excitation, without the load terms in the first pass.
 fn solved(
     method: &Method,
     filtered: &FilteredSignals,
@@ -107,7 +107,7 @@ fn solved(
     let factors = embedded(&method.columns, chosen);
     let independent = vec![1.0; factors.len()];
     let kept = &method.base.kept;
-    // single rows are not weighed here: the load of the final estimate differs by a part of its errors
+    // without weights of single rows: the load of the final estimate differs by a part of its errors
     let identify = |kept: &[ParameterId], factors: &[TriangularFactor]| {
         identify_factors(kept, factors, &independent, Estimator::Weighted)
     };

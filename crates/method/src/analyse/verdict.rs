@@ -1,4 +1,4 @@
-//! The findings about a cycle: checks of its channels, of its model and of the description. A cause precedes its
+//! Findings about a cycle: checks of its channels, of its model and of the description. A cause precedes its
 //! consequences.
 
 use super::Method;
@@ -24,7 +24,7 @@ use armwatch_model::analysis::Identification;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::run::{Samples, Stage};
 
-/// A cycle with its filtered channels and factors.
+/// Cycle with its filtered channels and factors.
 #[derive(Clone, Copy)]
 pub(crate) struct CycleRecord<'a> {
     pub(crate) samples: &'a Samples,
@@ -34,7 +34,7 @@ pub(crate) struct CycleRecord<'a> {
 }
 
 impl<'a> CycleRecord<'a> {
-    /// The channels in the form that the assignment of torques needs.
+    /// Channels in the form that the assignment of torques needs.
     fn channels(&self, method: &'a Method, excitation: &'a [usize]) -> Channels<'a> {
         Channels {
             robot: &method.robot,
@@ -69,7 +69,7 @@ pub(crate) fn judge_channels(
             findings.push(found);
         } else {
             let assigned = assign(&channels, level);
-            // late torques look like any change of the arm, but the fit of each single joint shows them
+            // late torques resemble any change of the arm, but the fit of each single joint shows them
             let late = if assigned.is_empty() { None } else { late_torques(&channels) };
             findings.extend(late.map_or(assigned, |late| vec![late]));
         }
@@ -77,8 +77,8 @@ pub(crate) fn judge_channels(
     findings
 }
 
-/// Findings about the identified model. If the torques show a tilt of the base, it is a remark, and everything else is judged
-/// with it.
+/// Findings about the identified model. If the torques show a tilt of the base, it is a remark, and all other findings
+/// take it into account.
 pub(crate) fn judge_model(
     method: &Method,
     recorded: &CycleRecord<'_>,
@@ -101,7 +101,7 @@ pub(crate) fn judge_model(
     findings
 }
 
-/// The same findings with the tilted description, and its tilt; `None` if it identifies nothing.
+/// Findings with the tilted description, and its tilt; `None` if it identifies nothing.
 fn judged_beside_tilt(method: &Method, recorded: &CycleRecord<'_>, level: &BaseTilt) -> Option<Vec<Finding>> {
     let tilted = method.of_other(level.robot().clone(), level.base.clone(), level.columns.clone());
     let CycleRecord { samples, filtered, filtered_coulomb_columns, .. } = *recorded;
@@ -127,7 +127,7 @@ fn judged_beside_tilt(method: &Method, recorded: &CycleRecord<'_>, level: &BaseT
     Some(findings)
 }
 
-/// The findings about a model of the robot of `method`.
+/// Findings about a model of the robot of `method`.
 fn judged(
     method: &Method,
     recorded: &CycleRecord<'_>,
@@ -157,7 +157,7 @@ fn judged(
         verification: &verification,
     };
     if let Some(found) = unmeasured(&weighed, || is_weightless(&recorded.channels(method, &rows))) {
-        // a torque that nobody measured gives a model of nothing
+        // without a measured torque, the model has no meaning
         return vec![found];
     }
     let of_model = weigh(of_model, &weighed, &WeighSettings::default());
@@ -179,7 +179,7 @@ fn judged(
     findings
 }
 
-/// Factor of each joint over the rows that parameters are identified on.
+/// Factor of each joint over the rows of the identification.
 pub(crate) fn identifying_factors(method: &Method, factored: &Factored) -> Vec<TriangularFactor> {
     let chosen = factored.factors.iter().filter(|of| used_for_identification(of.stage, of.motion));
     embedded(&method.columns, chosen)

@@ -1,4 +1,4 @@
-//! Whether a recording, and the model identified on it, can be what they are said to be.
+//! Checks that a recording, and the model identified from it, are possible and match the description.
 
 pub mod recording;
 pub mod model;

@@ -1,4 +1,4 @@
-//! What an identified model says that no arm can be: a sign of a wrong geometry, unit or sign.
+//! Findings about an identified model that no arm can have, which indicate a wrong geometry, unit or sign.
 
 mod alternatives;
 pub(crate) mod assignment;
@@ -30,11 +30,11 @@ use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind, Robot};
 use armwatch_model::run::Stage;
 
-/// Findings about an identified model: inertia that a joint feels negative in some posture, friction
-/// that drives, torque that is not explained.
+/// Findings about an identified model: negative inertia of a joint in some posture, friction that drives, torque that
+/// is not explained.
 ///
-/// `verification` is the self-verification of the same cycle. `top_speeds` `[n]`: the largest speed of
-/// each joint in the rows identified on, rad/s (m/s); friction is only judged up to there.
+/// `verification` is that of the same cycle. `top_speeds` `[n]` is the largest speed of each joint in the rows of the
+/// identification, rad/s (m/s); friction is judged only up to it.
 #[must_use]
 pub(crate) fn diagnose_model(
     robot: &Robot,
@@ -68,7 +68,7 @@ fn negative_friction(
     top_speed: f64,
     settings: &PlausibleSettings,
 ) -> Option<Finding> {
-    /// Speeds looked at: tenths of the largest.
+    /// Number of speeds: tenths of the largest.
     const STEPS: u32 = 10;
     let mut worst = (Combination { value: f64::INFINITY, variance: 0.0 }, 0.0);
     let mut mean = 0.0;
@@ -126,8 +126,8 @@ fn negative_friction(
     })
 }
 
-/// The inertia that a joint feels, motor included, is a diagonal entry of the mass matrix: linear in
-/// the base parameters and positive in every posture of every arm.
+/// Findings of negative inertia. The inertia at a joint, motor included, is a diagonal entry of the mass matrix: linear
+/// in the base parameters and positive in every posture of every arm.
 fn negative_inertias(
     robot: &Robot,
     identified: &Identification,

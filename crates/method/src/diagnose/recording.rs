@@ -1,7 +1,6 @@
-//! What is wrong with a recording, in words for the person beside the arm, with the numbers that say so.
+//! Faults of a recording, in words for the people at the arm, with the values that show them.
 //!
-//! Each finding stands on its own: a fault that explains another suppresses it. Findings about the
-//! identified model are in [`super::model`].
+//! A fault that explains another finding suppresses it. Findings about the identified model are in [`super::model`].
 
 mod coarse;
 mod glitches;
@@ -16,15 +15,15 @@ use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Samples;
 
-/// Part of the rows from which on one value of a coarse torque is a channel that stands still.
+/// Smallest share of the rows with one constant value for a coarse torque to count as a stuck channel.
 const COARSE_RUN: f64 = 0.5;
-/// Repeats of one value are looked at from this duration on, s.
+/// Shortest duration of a constant value that is examined, s.
 const REPEATS_S: f64 = 0.5;
 
-/// Everything that the channels of one cycle show to be wrong, the gravest first.
+/// All faults that the channels of one cycle show, the most severe first.
 ///
-/// `samples` are as recorded, `filtered` the same rows after [`crate::signal::filter::filter_signals`].
-/// Torques of wrong sign or order are found with the model, by the fit of all joints.
+/// `samples` are the recorded rows, `filtered` the same rows after [`crate::signal::filter::filter_signals`]. Torques
+/// of wrong sign or order are found with the model, by the fit of all joints.
 #[must_use]
 pub fn diagnose_samples(
     robot: &Robot,
@@ -47,14 +46,14 @@ pub fn diagnose_samples(
     if samples.velocity.is_some() {
         findings.extend(velocity::velocity_against_position(&view, settings, &broken));
     }
-    // a wrong value looks fast, and lies beyond the limits
+    // a wrong value also appears as too fast, and beyond the limits
     let glitches: Vec<Option<JointIndex>> =
         findings.iter().filter(|f| f.kind == FindingKind::Spike).map(|f| f.joint).collect();
     let found = position::positions(&view, settings).into_iter();
     findings.extend(found.filter(|finding| !glitches.contains(&finding.joint)));
     findings.extend(position::small_motion(&view, settings));
     if let Some(repeated) = repeated {
-        // steps of several rows at once look fast, and like another velocity
+        // steps of several rows at once appear as too fast, and as another velocity
         let follows = [FindingKind::TooFast, FindingKind::VelocityUnrelated];
         findings.retain(|finding| !follows.contains(&finding.kind));
         findings.push(repeated);
@@ -73,7 +72,7 @@ pub fn diagnose_samples(
     findings
 }
 
-/// Channels that repeat one value to the last digit while the joint's other channels say it moves.
+/// Channels that repeat exactly one value while the joint's other channels show motion.
 fn stuck(view: &ChannelView<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     let edge = (view.filtered.sample_rate / view.filtered.cutoff).ceil() as usize;
@@ -82,7 +81,7 @@ fn stuck(view: &ChannelView<'_>) -> Vec<Finding> {
         let j = joint.index();
         let (dq, qd) = (&view.dq[j], &view.filtered.qd[j]);
         let low = view.joint(joint).counted_speed();
-        // Speed has to change by this much within the repeats, so that a plateau is none.
+        // Speed must change by this much within the repeats, which excludes a plateau.
         let swing = (0.2 * view.qd_rms[j].max(view.dq_rms[j])).max(2.0 * low);
         let torque = &view.samples.torque[j];
         let peaks = view.torque_extents[j];
@@ -96,11 +95,11 @@ fn stuck(view: &ChannelView<'_>) -> Vec<Finding> {
             let clipped = |value: f64| name == "torque" && peaks[0] < peaks[1] && peaks.contains(&value);
             let is_coarse = name == "torque" && view.torque_steps[j].is_some();
             let run = longest_run(view, channel, least, |start, end| {
-                // a step that is wide beside the torque holds one value for long, but not for most of a recording
+                // a coarse torque keeps one value for long, but not for most of a recording
                 if is_coarse && ((end - start) as f64) < COARSE_RUN * view.row_count as f64 {
                     return false;
                 }
-                // The low-pass carries motion from outside over the edges.
+                // the low-pass carries motion from outside across the edges
                 let inside = &witness[start + edge..(end - edge).max(start + edge)];
                 let range = inside.iter().copied().fold(f64::NEG_INFINITY, f64::max)
                     - inside.iter().copied().fold(f64::INFINITY, f64::min);
@@ -123,7 +122,7 @@ fn stuck(view: &ChannelView<'_>) -> Vec<Finding> {
     found
 }
 
-/// The longest stretch of equal values of at least `least` rows that `counts(start, end)`.
+/// Longest stretch of at least `least` equal values that `counts(start, end)` accepts.
 fn longest_run(
     view: &ChannelView<'_>,
     channel: &[f64],
@@ -142,9 +141,8 @@ fn longest_run(
     longest
 }
 
-/// Stretches of at least `least` equal values (two, where `least` is less) in their order, none of which could be longer.
-/// So long a run holds two neighbours of any grid that is half as wide, and only from such a pair are rows looked at one
-/// by one.
+/// Maximal stretches of at least `least` equal values (at least two), in order. Such a stretch contains two neighbours
+/// of any grid that is half as wide, and only from such a pair are single rows examined.
 fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
     let least = least.max(2);
     let equal = |a: f64, b: f64| (a - b).abs() <= 0.0;
@@ -165,7 +163,7 @@ fn runs(values: &[f64], least: usize) -> Vec<(usize, usize)> {
     found
 }
 
-/// An excitation stage that is hardly there.
+/// Finding of an excitation stage that is too short.
 fn short(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
     let seconds = view.excitation.len() as f64 / view.filtered.sample_rate;
     (seconds < settings.shortest).then(|| {
@@ -182,7 +180,7 @@ fn short(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Option<Finding>
     })
 }
 
-/// A joint that the excitation does not excite.
+/// Finding of a joint that the excitation does not move enough.
 fn motion(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let qd = &view.filtered.qd[joint.index()];
     let low = view.joint(joint).low_speed;
@@ -220,13 +218,13 @@ fn motion(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings
     })
 }
 
-/// How many times as many rows as the next three steps the highest step of a coarse torque may have.
+/// Smallest ratio of rows at the highest step of a coarse torque to rows at the next three steps for saturation.
 const COARSE_DWELL: usize = 3;
 
-/// Torque that stays at its largest value.
+/// Finding of torque that stays at its largest value.
 ///
-/// Rows *at* the peak must come in runs and be far more than rows just below it; a smooth peak has
-/// as many of either.
+/// Rows *at* the peak must be consecutive and far more frequent than rows just below it; a smooth peak has as many of
+/// both.
 fn saturation(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSettings) -> Option<Finding> {
     let torque = &view.samples.torque[joint.index()];
     let [low, high] = view.torque_extents[joint.index()];
@@ -253,7 +251,7 @@ fn saturation(view: &ChannelView<'_>, joint: JointIndex, settings: &DiagnoseSett
             continue;
         }
         let run = longest_run(view, torque, 4, |start, _| sign * torque[start] >= peak * (1.0 - 1e-6));
-        // parameters come from the excitation alone, which may be a small part of the cycle
+        // parameters come only from the excitation, which may be a small part of the cycle
         let is_at = |row: &&usize| (at_peak[0]..=at_peak[1]).contains(&torque[**row]);
         let excited = view.excitation.iter().filter(is_at).count();
         let excited = excited as f64 / view.excitation.len() as f64;

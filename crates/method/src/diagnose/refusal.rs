@@ -1,9 +1,9 @@
-//! From findings that refuse a cycle to the causes that are stored with it.
+//! Causes that are stored with a refused cycle, from its findings.
 
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::analysis::refusal::{Channel, RefusalCause};
 
-/// Causes of the findings that refuse a cycle, in their order.
+/// Causes of the findings that refuse a cycle, in order.
 #[must_use]
 pub fn causes(findings: &[Finding]) -> Vec<RefusalCause> {
     let refusing = findings.iter().filter(|finding| finding.severity == FindingSeverity::Refuse);
@@ -20,7 +20,7 @@ fn cause(finding: &Finding) -> RefusalCause {
     }
 }
 
-/// What a finding is about.
+/// Channel of a finding.
 fn channel(finding: &Finding) -> Channel {
     match finding.kind {
         FindingKind::Still | FindingKind::OneSpeed | FindingKind::ShortExcitation => Channel::Motion,
@@ -50,7 +50,7 @@ fn channel(finding: &Finding) -> Channel {
     }
 }
 
-/// The channel that the evidence names.
+/// Channel named in the evidence.
 fn named_channel(finding: &Finding) -> Channel {
     let channels = [Channel::Position, Channel::Velocity, Channel::Torque];
     let named = |channel: &Channel| finding.evidence.iter().any(|of| of.name == channel.name());

@@ -1,10 +1,10 @@
-//! Least value of a function of one variable.
+//! Minimum of a function of one variable.
 
-/// Steps of the golden section: to 7e-5 of the bracket.
+/// Number of steps of the golden section, which reduce the bracket to 7e-5.
 const STEPS: usize = 20;
 
-/// Place of the least `cost` between `low` and `high`: the best end of `intervals` equal intervals, and the golden section
-/// between its neighbours; the end of the range itself where that is the best.
+/// Place of the smallest `cost` between `low` and `high`: the best end of `intervals` equal intervals, refined by a
+/// golden section between its neighbours, or an end of the range if that is the best.
 pub(super) fn least_on_grid(cost: impl Fn(f64) -> f64, [low, high]: [f64; 2], intervals: usize) -> f64 {
     let place = |k: usize| low + (high - low) * k as f64 / intervals as f64;
     let costs = (0..=intervals).map(|k| (k, cost(place(k))));
@@ -37,7 +37,7 @@ mod tests {
     fn the_lower_of_two_minima_is_found_and_an_end_where_there_is_none() {
         let two = |x: f64| (x * x - 1.0).powi(2) + 0.1 * x;
         let found = least_on_grid(two, [-2.0, 2.0], 16);
-        // without a slope: 4 x (x² - 1) + 0.1 = 0
+        // zero slope: 4 x (x² - 1) + 0.1 = 0
         assert!((4.0 * found * (found * found - 1.0) + 0.1).abs() < 1e-3 && found < 0.0, "{found}");
         assert_eq!(least_on_grid(|x| x, [-2.0, 2.0], 16), -2.0);
         assert_eq!(least_on_grid(|x| -x, [-2.0, 2.0], 16), 2.0);

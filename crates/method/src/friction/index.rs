@@ -1,11 +1,11 @@
-//! The warm friction index: friction of each run against the robot's own baseline, at equal speed and equal
-//! thermal state. Where the friction law depends on the load, it is compared at the load of the baseline.
+//! Warm friction index: friction of each run relative to the robot's own baseline, at equal speed and equal thermal
+//! state. If the friction law depends on the load, it is compared at the load of the baseline.
 //!
-//! In a run, friction of joint `j` at level `l` differs from the map's by the factor `1 + w_j` and by a thermal
-//! deficit that the map does not predict. The wear `w_j` is the same at all speeds. The deficit has a part `ambient_j`
-//! that is constant through the run, and a part that was there at the start and decays. A deficit adds to each level
-//! in proportion to the map's cold part, which distinguishes it from wear inside one joint. All joints are in the same
-//! surroundings, which distinguishes the two between joints. For each run, all of them are the solution of one
+//! In a run, friction of joint `j` at level `l` differs from the map's by the factor `1 + w_j` and by a thermal deficit
+//! that the map does not predict. The wear `w_j` is the same at all speeds. The deficit has a part `ambient_j` that is
+//! constant through the run, and a part that is present at the start and decays. A deficit adds to each level in
+//! proportion to the map's cold part, which distinguishes it from wear within one joint. All joints have the same
+//! ambient temperature, which distinguishes the two between joints. For each run, all of them are the solution of one
 //! least-squares problem with weak priors, see `run_effects.rs`; its covariance gives the intervals.
 //!
 //! Maps and priors are held ([`self::baseline`]). The index of a run therefore follows from the map, the run and the
@@ -26,18 +26,18 @@ use armwatch_model::analysis::Estimate;
 use armwatch_model::analysis::friction::FrictionIndex;
 use armwatch_model::analysis::map_run::MapRun;
 
-/// A map that a run is compared with.
+/// Map with which a run is compared.
 #[derive(Debug, Clone, Copy)]
 pub struct ReferenceMap<'a> {
     /// The map.
     pub held: &'a HeldMap,
-    /// Whether the run is one of its baseline, whose mean contains it.
+    /// True if the run is in the map's baseline, whose mean then contains it.
     pub in_baseline: bool,
 }
 
-/// Index of each joint that has points in the run `run` and a map among `references`, which has one of each joint at
-/// most. `before` are the runs that began within `REMEMBERED_S` before it, oldest first; of these only the motion is
-/// used. A run that overlaps the one before it counts as beginning when that ends.
+/// Index of each joint that has points in the run `run` and a map among `references`, which contain at most one map per
+/// joint. `before` are the runs that began within `REMEMBERED_S` before it, oldest first; only their motion is used. If
+/// a run overlaps the previous one, it counts from the end of that one.
 #[must_use]
 pub fn run_indices(references: &[ReferenceMap<'_>], before: &[MapRun], run: &MapRun) -> Vec<FrictionIndex> {
     let all: Vec<&MapRun> = before.iter().chain([run]).collect();
@@ -55,7 +55,7 @@ pub fn run_indices(references: &[ReferenceMap<'_>], before: &[MapRun], run: &Map
     references.iter().zip(&records).zip(&effects).filter_map(of_joint).collect()
 }
 
-/// The index of one joint, from the effects of its run.
+/// Index of one joint, from the effects of its run.
 fn joint_index(of: ReferenceMap<'_>, record: &JointRecord, effect: &RunEffect, start: f64) -> FrictionIndex {
     let ReferenceMap { held, in_baseline } = of;
     let relative = held.zero.relative(effect, in_baseline);
@@ -71,8 +71,8 @@ fn joint_index(of: ReferenceMap<'_>, record: &JointRecord, effect: &RunEffect, s
     }
 }
 
-/// Measured friction of the record's one run as a multiple of the usual friction by level: the mean over the levels of
-/// the ratio of mean friction. The thermal state is not taken into account. NaN without a level in common.
+/// Measured friction of the record's only run as a multiple of the usual friction by level: the mean over the levels of
+/// the ratio of mean friction, without regard to the thermal state. NaN without a common level.
 fn raw_index(record: &JointRecord, usual: &[Option<f64>]) -> f64 {
     let ratios: Vec<f64> = (0..record.levels.len())
         .filter_map(|level| Some(level_mean(record, 0, level)? / usual[level]?))

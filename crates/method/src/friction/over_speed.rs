@@ -1,9 +1,9 @@
-//! Friction against speed from plateau points: Coulomb, viscous, Stribeck, power law, polynomial [3.10].
+//! Friction as a function of speed from plateau points: Coulomb, viscous, Stribeck, power law, polynomial [3.10].
 //!
-//! Each form is linear but for one parameter at most (exponent or Stribeck speed), which is sought alone in
-//! bounds while the linear ones are solved for (variable projection, Golub & Pereyra 1973; a line search
-//! because the bounds matter). Friction never drives: coefficients that would be negative are held at zero,
-//! a polynomial that dips below zero is refused.
+//! Each form is linear except for at most one parameter (exponent or Stribeck speed). The search for that parameter is
+//! one-dimensional and bounded, and solves for the linear ones at each step (variable projection, Golub & Pereyra 1973;
+//! a line search because the bounds matter). Friction never drives: coefficients that would be negative become zero,
+//! and a polynomial with negative values is refused.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -15,42 +15,42 @@ use armwatch_model::analysis::friction::{Asymmetry, JointSpeedFits, SpeedCoeffic
 use armwatch_model::analysis::{Estimate, FrictionPoint};
 use armwatch_model::robot::JointIndex;
 
-/// Fewest different speeds of a curve.
+/// Smallest number of different speeds of a curve.
 const MIN_SPEEDS: usize = 2;
 
-/// Speeds closer than this fraction are one level.
+/// Relative difference of speeds below which they are one level.
 const SAME_SPEED: f64 = 0.05;
 
-/// Least relative error of a point: rows of a torque signal without noise are still rounded.
+/// Smallest relative error of a point: rows of a torque signal without noise are still rounded.
 const MIN_RELATIVE_ERROR: f64 = 1e-4;
 
-/// A part beyond Coulomb and viscous friction is supported if it exceeds its standard error this often.
+/// Number of standard errors that a part beyond Coulomb and viscous friction must exceed to be supported.
 const MIN_SIGNIFICANCE: f64 = 2.0;
 
-/// Bounds of the exponent of the power law: measured gears show 0.3 to 2, and a smaller exponent is a
-/// Coulomb part by another name.
+/// Bounds of the exponent of the power law: measured gears show 0.3 to 2, and a smaller exponent is indistinguishable
+/// from a Coulomb part.
 const EXPONENT: [f64; 2] = [0.1, 3.0];
 
-/// The Stribeck speed is sought from this fraction of the slowest measured speed, below which the points
-/// see nothing of it (`exp(-4)` is left of it), to this fraction of the fastest, where it is curvature.
+/// Bounds of the Stribeck speed: from this fraction of the slowest measured speed to this fraction of the fastest.
+/// Points do not show a smaller value (`exp(-4)` remains of it), and a larger one is curvature.
 const STRIBECK: [f64; 2] = [0.5, 0.5];
 
-/// Intervals of the grid over the bounds; the minimum is then sought between the neighbours of its best place.
+/// Number of grid intervals over the bounds; the minimum is then refined between the neighbours of the best grid point.
 const GRID: usize = 24;
 
-/// Places at which a polynomial is held against zero.
+/// Number of speeds for checking the sign of a polynomial.
 const SIGN_PLACES: usize = 50;
 
 /// Friction over speed of one joint, both directions, in the form that the data support.
 ///
-/// `points` are plateaus of one cycle, or of cycles equally warm; those of other joints are passed over. A
-/// point's error is its rows' standard deviation over the root of its independent rows, of which
-/// `independent_fraction` (0 to 1) gives the part that the low-pass leaves. A form needs one speed more than
-/// it has parameters, except Coulomb-viscous friction, which two speeds determine without a check.
+/// `points` are plateaus of one cycle, or of equally warm cycles; those of other joints are ignored. A point's error is
+/// its rows' standard deviation over the root of the number of independent rows. `independent_fraction` (0 to 1) is the
+/// part of the rows that is independent after the low-pass. A form needs one speed more than it has parameters, except
+/// Coulomb-viscous friction, which two speeds determine without a check.
 ///
-/// The form is chosen for both directions together by the corrected Akaike criterion (Hurvich & Tsai 1989)
-/// of the independent rows, with the scatter beyond the points' errors as variance inflation (Burnham &
-/// Anderson 2002, QAICc). Standard errors are inflated by the same.
+/// The form is chosen for both directions together by the corrected Akaike criterion (Hurvich & Tsai 1989) of the
+/// independent rows, with the scatter beyond the points' errors as variance inflation (Burnham & Anderson 2002, QAICc).
+/// Standard errors have the same inflation.
 ///
 /// # Errors
 /// [`NumericsError::TooFewSpeeds`] with fewer than two different speeds in every direction,
@@ -94,11 +94,10 @@ pub fn friction_over_speed(
     })
 }
 
-/// Fits one form to one direction of a joint's points, whether or not the data support it.
+/// Fits one form to one direction of a joint's points, even if the data do not support it.
 ///
 /// # Errors
-/// As [`friction_over_speed`]; [`NumericsError::NotFinite`] also where the form has no fit inside its
-/// bounds.
+/// Those of [`friction_over_speed`]; [`NumericsError::NotFinite`] also if the form has no fit inside its bounds.
 #[cfg(test)]
 fn fit_speed_model(
     joint: JointIndex,
@@ -153,7 +152,7 @@ fn friction_at_speed(fit: &SpeedFit, speed: f64) -> Estimate {
     Estimate { value, std_error: variance.max(0.0).sqrt() }
 }
 
-/// One direction's points, speeds as fractions of the largest.
+/// Points of one direction, with speeds as fractions of the largest.
 struct Side {
     direction: i8,
     top: f64,
@@ -242,10 +241,10 @@ fn note_levels(joint: JointIndex, speeds: usize, chosen: SpeedModel, remarks: &m
     }
 }
 
-/// A fit in fractions of the largest speed.
+/// Fit with speeds as fractions of the largest.
 struct Raw {
     model: SpeedModel,
-    /// Linear coefficients, then the logarithm of the nonlinear one, if there is one.
+    /// Linear coefficients, then the logarithm of the nonlinear one, if any.
     x: Vec<f64>,
     free: Vec<bool>,
     covariance: DMatrix<f64>,
@@ -275,7 +274,7 @@ impl Raw {
                 _ => 1.0,
             })
             .collect();
-        // the logarithm's error is the relative one
+        // the error of a logarithm is the relative error
         let slope: Vec<f64> =
             (0..n).map(|k| if nonlinear(k) { scale[k] * value(k) } else { scale[k] }).collect();
         let covariance: Vec<f64> = (0..n * n)
@@ -305,8 +304,8 @@ impl Raw {
     }
 }
 
-/// Sum of squares over the freedom of both directions; `None` with less than two degrees of it, where it
-/// would be chance.
+/// Sum of squares per degree of freedom of both directions; `None` with less than two degrees, because it would be
+/// chance.
 fn reduced(raws: &[Raw], sides: &[Side]) -> Option<f64> {
     let points: usize = sides.iter().map(|side| side.u.len()).sum();
     let freedom = points.checked_sub(raws.iter().map(Raw::parameters).sum())?;
@@ -320,7 +319,7 @@ fn criterion(raws: &[Raw], sides: &[Side], inflation: f64) -> f64 {
     corrected_akaike(deviance, k, rows)
 }
 
-/// Whether the terms that a form has beyond Coulomb-viscous friction are significant.
+/// Returns true if the terms of a form beyond Coulomb-viscous friction are significant.
 fn supported(model: SpeedModel, raw: &Raw, inflation: f64) -> bool {
     let clear = |significance: f64| significance > MIN_SIGNIFICANCE * inflation.sqrt();
     match model {
@@ -341,7 +340,7 @@ fn linear_count(model: SpeedModel) -> usize {
     }
 }
 
-/// The linear columns of a form at the speed fraction `u`, its nonlinear parameter as a logarithm.
+/// Linear columns of a form at the speed fraction `u`; `log` is the logarithm of its nonlinear parameter.
 fn columns(model: SpeedModel, log: f64, u: f64) -> [f64; 4] {
     match model {
         SpeedModel::Coulomb | SpeedModel::CoulombViscous | SpeedModel::Polynomial => {
@@ -370,15 +369,14 @@ fn fit(side: &Side, model: SpeedModel) -> Option<Raw> {
     let grid: Vec<f64> = (0..=GRID).map(|k| cost(low + step * k as f64)).collect();
     let best = (0..=GRID).min_by(|a, b| grid[*a].total_cmp(&grid[*b]))?;
     if best == 0 || best == GRID {
-        // the data push it out of what they can show
+        // the best value is outside the range that the data can show
         return None;
     }
     let log = least_between(cost, low + step * (best as f64 - 1.0), low + step * (best as f64 + 1.0));
     finished(side, model, Some(finished_log(side, model, log)))
 }
 
-/// The nonlinear parameter near `log` at which the sum of squares has no slope, with the same coefficients held at
-/// zero.
+/// Nonlinear parameter near `log` with zero slope of the sum of squares, and with the same coefficients held at zero.
 fn finished_log(side: &Side, model: SpeedModel, log: f64) -> f64 {
     let bent = linear_count(model) - 1;
     let free = match linear(side, model, log) {
@@ -398,7 +396,7 @@ fn finished_log(side: &Side, model: SpeedModel, log: f64) -> f64 {
     on_gradient(&[log], &target, at_log)[0]
 }
 
-/// Slope of the column that bends with the logarithm of its nonlinear parameter.
+/// Slope of the nonlinear column with respect to the logarithm of its parameter.
 fn column_slope(model: SpeedModel, log: f64, u: f64) -> f64 {
     match model {
         SpeedModel::PowerLaw => log.exp() * u.powf(log.exp()) * u.ln(),
@@ -410,8 +408,8 @@ fn column_slope(model: SpeedModel, log: f64, u: f64) -> f64 {
     }
 }
 
-/// Linear coefficients under their bounds: of all choices of coefficients held at zero, the feasible one
-/// with the least sum of squares, which is the constrained minimum.
+/// Linear coefficients within their bounds: among all choices of coefficients held at zero, the feasible one with the
+/// smallest sum of squares, which is the constrained minimum.
 fn linear(side: &Side, model: SpeedModel, log: f64) -> Option<([f64; 4], [bool; 4], f64)> {
     let n = linear_count(model);
     if model == SpeedModel::Polynomial {
@@ -441,7 +439,7 @@ fn solve(side: &Side, model: SpeedModel, log: f64, free: &[bool; 4]) -> Option<(
     let target = DVector::from_fn(n, |i, _| root[i] * side.tau[i]);
     let inverse = inverse_normal(&design)?;
     let mut found = &inverse * design.transpose() * &target;
-    // normal equations lose digits, which the residual brings back
+    // one refinement step restores the digits that normal equations lose
     found += &inverse * design.transpose() * (&target - &design * &found);
     let chi = (&design * &found - target).norm_squared();
     let mut x = [0.0; 4];
@@ -497,7 +495,7 @@ fn finished(side: &Side, model: SpeedModel, log: Option<f64>) -> Option<Raw> {
     })
 }
 
-/// Whether a polynomial would drive the joint somewhere from rest to the largest measured speed.
+/// Returns true if a polynomial is negative anywhere between rest and the largest measured speed.
 fn drives(x: &[f64; 4]) -> bool {
     (0..=SIGN_PLACES).any(|k| {
         let u = k as f64 / SIGN_PLACES as f64;

@@ -1,31 +1,31 @@
-//! Separable least-squares fits finished on their gradient.
+//! Refinement of separable least-squares fits on their gradient.
 //!
-//! A search ends where the sum of squares no longer falls, which leaves its parameters known to the root of the
-//! rounding only: where exactly it ends depends on the order of a sum. Gauss-Newton steps from there go on until
-//! they are as small as rounding, so that the fit depends on its data alone.
+//! A search ends when the sum of squares no longer falls. Its parameters are then accurate only to the root of the
+//! rounding, and the exact end depends on the order of a sum. Gauss-Newton steps continue from there until they are as
+//! small as rounding, so that the fit depends only on its data.
 
 use nalgebra::{DMatrix, DVector};
 
-/// Most steps; each takes at least a tenth off the one before.
+/// Largest number of steps; each is at least a tenth smaller than the previous one.
 const MOST_STEPS: usize = 300;
 const SHRINKS_TO: f64 = 0.9;
 
-/// A search that ended further away than this did not end in a minimum.
+/// Largest distance from the end of the search to the minimum; beyond it, the search did not end in a minimum.
 const NEAR: f64 = 0.01;
 
-/// Steps below this are rounding.
+/// Size of a step below which it is rounding.
 const ROUNDING: f64 = 1e-10;
 
-/// Terms that are linear in their coefficients, at some nonlinear parameters; rows are weighted.
+/// Terms that are linear in their coefficients, at given nonlinear parameters; rows are weighted.
 pub(super) struct Terms {
-    /// One column a term.
+    /// One column per term.
     pub(super) terms: DMatrix<f64>,
-    /// Of each nonlinear parameter, the term that it is part of and the slope of that term.
+    /// For each nonlinear parameter, the term that depends on it and the slope of that term.
     pub(super) slopes: Vec<(usize, DVector<f64>)>,
 }
 
-/// The nonlinear parameters near `start` at which Gauss-Newton steps (Kaufman 1975: coefficients are solved for anew
-/// in each) are as small as rounding; `start` itself where they do not converge.
+/// Nonlinear parameters near `start` with Gauss-Newton steps as small as rounding (Kaufman 1975: each step solves for
+/// the coefficients again); `start` itself if they do not converge.
 pub(super) fn on_gradient(
     start: &[f64],
     right: &DVector<f64>,
@@ -48,7 +48,7 @@ pub(super) fn on_gradient(
     at
 }
 
-/// The Gauss-Newton step of the nonlinear parameters.
+/// Gauss-Newton step of the nonlinear parameters.
 fn step(of: &Terms, right: &DVector<f64>) -> Option<DVector<f64>> {
     let linear = of.terms.ncols();
     let coefficients = least_squares(of.terms.clone(), right)?;
@@ -97,7 +97,7 @@ mod tests {
     fn where_a_search_stopped_no_longer_matters() {
         let (minutes, torque) = record(0.3);
         let from = |start: f64| on_gradient(&[start], &torque, |at| Some(decay(&minutes, at[0])))[0];
-        // the minimum by another road: where the sum of squares has no slope, by bisection
+        // minimum by another method: bisection for zero slope of the sum of squares
         let slope = |log: f64| {
             let of = decay(&minutes, log);
             let coefficients = least_squares(of.terms.clone(), &torque).expect("full rank");

@@ -1,8 +1,8 @@
-//! Friction against time while a gearbox warms: `tau(t) = a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
+//! Friction as a function of time while a gearbox warms: `tau(t) = a + b exp(-t/t1) + c exp(-t/t2)` [5.4].
 //!
-//! Amplitudes enter linearly, time constants do not: variable projection (Golub & Pereyra 1973)
-//! solves for the latter alone. Time constants are sought as logarithms, so a rate can never turn
-//! negative. Of a constant, one and two exponentials the one is kept that the data support.
+//! Amplitudes are linear parameters, time constants are not: variable projection (Golub & Pereyra 1973) searches only
+//! for the latter. The search uses their logarithms, so that a rate is never negative. Among a constant, one and two
+//! exponentials, the fit keeps the one that the data support.
 
 mod curve;
 mod early;
@@ -24,36 +24,36 @@ use crate::statistics::information::corrected_akaike;
 use armwatch_model::analysis::{Decay, Estimate, FastShown, WarmUpFit, WarmUpModel};
 use armwatch_model::robot::JointIndex;
 
-/// Fewest points of a fit.
+/// Smallest number of points of a fit.
 const MIN_POINTS: usize = 4;
 
-/// Most points that a fit works on one by one. Of more, as all runs of a robot give, neighbours in time are
-/// averaged: a curve of five parameters needs no more, and the work stays bounded.
+/// Largest number of points that a fit uses individually. If there are more, as from all runs of a robot, neighbours in
+/// time are averaged: this is enough for a curve of five parameters, and bounds the work.
 const MAX_POINTS: usize = 240;
 
-/// Neighbours lie within this fraction of the time since the start, of which a decay that is not over by then
-/// curves by less than a thousandth; near the start, where that would be nothing, within that of this time,
-/// min, since faster parts than the thesis's fastest (0.3 min) are not looked for.
+/// Largest distance of neighbours, as a fraction of the time since the start. A decay that is not over by then curves
+/// by less than a thousandth over it. Near the start the fraction applies to `NEIGHBOURS_FROM`, min, since the fit does
+/// not look for faster parts than the thesis's fastest (0.3 min).
 const NEIGHBOURS: f64 = 0.05;
 const NEIGHBOURS_FROM: f64 = 0.3;
 
-/// A time constant longer than this many records is a straight line in disguise: the asymptote
-/// would be an extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
+/// Largest time constant, in lengths of the record. A longer one is in effect a straight line, and its asymptote an
+/// extrapolation (thesis Table N.1 has one with a = 0 and a time constant of a day).
 const LONGEST_IN_RECORDS: f64 = 1.5;
 
-/// Fewest runs whose scatter alone tells the errors.
+/// Smallest number of runs whose scatter alone determines the errors.
 const MIN_RUNS: usize = 4;
 
-/// Two exponentials whose time constants are closer than this ratio share one decay.
+/// Smallest ratio of two time constants; closer ones are a single decay.
 const MIN_RATIO: f64 = 2.0;
 
-/// A part counts as supported if it and its time constant exceed their standard errors this often.
+/// Number of standard errors that a part and its time constant must exceed to be supported.
 const MIN_SIGNIFICANCE: f64 = 2.0;
 
 /// A point of a warm-up curve: time since the run's start in minutes, torque magnitude in Nm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct WarmUpPoint {
-    /// Which run it is of, from 0: points of a run share what the run has of its own.
+    /// Run of the point, from 0. Points of one run share its random effect.
     pub run: usize,
     /// Minutes since the run's start.
     pub minute: f64,
@@ -63,21 +63,20 @@ pub(crate) struct WarmUpPoint {
 
 /// Fits the warm-up curve of one joint at one speed and chooses its shape.
 ///
-/// A shape with more parts wins if it lowers the corrected Akaike criterion (Hurvich & Tsai 1989)
-/// and each of its parts is supported by the data: positive and clear of its standard error, time
-/// constant neither longer than the record allows nor resolved worse than by half of itself.
+/// A shape with more parts wins if it lowers the corrected Akaike criterion (Hurvich & Tsai 1989) and the data support
+/// each of its parts: it is positive by several standard errors, and its time constant is not longer than the record
+/// allows and has a relative error below a half.
 ///
-/// A fast part that only the first points see cannot be supported so: its height at t = 0 is an extrapolation. It is
-/// judged by its value at the first point, and its time constant bounded from above (`early_fit`). It has to lower the
-/// Bayesian criterion (Schwarz 1978) too.
+/// A fast part that only the first points show cannot meet this condition, since its height at t = 0 is an
+/// extrapolation. The condition then uses its value at the first point and an upper bound of its time constant
+/// (`early_fit`). It must also lower the Bayesian criterion (Schwarz 1978).
 ///
-/// With points of several runs, standard errors are those of leaving out one run after the other, to first order
-/// (Efron & Stein 1981): runs differ by more than points do. They are widened by Student's quantile with one
-/// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval also of few runs.
+/// If there are points of several runs, standard errors are those of leaving out each run in turn, to first order
+/// (Efron & Stein 1981), because runs differ by more than points do. They are widened by Student's quantile with one
+/// degree of freedom less than there are runs, so that 1.96 of them are the 95 % interval even with few runs.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are
-/// not finite.
+/// [`NumericsError::TooShort`] below four points, [`NumericsError::NotFinite`] for values that are not finite.
 pub(crate) fn fit_warm_up(
     joint: JointIndex,
     speed_fraction: f64,
@@ -126,7 +125,7 @@ pub(crate) fn fit_warm_up(
     Ok(WarmUpFit { rmsd: warm_up_rmsd(&fit, points), samples: points.len(), record: [first, last], ..fit })
 }
 
-/// The points themselves up to [`MAX_POINTS`], means of neighbours in time of more.
+/// All points up to [`MAX_POINTS`]; beyond that, means of neighbours in time.
 fn grouped(points: &[WarmUpPoint]) -> Vec<Mean> {
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.minute.total_cmp(&b.minute));
@@ -164,15 +163,15 @@ pub fn warm_up_torque(fit: &WarmUpFit, minute: f64) -> f64 {
     fit.a.value + fit.slow.as_ref().map_or(0.0, part) + fit.fast.as_ref().map_or(0.0, part)
 }
 
-/// Corrected Akaike criterion for normal residuals; infinite where there are too few points. The
-/// residual variance counts as one more parameter.
+/// Corrected Akaike criterion for normal residuals; infinite with too few points. The residual variance counts as one
+/// more parameter.
 fn criterion(points: usize, rmsd: f64, parameters: usize) -> f64 {
     // a perfect fit of synthetic points has no logarithm
     let deviance = points as f64 * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln();
     corrected_akaike(deviance, parameters as f64 + 1.0, points as f64)
 }
 
-/// Bayesian criterion for normal residuals, with the parameters as [`criterion`] counts them.
+/// Bayesian criterion for normal residuals, with the same number of parameters as [`criterion`].
 fn bayesian(points: usize, rmsd: f64, parameters: usize) -> f64 {
     let (n, k) = (points as f64, parameters as f64 + 1.0);
     n * (rmsd * rmsd).max(f64::MIN_POSITIVE).ln() + k * n.ln()
@@ -206,7 +205,7 @@ impl CandidateFit {
             self.a.std_error = errors.of(0, self.a.std_error);
             for (k, part) in self.parts.iter_mut().enumerate() {
                 let (amplitude, time) = (&mut part.amplitude, &mut part.time_constant);
-                // what is known from one side only has no error
+                // a value with only an upper bound has no error
                 if time.std_error.is_nan() {
                     continue;
                 }
@@ -242,19 +241,20 @@ struct ErrorsByRun {
 }
 
 impl ErrorsByRun {
-    /// The error of a parameter. Two or three runs may agree by chance, and must not promise more then than
-    /// independent points would (`plain`).
+    /// Error of a parameter. Two or three runs may agree by chance, so their error is at least that of independent
+    /// points (`plain`).
     fn of(&self, parameter: usize, plain: f64) -> f64 {
         let by_run = self.errors[parameter];
         if self.runs < MIN_RUNS { by_run.max(plain) } else { by_run }
     }
 }
 
-/// Standard errors from the scatter between runs: of `a`, then of amplitude and logarithm of the time constant
-/// of each part. `None` for a single run, or where one run alone shows a parameter.
+/// Standard errors from the scatter between runs: of `a`, then of amplitude and logarithm of the time constant of each
+/// part. `None` for a single run, or if only one run shows a parameter.
 ///
-/// With the normal equations `A` of all points, `A_r` and the score `s_r` of run `r`, leaving it out changes the
-/// parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is `(R - 1) / R sum d_r d_r^T`.
+/// Let `A` be the normal equations of all points, and `A_r` and `s_r` the normal equations and the score of run `r`.
+/// Leaving the run out changes the parameters by `d_r = (A - A_r)^-1 s_r`; the covariance is
+/// `(R - 1) / R sum d_r d_r^T`.
 fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<ErrorsByRun> {
     let size = 1 + 2 * parts.len();
     let runs = points.iter().map(|p| p.run).max()? + 1;
@@ -289,7 +289,7 @@ fn errors_by_run(points: &[WarmUpPoint], a: f64, parts: &[Decay]) -> Option<Erro
     Some(ErrorsByRun { runs, errors: variances.into_iter().map(error).collect() })
 }
 
-/// Whether every part of a fit is significant and possible for a gearbox that warms up.
+/// Returns true if every part of a fit is significant and possible for a gearbox that warms up.
 fn supported(candidate: &CandidateFit, points: &[Mean]) -> bool {
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let record = last - first;
@@ -324,7 +324,7 @@ fn double_starts(points: &[Mean]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// Best of the fits from several starts; variable projection finds local minima.
+/// Best fit from several starts, because variable projection finds local minima.
 fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<CandidateFit> {
     if points.len() <= 1 + 2 * parts {
         return None;
@@ -336,7 +336,7 @@ fn best_fit(points: &[Mean], starts: &[Vec<f64>], parts: usize) -> Option<Candid
     })
 }
 
-/// `a` and one exponential for each logarithm of a time constant, sought from `start`.
+/// Fits `a` and one exponential per logarithm of a time constant in `start`.
 fn exponentials(points: &[Mean], start: &[f64]) -> Option<ExponentialFit> {
     let names = &["log_t1", "log_t2"][..start.len()];
     let minutes = DVector::from_iterator(points.len(), points.iter().map(|p| p.minute));
@@ -368,7 +368,7 @@ fn candidate(points: &[Mean], fit: &ExponentialFit) -> Option<CandidateFit> {
     let mut decays: Vec<Decay> = (0..parts)
         .map(|k| {
             let time = log_times[k].exp();
-            // the logarithm's standard error is the relative one of the time constant
+            // the standard error of a logarithm is the relative error of the time constant
             let time_constant = Estimate { value: time, std_error: time * log_variance[k].max(0.0).sqrt() };
             Decay { amplitude: estimate(k + 1), time_constant }
         })
@@ -384,8 +384,8 @@ fn candidate(points: &[Mean], fit: &ExponentialFit) -> Option<CandidateFit> {
     finite.then_some(CandidateFit { a: estimate(0), parts: decays, fast_shown, rmsd })
 }
 
-/// Value of the fast part at `first`, and the longest that its time constant may be: the upper end of its 95 % interval,
-/// `wide` standard errors of its logarithm. `covariance` is that of `a`, both amplitudes and the logarithms of both time
+/// Value of the fast part at `first`, and the longest possible time constant: the upper end of its 95 % interval,
+/// `wide` standard errors of its logarithm. `covariance` contains `a`, both amplitudes and the logarithms of both time
 /// constants, in the order of the fit's `log_times`.
 fn shown_at(first: f64, fast: &Decay, covariance: &DMatrix<f64>, log_times: &[f64], wide: f64) -> FastShown {
     let k = usize::from(log_times[1] < log_times[0]);
@@ -413,7 +413,7 @@ mod tests {
 
     const JOINT: JointIndex = JointIndex::new(0);
 
-    /// Normal noise of unit variance that depends on `i` alone.
+    /// Normal noise of unit variance, a function of `i`.
     fn noise(i: usize) -> f64 {
         ChaCha8Rng::seed_from_u64(i as u64).sample(StandardNormal)
     }

@@ -1,12 +1,12 @@
-//! What a torque or position channel that reads wrong does to identified parameters.
+//! Effect of a wrong torque or position channel on identified parameters.
 //!
-//! A fault adds a torque `f` to that which the model explains: `g tau_j` for a gain of joint `j`, a constant for an
-//! offset, `-delta d tau/d q_j` for a position that reads `delta` too much. Weighted least squares take of it
-//! `A⁻¹ sum_i w_i W_iᵀ f_i` into the parameters, with `A = sum_i w_i W_iᵀ W_i` over the joints' rows `W_i` and weights
-//! `w_i`, and leave the rest unexplained. Stored parameters of later tests can so be compared with each fault without any
-//! row. The weights are one over the variance of a joint's residuals. A fault adds to it, so the answer is computed for
-//! some strengths of the fault ([`STRENGTHS`]), with the weights that go with each. These weights move the parameters by
-//! themselves as well, by what the joints' rows say otherwise than each other of the same parameters.
+//! A fault adds a torque `f` to the torque that the model explains: `g tau_j` for a gain of joint `j`, a constant
+//! for an offset, `-delta d tau/d q_j` for a position that is `delta` too large. Weighted least squares put
+//! `A⁻¹ sum_i w_i W_iᵀ f_i` of it into the parameters, with `A = sum_i w_i W_iᵀ W_i` over the joints' rows `W_i`
+//! and weights `w_i`, and leave the rest unexplained. So stored parameters of later tests can be compared with each
+//! fault without any row. The weights are the inverse variances of the joints' residuals. A fault adds to this
+//! variance, so the response is computed for some strengths of the fault ([`STRENGTHS`]), each with its own
+//! weights. A change of weights alone also moves the parameters if the joints' rows disagree about them.
 
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, MatRef, Side};
@@ -22,13 +22,13 @@ use armwatch_model::analysis::{Estimator, Identification, Motion};
 use armwatch_model::robot::{JointIndex, ParameterId, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Instants that the response is taken from: many more than parameters, and few against a cycle.
+/// Number of instants for the response: far more than parameters, and few relative to a cycle.
 const INSTANTS: usize = 1000;
-/// A fault of this size, a million times the torque or in Nm or rad, is none.
+/// Upper limit of the size of a fault, relative to the torque or in Nm or rad.
 const MOST_SIZE: f64 = 1e6;
-/// Rounds in which weights and unexplained torque of a strong fault settle.
+/// Iterations of the weights and the unexplained torque of a strong fault.
 const ROUNDS: usize = 6;
-/// Step of the derivative by a position, rad (m).
+/// Step of the derivative with respect to a position, rad (m).
 const STEP: f64 = 1e-4;
 
 /// The rows of a cycle.
@@ -38,16 +38,16 @@ pub struct ObservedCycle<'a> {
     pub robot: &'a Robot,
     /// Columns of the kept parameters, `[b]`.
     pub columns: &'a KeptColumns,
-    /// Channels.
+    /// Signals after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Columns that jump.
+    /// Columns with jumps.
     pub filtered_coulomb_columns: &'a [FilteredColumn],
-    /// Stages.
+    /// Recorded rows with their stages.
     pub samples: &'a Samples,
 }
 
-/// The response of the parameters `found` of a cycle, from a thousand instants of its excitation, evenly spaced.
-/// `None` where these instants do not show every parameter.
+/// Response of the parameters `found` of a cycle, from a thousand evenly spaced instants of its excitation. `None` if
+/// these instants do not show every parameter.
 #[must_use]
 pub fn channel_response(
     cycle: &ObservedCycle<'_>,
@@ -62,12 +62,12 @@ pub fn channel_response(
     Some(ChannelResponse { parameters, faults: responses })
 }
 
-/// Rows of one joint in the instants of the response, row after row.
+/// Rows of one joint at the instants of the response, row by row.
 #[derive(Default)]
 struct ResponseRows {
-    /// `[b]` a row.
+    /// `[b]` per row.
     w: Vec<f64>,
-    /// Torque of each fault that this joint feels, `[2 + n]` a row: its gain, its offset, all positions.
+    /// Torque of each fault at this joint, `[2 + n]` per row: its gain, its offset, all positions.
     faults: Vec<f64>,
     torque_squares: f64,
     rows: usize,
@@ -75,9 +75,9 @@ struct ResponseRows {
 
 /// Sums over the rows of one joint.
 struct JointResponseSums {
-    /// Columns that are not zero: a joint feels its own and the outer links.
+    /// Columns that are not zero: a joint depends on its link and the outer links.
     columns: Vec<usize>,
-    /// `W_iᵀ W_i` of these, `[k x k]`.
+    /// `W_iᵀ W_i` of these columns, `[k x k]`.
     gram: Mat<f64>,
     /// `W_iᵀ f`, `[k x (2 + n)]`: faults in the order of [`ResponseRows::faults`].
     with_fault: Mat<f64>,
@@ -103,7 +103,7 @@ impl JointResponseSums {
         }
     }
 
-    /// Product with the columns of `w` that the joint feels of the parameters' `change`.
+    /// Entries of the parameters' `change` at this joint's columns.
     fn felt(&self, change: &[f64]) -> Mat<f64> {
         Mat::from_fn(self.columns.len(), 1, |k, _| change[self.columns[k]])
     }
@@ -115,25 +115,25 @@ impl JointResponseSums {
 
 /// Sums over the rows of all joints.
 struct ResponseSums {
-    /// Parameters.
+    /// Number of parameters.
     b: usize,
     joints: Vec<JointResponseSums>,
 }
 
-/// The normal equations under some weights, solved.
+/// Solved normal equations for some weights.
 struct Normal {
     factor: Llt<f64>,
-    /// Columns have length one, so that the factor is as well conditioned as it can be.
+    /// Scale that gives columns the length one, for the best conditioning of the factor.
     scale: Vec<f64>,
 }
 
-/// What a fault of size 1 does.
+/// Effect of a fault of size 1.
 struct UnitFaultEffect {
-    /// To the parameters, `[b]`.
+    /// Change of the parameters, `[b]`.
     change: Vec<f64>,
-    /// What the weights alone do to them, `[b]`; empty where these are the usual ones.
+    /// Change of the parameters from the weights alone, `[b]`; empty with the usual weights.
     shift: Vec<f64>,
-    /// Torque of each joint that is left unexplained, root mean square, Nm (N), `[n]`.
+    /// Root mean square of the unexplained torque of each joint, Nm (N), `[n]`.
     left: Vec<f64>,
 }
 
@@ -167,7 +167,8 @@ impl ResponseSums {
         Self { b, joints: of_joints.iter().map(|rows| JointResponseSums::of(rows, b, n)).collect() }
     }
 
-    /// `deviations` `[n]` are those of the joints' residuals, Nm (N); `None` where rows are not weighed.
+    /// Solves for all faults. `deviations` `[n]` are the standard deviations of the joints' residuals, Nm (N); `None`
+    /// if rows have no weights.
     fn solve(&self, deviations: Option<&[f64]>) -> Option<Vec<FaultResponse>> {
         let first = match deviations {
             Some(usual) => weights(usual, 0.0, &vec![0.0; usual.len()]),
@@ -197,8 +198,8 @@ impl ResponseSums {
         all.iter().all(is_finite).then_some(all)
     }
 
-    /// What a fault does that is so large that it leaves of some joint `times` what is usual. `first` are the weights
-    /// without it.
+    /// Effect of a fault so large that it leaves, at some joint, `times` the usual residual. `first` are the weights
+    /// without the fault.
     fn answer(
         &self,
         usual: &Normal,
@@ -213,14 +214,14 @@ impl ResponseSums {
         for _ in 0..ROUNDS {
             let most =
                 answer.left.iter().zip(deviations).map(|(left, usual)| left / usual).fold(0.0, f64::max);
-            // parameters that take up a fault of any size, and weights so unequal that nothing can be solved
+            // stops if the parameters absorb a fault of any size, or if weights are too unequal to solve
             let size = times / most;
             let next = weights(deviations, size, &answer.left);
             let Some(normal) = self.normal(&next).filter(|_| size < MOST_SIZE) else { break };
             answer = self.solved(&normal, &next, of);
             settled = Some((normal, next));
         }
-        // the other faults are known by their direction alone
+        // the other faults are known only by their direction
         if let Some((normal, next)) = settled.filter(|_| of.0 == ChannelFault::TorqueOffset) {
             let [now, before] = [self.fitted(&normal, &next), self.fitted(usual, first)];
             answer.shift = now.iter().zip(before).map(|(now, before)| now - before).collect();
@@ -228,7 +229,7 @@ impl ResponseSums {
         Some(answer)
     }
 
-    /// The sum of the joints' normal equations, each times its weight; `None` where they cannot be solved.
+    /// Sum of the joints' normal equations times their weights; `None` if they cannot be solved.
     fn normal(&self, weights: &[f64]) -> Option<Normal> {
         let b = self.b;
         let mut normal = Mat::<f64>::zeros(b, b);
@@ -246,14 +247,14 @@ impl ResponseSums {
         Some(Normal { factor: normal.llt(Side::Lower).ok()?, scale })
     }
 
-    /// The parameters that fit the torque under these weights, `[b]`.
+    /// Parameters that fit the torque with these weights, `[b]`.
     fn fitted(&self, normal: &Normal, weights: &[f64]) -> Vec<f64> {
-        // of the faults, the gain of a joint is its torque
+        // the fault of a joint's gain is its torque
         let all = (0..self.joints.len()).map(|joint| (joint, 0));
         self.parameters(normal, &self.right(weights, all))
     }
 
-    /// Products of the weighted rows with one fault's torque of each of these joints.
+    /// Products of the weighted rows of these joints with the torque of one fault each.
     fn right(&self, weights: &[f64], faults: impl Iterator<Item = (usize, usize)>) -> Mat<f64> {
         let mut right = Mat::<f64>::zeros(self.b, 1);
         for (i, fault) in faults {
@@ -299,7 +300,7 @@ impl ResponseSums {
     }
 }
 
-/// Weights of the joints' rows where a fault of a size leaves `left` of each unit, both `[n]`.
+/// Weights of the joints' rows with a fault of size `size` that leaves `left` per unit; `usual` and `left` are `[n]`.
 fn weights(usual: &[f64], size: f64, left: &[f64]) -> Vec<f64> {
     usual.iter().zip(left).map(|(usual, left)| usual.hypot(size * left).powi(-2)).collect()
 }
@@ -314,7 +315,7 @@ mod tests {
     use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
     use armwatch_testing::er3a;
 
-    /// Parameters and response by the whole analysis.
+    /// Parameters and response from the whole analysis.
     fn analysed(samples: &Samples) -> (Vec<IdentifiedParameter>, Option<ChannelResponse>) {
         let method = Method::new(er3a(), AnalysisSettings::default()).expect("base parameters");
         let analysis = analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() });
@@ -322,7 +323,7 @@ mod tests {
         (found.parameters, analysis.response)
     }
 
-    /// A recording is changed, identified anew by the whole analysis, and compared with the response of the first one.
+    /// Changes a recording, identifies it again by the whole analysis, and compares with the response of the original.
     #[test]
     fn a_response_is_what_identification_of_the_changed_recording_gives() {
         let original = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
@@ -364,8 +365,8 @@ mod tests {
         assert!(worst < 0.15, "{worst}");
     }
 
-    /// The torque of joint 3 reads 5 % too much throughout, so that the joints say something else of the same masses. An offset
-    /// of joint 2 takes that joint's weight.
+    /// The torque of joint 3 is 5 % too large throughout, so the joints disagree about the same masses. An offset of
+    /// joint 2 reduces that joint's weight.
     #[test]
     fn weights_move_parameters_by_what_joints_say_otherwise() {
         let mut original = record_excitation(&er3a(), &ExactSettings::default()).expect("a recording");
@@ -392,7 +393,7 @@ mod tests {
         println!("missed of the change: {without:.3?} without the shift, {with:.3?} with it");
         let least = |of: &[f64]| of.iter().copied().fold(1.0, f64::min);
         assert!(least(&with) < 0.5 * least(&without), "{with:?} {without:?}");
-        // what the other faults and the weakest one do is a direction alone
+        // the other faults and the weakest offset have only a direction
         let has_shift = |of: &&FaultResponse| !of.shift.is_empty();
         assert!(response.faults.iter().filter(has_shift).all(|of| of.strength > 0));
     }

@@ -13,18 +13,18 @@ use crate::least_squares::weighted::{WeightRule, joined, weighted};
 use armwatch_model::analysis::{Estimator, Identification, IdentifiedParameter, JointResidual};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// Fewest rows per column: below, residuals say nothing of the noise.
+/// Smallest number of rows per column; with fewer, residuals do not show the noise.
 const MIN_ROWS_PER_COLUMN: usize = 4;
 
-/// Identifies the parameters `kept` `[b]` from rows at hand, with clustered errors
-/// (`clustered`). `factors` `[n]` are those of the joints' rows of `source`, `b` columns each.
+/// Identifies the parameters `kept` `[b]` from rows, with clustered errors (`clustered`). `factors` `[n]` are those of
+/// the joints' rows of `source`, `b` columns each.
 ///
-/// Parameters that the motion does not show are in the result as [`IdentifiedParameter::is_shown`] says.
+/// Parameters that the motion does not show are in the result; see [`IdentifiedParameter::is_shown`].
 ///
 /// # Errors
-/// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion does not excite
-/// three quarters of the parameters; [`NumericsError::NotFinite`] where the residual of a joint is not finite, or
-/// vanishes in a robust estimate.
+/// [`NumericsError::TooShort`], and [`NumericsError::RankDeficient`] if the motion excites less than three quarters of
+/// the parameters; [`NumericsError::NotFinite`] if the residual of a joint is not finite, or is zero in a robust
+/// estimate.
 pub fn identify_rows(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
@@ -37,7 +37,7 @@ pub fn identify_rows(
     })
 }
 
-/// What `identify` gives of all columns or, where the motion does not show all, of those that it shows.
+/// Result of `identify` for all columns or, if the motion does not show all, for those that it shows.
 fn of_shown(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
@@ -59,8 +59,8 @@ fn of_shown(
     Ok(found)
 }
 
-/// Parameters of the columns that a motion shows, among all: left-out ones are zero, and those that do not stand alone
-/// have no error.
+/// Parameters of the shown columns, among all: omitted ones are zero, and those that contain parts of omitted ones have
+/// no error.
 fn spread(
     kept: &[ParameterId],
     shown: &ShownColumns,
@@ -77,7 +77,7 @@ fn spread(
     all
 }
 
-/// The rows of a source with some of their columns only.
+/// Rows of a source with a selection of columns.
 struct ChosenColumns<'a> {
     source: &'a dyn RowSource,
     columns: &'a [usize],
@@ -134,11 +134,11 @@ fn identify_all_rows(
     )
 }
 
-/// Identifies the parameters `kept` `[b]` from the joints' factors `[n]`, `b` columns each, alone.
+/// Identifies the parameters `kept` `[b]` from the joints' factors `[n]`, `b` columns each, without rows.
 ///
-/// `independent_shares` `[n]` say how many of each joint's rows count as independent
-/// ([`JointResidual::independent_share`]). With `A = sum_j w_j W_jᵀW_j`, weights `w_j` and a joint's residual
-/// variance `s_j²`, the covariance is `A⁻¹ (sum_j w_j² s_j² / share_j W_jᵀW_j) A⁻¹`.
+/// `independent_shares` `[n]` are the shares of each joint's rows that count as independent
+/// ([`JointResidual::independent_share`]). The covariance is `A⁻¹ (sum_j w_j² s_j² / share_j W_jᵀW_j) A⁻¹`
+/// with `A = sum_j w_j W_jᵀW_j`, weights `w_j` and a joint's residual variance `s_j²`.
 ///
 /// # Errors
 /// Those of [`identify_rows`]; [`NumericsError::Unsupported`] for an estimator that needs rows.
@@ -156,7 +156,7 @@ pub fn identify_factors(
     })
 }
 
-/// As [`identify_factors`], with the noise of each joint given.
+/// Same as [`identify_factors`], with given noise of each joint.
 ///
 /// # Errors
 /// Those of [`identify_rows`].
@@ -173,11 +173,11 @@ pub(crate) fn identify_weighted(
     identified_parameters(kept, factors, &motion, theta, errors)
 }
 
-/// Standard errors `[b]` as they would be if the model were right and only the low-pass, which leaves
-/// `independent_fraction` of the rows independent, made rows depend on each other.
+/// Standard errors `[b]` for a correct model whose rows depend on each other only through the low-pass, which leaves
+/// `independent_fraction` of them independent.
 ///
-/// A doubt about the model is judged by these: clustered errors grow with what the model leaves out, and
-/// would excuse any geometry. Not a number for a parameter that the motion does not show.
+/// A doubt about the model uses these errors: clustered errors grow with the errors of the model, and would excuse any
+/// geometry. NaN for a parameter that the motion does not show.
 ///
 /// # Errors
 /// Those of [`identify_factors`].
@@ -209,13 +209,13 @@ pub(crate) fn noise_errors(
     Ok(errors)
 }
 
-/// The ordinary solution: what judges the motion, whatever the estimator.
+/// Ordinary solution, the basis for judging the motion with every estimator.
 fn solve_ordinary(kept: &[ParameterId], factors: &[TriangularFactor]) -> Result<LeastSquares, NumericsError> {
     let (stacked, rows) = stacked(kept, factors)?;
     Ok(LeastSquares { rows, ..stacked.solve(MAX_SCALED_CONDITION, |column| kept[column].to_string())? })
 }
 
-/// All joints' rows, each counted alike, and how many they are.
+/// All joints' rows with equal weight, and their number.
 fn stacked(
     kept: &[ParameterId],
     factors: &[TriangularFactor],
@@ -247,9 +247,9 @@ fn estimate(
     }
 }
 
-/// How well parameters are known.
+/// Uncertainty of parameters.
 struct Errors {
-    /// Of the parameters, `[b x b]`.
+    /// Covariance of the parameters, `[b x b]`.
     covariance: Mat<f64>,
     /// Degrees of freedom of each standard error, `[b]`.
     freedom: Vec<f64>,
@@ -257,8 +257,7 @@ struct Errors {
     shares: Vec<f64>,
 }
 
-/// Errors from factors: the sum of the joints' parts, with degrees of freedom after Satterthwaite
-/// (1946).
+/// Errors from factors: the sum of the joints' parts, with the degrees of freedom of Satterthwaite (1946).
 fn errors_by_joint(
     factors: &[TriangularFactor],
     theta: &[f64],
@@ -310,7 +309,7 @@ fn identified_parameters(
     }
     let residual = |(j, (factor, squares)): (usize, (&TriangularFactor, &f64))| JointResidual {
         joint: JointIndex::new(j),
-        // nothing is left of no rows
+        // zero without rows
         std: (squares / factor.rows().max(1) as f64).sqrt(),
         independent_share: errors.shares[j],
     };

@@ -1,4 +1,4 @@
-//! The rows of a cycle that its parameters are identified on.
+//! Rows of a cycle for the identification of its parameters.
 
 use super::filtered_columns::FilteredColumn;
 use super::row_lanes::RowLanes;
@@ -9,9 +9,9 @@ use armwatch_model::analysis::Motion;
 use armwatch_model::robot::Robot;
 use armwatch_model::run::{Samples, Stage};
 
-/// The rows of a cycle that parameters are identified on: those observed of the excitation stage, of
-/// each joint those in which it moves, columns that jump smeared as the low-pass smears the torque. The
-/// same rows are in the factors that [`used_for_identification`](super::joint_factors::used_for_identification) chooses.
+/// Rows of a cycle for the identification of parameters: the observed rows of the excitation stage, for each joint only
+/// while it moves. Columns with jumps are low-passed like the torque. The factors that
+/// [`used_for_identification`](super::joint_factors::used_for_identification) chooses contain the same rows.
 #[derive(Debug)]
 pub struct CycleRows<'a> {
     robot: &'a Robot,
@@ -19,13 +19,13 @@ pub struct CycleRows<'a> {
     filtered: &'a FilteredSignals,
     filtered_coulomb_columns: &'a [FilteredColumn],
     rows: Vec<usize>,
-    /// Rows of the recording from one observed row to the next.
+    /// Distance between observed rows, in rows of the recording.
     step: usize,
 }
 
 impl<'a> CycleRows<'a> {
-    /// Rows of `samples`, whose channels are `filtered` and whose columns that jump are `filtered_coulomb_columns`;
-    /// `columns` `[b]` are those of the kept parameters.
+    /// Creates the rows of `samples`, whose signals are `filtered` and whose columns with jumps are
+    /// `filtered_coulomb_columns`; `columns` `[b]` are those of the kept parameters.
     #[must_use]
     pub fn new(
         robot: &'a Robot,

@@ -1,7 +1,7 @@
-//! Coulomb friction jumps where a motion turns round. The low-pass smears the jump in the measured
-//! torque, so the columns that jump go through the same low-pass: both sides of `tau = w theta` are
-//! filtered alike (Gautier 1997, Dynamic identification of robots with power model). Friction under load jumps in
-//! the same way, by the load of a model. The other columns are smooth functions of channels that were filtered before.
+//! Low-pass of regressor columns with jumps. Coulomb friction jumps at a reversal of the motion. The low-pass smooths
+//! the jump in the measured torque, so the columns with jumps pass the same low-pass: both sides of `tau = w theta` are
+//! filtered equally (Gautier 1997, Dynamic identification of robots with power model). Friction under load jumps in the
+//! same way, by the load of a model. The other columns are smooth functions of channels that are already filtered.
 
 use crate::lanes::{LANES, Lanes};
 use crate::model::actuator::coupling_columns;
@@ -11,20 +11,20 @@ use crate::model::regressor_lanes::RegressorLanes;
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::robot::{CouplingTerm, JointIndex, MAX_JOINTS, ParameterId, ParameterKind, Robot};
 
-/// A column of the regressor that jumps, low-passed, in the rows of one joint.
+/// Low-passed regressor column with jumps, in the rows of one joint.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilteredColumn {
     /// The parameter.
     pub id: ParameterId,
     /// Column of the parameter in natural order.
     pub column: usize,
-    /// The joint whose torque it is part of.
+    /// Joint to whose torque it belongs.
     pub joint: JointIndex,
     /// Torque per unit of the parameter `[rows]`.
     pub values: Vec<f64>,
 }
 
-/// All columns of a robot's regressor that jump, low-passed over the rows of a cycle.
+/// All regressor columns of a robot with jumps, low-passed over the rows of a cycle.
 #[must_use]
 pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Vec<FilteredColumn> {
     let order = ParameterId::natural_order(robot);
@@ -69,7 +69,7 @@ pub fn filtered_coulomb_columns(robot: &Robot, filtered: &FilteredSignals) -> Ve
     found
 }
 
-/// Columns of friction under load, low-passed over the rows of a cycle: the load is that of `model` in its motion.
+/// Columns of friction under load, low-passed over the rows of a cycle, with the load of `model` in this motion.
 #[must_use]
 pub fn filtered_load_columns(
     robot: &Robot,
@@ -97,7 +97,7 @@ pub fn filtered_load_columns(
     found
 }
 
-/// Torque that each gear carries by `model`, `[n][rows]`, Nm (N).
+/// Torque on each gear by `model`, `[n][rows]`, Nm (N).
 fn gear_loads(robot: &Robot, filtered: &FilteredSignals, model: &DynamicModel) -> Vec<Vec<f64>> {
     let n = robot.joint_count();
     let mut loads: Vec<Vec<f64>> = (0..n).map(|_| filtered.room()).collect();
@@ -116,14 +116,14 @@ fn series(filtered: &FilteredSignals, value: impl Fn(usize) -> f64) -> Vec<f64> 
     series
 }
 
-/// Puts the low-passed values of `row` into its regressor.
+/// Writes the low-passed values of `row` into its regressor.
 pub fn write_filtered_columns(columns: &[FilteredColumn], row: usize, y: &mut Regressor) {
     for of in columns {
         y.set(of.joint.index(), of.column, of.values[row]);
     }
 }
 
-/// Puts the low-passed values of several rows, a lane each, into their regressor.
+/// Writes the low-passed values of several rows, one per lane, into their regressor.
 pub(crate) fn write_filtered_lanes(
     columns: &[FilteredColumn],
     rows: &[usize; LANES],

@@ -1,10 +1,9 @@
-//! Compact sufficient statistics of a cycle: one triangular factor for each joint, stage and motion.
+//! Sufficient statistics of a cycle: one triangular factor for each joint, stage and motion.
 //!
-//! A joint's torque depends on some of the base parameters only: in a serial arm on those of its own
-//! and the outer links, and on its own friction and motor. So the rows of one joint are factored
-//! over the columns that are ever different from zero, which is a third of the work and memory of
-//! factoring all of them over all columns. Any union of rows is a join of factors, and no sum of
-//! squares needs the recording again.
+//! A joint's torque depends only on some base parameters: in a serial arm on those of the joint's link and the outer
+//! links, and of the joint's friction and motor. So the rows of one joint are factored over the columns that can differ
+//! from zero, which takes a third of the time and memory of factors over all columns. A union of rows is a join of
+//! factors, and sums of squares need no recording.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,7 +19,7 @@ use armwatch_model::analysis::{CycleFactors, Motion, TorqueFactor};
 use armwatch_model::robot::{JointIndex, ParameterId, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Which parameters the factor of each joint has a column for, and where they stand among all.
+/// Parameters in the columns of each joint's factor, and their indices among all parameters.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FactorColumns {
     kept: Vec<ParameterId>,
@@ -29,8 +28,8 @@ pub struct FactorColumns {
 }
 
 impl FactorColumns {
-    /// The columns of a robot's joints, from its structure: a parameter that gives a joint no torque
-    /// in any of the probe states never does.
+    /// Columns of a robot's joints, from its structure: a parameter that causes no torque at a joint in any probe state
+    /// never does.
     #[must_use]
     pub fn new(robot: &Robot, base: &BaseParameters) -> Self {
         let n = robot.joint_count();
@@ -51,7 +50,7 @@ impl FactorColumns {
         Self { kept: base.kept.clone(), by_joint, places }
     }
 
-    /// The columns that stored factors were made with. All parameters together stand by joint.
+    /// Columns of stored factors. The order of all parameters is by joint.
     #[must_use]
     pub fn of_stored(by_joint: &Arc<[Vec<ParameterId>]>) -> Self {
         let mut kept: Vec<ParameterId> = by_joint.iter().flatten().copied().collect();
@@ -80,13 +79,13 @@ impl FactorColumns {
         &self.by_joint
     }
 
-    /// Places of a joint's columns among all `b`; empty for a joint that the arm does not have.
+    /// Indices of a joint's columns among all `b`; empty for a joint that the arm does not have.
     #[must_use]
     pub fn places(&self, joint: JointIndex) -> &[usize] {
         self.places.get(joint.index()).map_or(&[], Vec::as_slice)
     }
 
-    /// The values of `theta` `[b]` that a joint's factor is applied to.
+    /// Values of `theta` `[b]` for a joint's factor.
     #[must_use]
     pub fn select(&self, joint: JointIndex, theta: &[f64]) -> Vec<f64> {
         self.places(joint).iter().map(|&place| theta[place]).collect()
@@ -121,29 +120,29 @@ pub struct JointFactor {
     pub joint: JointIndex,
     /// The stage.
     pub stage: Stage,
-    /// Whether the joint moved.
+    /// Motion of the joint.
     pub motion: Motion,
     /// Factor of `[regressor | torque]` over the joint's columns.
     pub factor: TriangularFactor,
 }
 
-/// Factors of a cycle; those of no rows are left out.
+/// Factors of a cycle, without empty ones.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Factored {
     /// All rows of the cycle, each in one factor.
     pub factors: Vec<JointFactor>,
-    /// The rows of the first third of the warming stage, by time, once more.
+    /// Factors of the first third of the warming stage, by time, in addition to the above.
     pub warming_start: Vec<JointFactor>,
-    /// The rows of its last third.
+    /// Factors of its last third.
     pub warming_end: Vec<JointFactor>,
 }
 
-/// Folds the observed rows of a cycle into the factor of its joint, stage and motion. `regressor_columns`
-/// `[b]` are the regressor's columns of [`FactorColumns::kept`]; `filtered_coulomb_columns` are those of them that jump,
+/// Folds the observed rows of a cycle into the factors of their joint, stage and motion. `regressor_columns` `[b]` are
+/// the regressor's columns of [`FactorColumns::kept`]; `filtered_coulomb_columns` are those of them with jumps,
 /// low-passed.
 ///
-/// A joint's row is slow while the joint moves slower than its low-speed threshold: at rest friction
-/// takes any value up to breakaway, which no column describes (thesis 5.1.3).
+/// A joint's row is slow while the joint is below its low-speed threshold: at rest friction takes any value up to
+/// breakaway, which no column describes (thesis 5.1.3).
 #[must_use]
 pub fn factor_cycle(
     robot: &Robot,
@@ -158,25 +157,25 @@ pub fn factor_cycle(
     rows.factored(&SpareThreads::default())
 }
 
-/// Rows of a cycle that are to be factored: what [`factor_cycle`] is told.
+/// Rows of a cycle to be factored: the arguments of [`factor_cycle`].
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FactoredRows<'a> {
     /// The arm.
     pub robot: &'a Robot,
-    /// The columns of each joint's factor.
+    /// Columns of each joint's factor.
     pub columns: &'a FactorColumns,
-    /// The regressor's columns of [`FactorColumns::kept`], `[b]`.
+    /// Regressor columns of [`FactorColumns::kept`], `[b]`.
     pub regressor_columns: &'a [usize],
-    /// Channels after the low-pass.
+    /// Signals after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Those of the regressor's columns that jump, low-passed.
+    /// Regressor columns with jumps, low-passed.
     pub filtered_coulomb_columns: &'a [FilteredColumn],
-    /// The rows as recorded.
+    /// Recorded rows.
     pub samples: &'a Samples,
 }
 
 impl FactoredRows<'_> {
-    /// Factors of the excitation alone.
+    /// Factors of the excitation only.
     #[must_use]
     pub fn factored_excitation(&self) -> Factored {
         let rows = self.filtered.observed_rows().filter(|&row| self.samples.stage[row] == Stage::Excitation);
@@ -184,7 +183,7 @@ impl FactoredRows<'_> {
         Factored { factors, ..Factored::default() }
     }
 
-    /// Factors of the excitation in `parts` parts of equal length, one after another.
+    /// Factors of the excitation in `parts` consecutive parts of equal length.
     #[must_use]
     pub fn factored_parts(&self, parts: usize) -> Vec<Vec<JointFactor>> {
         let excitation = |row: &usize| self.samples.stage[*row] == Stage::Excitation;
@@ -196,7 +195,7 @@ impl FactoredRows<'_> {
             .collect()
     }
 
-    /// Their factors as [`factor_cycle`] gives them, stages on more threads than one while some are `spare`.
+    /// Factors as from [`factor_cycle`], with stages on more threads while some are `spare`.
     #[must_use]
     pub fn factored(&self, spare: &SpareThreads) -> Factored {
         let of_stage = |stage: Stage| -> Vec<usize> {
@@ -206,7 +205,7 @@ impl FactoredRows<'_> {
         let [start, middle, end] = thirds(&warming, &self.samples.time);
         let others = [Stage::Friction, Stage::Excitation, Stage::Between].map(of_stage);
         let [friction, excitation, between] = &others;
-        // the longest ones first, so that threads end together
+        // longest first, so that threads end together
         let parts: [(Stage, &[usize]); 6] = [
             (Stage::Friction, friction),
             (Stage::Warming, start),
@@ -244,7 +243,7 @@ fn find(factors: &[JointFactor], joint: JointIndex, motion: Motion) -> Option<&J
     factors.iter().find(|of| of.joint == joint && of.motion == motion)
 }
 
-/// Cuts rows in their order into three parts of equal time.
+/// Divides rows in order into three parts of equal time.
 fn thirds<'a>(rows: &'a [usize], time: &[f64]) -> [&'a [usize]; 3] {
     let (Some(&first), Some(&last)) = (rows.first(), rows.last()) else { return [&[]; 3] };
     let third = (time[last] - time[first]) / 3.0;
@@ -253,10 +252,10 @@ fn thirds<'a>(rows: &'a [usize], time: &[f64]) -> [&'a [usize]; 3] {
     [&rows[..start], &rows[start..end], &rows[end..]]
 }
 
-/// One folder for each joint and motion, used for one stage after the other.
+/// Builders for each joint and motion, reused for each stage.
 struct JointFactorBuilders<'a> {
     robot: &'a Robot,
-    /// Columns of the regressor that each joint's rows are made of.
+    /// Regressor columns in each joint's rows.
     regressor_columns: Vec<Vec<usize>>,
     filtered_coulomb_columns: &'a [FilteredColumn],
     lanes: RowLanes,
@@ -307,8 +306,8 @@ impl<'a> JointFactorBuilders<'a> {
     }
 }
 
-/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`FactorColumns::kept`];
-/// of no rows for a joint that is not among them.
+/// Factor of each joint `[n]` over the chosen rows, `b` columns in the order of [`FactorColumns::kept`]; empty for a
+/// joint without rows.
 #[must_use]
 pub fn embedded<'a>(
     columns: &FactorColumns,
@@ -324,15 +323,14 @@ pub fn embedded<'a>(
     wide
 }
 
-/// Whether a row serves identification: the excitation stage while the joint moves.
+/// Returns true if a row is used for identification: in the excitation stage, while the joint moves.
 #[must_use]
 pub fn used_for_identification(stage: Stage, motion: Motion) -> bool {
     stage == Stage::Excitation && motion == Motion::Moving
 }
 
-/// Joins factors of cycles with the same columns: one a joint, stage and motion, that of all their rows. What is asked of
-/// single cycles cannot be asked of it any more, sums of squares over all of them can. They come by joint, stage and
-/// motion.
+/// Joins factors of cycles with the same columns into one for each joint, stage and motion, in this order. It gives
+/// sums of squares over all cycles, but nothing about single cycles.
 #[must_use]
 pub fn joined(columns: &FactorColumns, factors: &[JointFactor]) -> Vec<JointFactor> {
     let mut groups: BTreeMap<(JointIndex, usize, usize), Vec<&JointFactor>> = BTreeMap::new();
@@ -348,8 +346,8 @@ pub fn joined(columns: &FactorColumns, factors: &[JointFactor]) -> Vec<JointFact
     groups.into_values().map(whole).collect()
 }
 
-/// Factors as they are stored. Those of rows with numbers beyond any measure are left out: they say
-/// nothing; `false` if there were such.
+/// Packs factors for storage. Factors with values that are not finite are omitted; the flag is `false` if there are
+/// any.
 #[must_use]
 pub fn pack(columns: &FactorColumns, factors: &[JointFactor]) -> (CycleFactors, bool) {
     let sound = factors.iter().filter(|of| of.factor.is_finite());
@@ -366,11 +364,10 @@ pub fn pack(columns: &FactorColumns, factors: &[JointFactor]) -> (CycleFactors, 
     (CycleFactors { columns: Arc::clone(&columns.by_joint), factors: packed }, complete)
 }
 
-/// Factors from how they are stored.
+/// Unpacks stored factors.
 ///
 /// # Errors
-/// Those of [`TriangularFactor::from_packed`], and [`NumericsError::ColumnsDiffer`] for a joint
-/// without columns.
+/// Those of [`TriangularFactor::from_packed`], and [`NumericsError::ColumnsDiffer`] for a joint without columns.
 pub fn unpack(stored: &CycleFactors) -> Result<Vec<JointFactor>, NumericsError> {
     let of_stored = |packed: &TorqueFactor| {
         let columns = stored.columns.get(packed.joint.index()).ok_or_else(|| {

@@ -1,4 +1,4 @@
-//! Whether a motion shows friction that depends on load: load and speed of a joint must vary apart.
+//! Check that a motion shows load-dependent friction: load and speed of a joint must vary independently.
 
 use super::joint_factors::FactorColumns;
 use crate::NumericsError;
@@ -10,29 +10,29 @@ use armwatch_model::robot::{
     FrictionLaw, FrictionModel, JointIndex, LoadFriction, ParameterId, ParameterKind, Robot,
 };
 
-/// A column of which less is new takes no direction of its own.
+/// Smallest new part of a column with an independent direction.
 const DEPENDENT: f64 = 1e-9;
 
-/// Speed of the additional friction at low speed that is tried, as a part of the joint's largest speed.
+/// Speed of the additional friction at low speed, as a part of the joint's largest speed.
 const STRIBECK_SPEED: f64 = 0.05;
 
-/// Least part of its own that the column of load has in a motion that shows it: below, the standard error of `mu` is more
-/// than ten times that of a motion in which load and speed are independent.
+/// Smallest independent part of the load column in a motion that shows it. Below it, the standard error of `mu` is more
+/// than ten times that of a motion with independent load and speed.
 pub const LEAST_OWN_PART: f64 = 0.1;
 
-/// How well a motion shows the friction of a joint under load.
+/// Visibility of a joint's friction under load in a motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadVisibility {
     /// The joint.
     pub joint: JointIndex,
-    /// Largest torque that the gear carries while the joint moves, Nm (N).
+    /// Largest torque of the gear while the joint moves, Nm (N).
     pub largest_load: f64,
-    /// Part of the column `|L| sign(v)` that no other column of the joint explains, 0 to 1.
+    /// Part of the column `|L| sign(v)` that the other columns of the joint do not explain, 0 to 1.
     pub own_part: f64,
 }
 
-/// Visibility of `mu |L| sign(v)` by joint in the states of a motion, with the bodies of the description; `None` without
-/// such bodies. Joints without friction are left out.
+/// Visibility of `mu |L| sign(v)` by joint in the states of a motion, with the bodies of the description; `None`
+/// without such bodies. Joints without friction are omitted.
 ///
 /// # Errors
 /// Those of [`base_parameters`].
@@ -82,7 +82,7 @@ pub fn load_visibility(
     Ok(Some(load_places(robot).filter_map(of_joint).collect()))
 }
 
-/// The arm with this dependence on load in all joints that have friction.
+/// Arm with this load law in all joints that have friction.
 pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
     let mut changed = robot.clone();
     for (joint, index) in changed.joints.iter_mut().zip(robot.joint_indices()) {
@@ -94,7 +94,7 @@ pub(crate) fn with_load(robot: &Robot, of: fn(f64) -> LoadFriction) -> Robot {
     changed
 }
 
-/// Whether a parameter is a coefficient of friction under load.
+/// Returns true if a parameter is a coefficient of friction under load.
 pub(crate) fn is_of_load(id: ParameterId) -> bool {
     matches!(id.kind, ParameterKind::Friction(term) if term.is_of_load())
 }
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
     use armwatch_testing::er3a;
 
-    /// Back and forth between standstills, at speeds and loads that the test chooses.
+    /// Motion of the shoulder with position and speed from `posture`, which also determine its load.
     fn states(posture: impl Fn(f64) -> [f64; 2]) -> Vec<JointState> {
         (0..400)
             .map(|k| {
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn a_load_that_hardly_changes_looks_like_coulomb_friction() {
-        // the same small arc at any speed: the load is nearly a constant
+        // the same small arc at any speed: the load is nearly constant
         let narrow = shoulder(&states(|t| [0.02 * (7.0 * t).sin(), 0.14 * (7.0 * t).cos() * (1.0 + t)]));
         assert!(narrow.own_part < LEAST_OWN_PART && narrow.largest_load > 1.0, "{narrow:?}");
         let wide = shoulder(&states(|t| {

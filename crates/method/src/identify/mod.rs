@@ -1,4 +1,4 @@
-//! Parameters of one cycle, and how well they explain its torques.
+//! Parameters of one cycle, and the accuracy with which they explain its torques.
 
 pub mod cycle;
 pub(crate) mod row_lanes;

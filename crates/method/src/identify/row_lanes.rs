@@ -1,4 +1,4 @@
-//! Rows of a cycle several at once, a lane each.
+//! Several rows of a cycle at once, one per lane.
 
 use super::filtered_columns::{FilteredColumn, write_filtered_lanes};
 use crate::lanes::{LANES, Lanes};
@@ -7,13 +7,13 @@ use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::Motion;
 use armwatch_model::robot::{MAX_JOINTS, Robot};
 
-/// What the equations of motion say of several rows.
+/// Motion, torque and regressor of several rows.
 pub(crate) struct RowLanes {
     /// Motion.
     pub states: LaneStates,
     /// Torque, `[n]`.
     pub tau: [Lanes; MAX_JOINTS],
-    /// Regressor with the columns that jump low-passed.
+    /// Regressor, with low-passed columns for those with jumps.
     pub y: RegressorLanes,
 }
 
@@ -22,7 +22,7 @@ impl RowLanes {
         Self { states: LaneStates::default(), tau: [Lanes::ZERO; MAX_JOINTS], y: RegressorLanes::new(robot) }
     }
 
-    /// Hands `rows` to `visit`, [`LANES`] at once with how many of them count: the last ones may be fewer.
+    /// Passes `rows` to `visit`, [`LANES`] at a time, with the rows that count: the last ones may be fewer.
     pub(crate) fn each(
         &mut self,
         robot: &Robot,
@@ -56,7 +56,7 @@ impl RowLanes {
         }
     }
 
-    /// Which of the first `count` rows a joint moves in.
+    /// Flags of the first `count` rows: true if a joint moves.
     pub(crate) fn moving(&self, robot: &Robot, joint: usize, count: usize) -> [bool; LANES] {
         let (speeds, low_speed) = (self.states.qd[joint].0, robot.joints[joint].counted_speed());
         let mut moving = [false; LANES];

@@ -5,8 +5,8 @@ use crate::signal::noise::{passed, white_noise};
 use armwatch_model::analysis::{RmsdScope, TorqueNoise, TorqueRmsd};
 use armwatch_model::run::{Samples, Stage};
 
-/// Noise of the torque channels in the excitation's usable rows `excitation`, of joints that move there: relative to the torque
-/// of the cycle's own verification.
+/// Noise of the torque channels in the excitation's usable rows `excitation`, for joints that move there, relative to
+/// the torque of the cycle's own verification.
 #[must_use]
 pub fn torque_noise(
     samples: &Samples,

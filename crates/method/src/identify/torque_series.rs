@@ -1,7 +1,7 @@
-//! Measured against estimated torque of one cycle, row by row: what the factors of a cycle condense.
+//! Measured and estimated torque of one cycle, row by row.
 //!
-//! The rows that count are those that [`super::joint_factors::factor_cycle`] folds in, and the estimate is made
-//! of the same columns, so the RMSD of the rows is that of the factors.
+//! The counted rows are those that [`super::joint_factors::factor_cycle`] folds in, and the estimate uses the same
+//! columns, so the RMSD of the rows equals that of the factors.
 
 use super::filtered_columns::{filtered_coulomb_columns, filtered_load_columns, write_filtered_columns};
 use super::verify::TorqueSums;
@@ -13,15 +13,15 @@ use armwatch_model::analysis::{Motion, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, ParameterId, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Rows that [`peaks`] keeps of a bucket: the smallest and the largest of three series.
+/// Rows that [`peaks`] keeps per bucket: the smallest and the largest of three series.
 const ROWS_PER_BUCKET: usize = 6;
 
-/// Which rows of a cycle are gone through.
+/// Selection of the rows of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeriesRows {
-    /// Those that count in verification: usable, at the rate that the low-pass leaves something in.
+    /// Rows that count in verification: usable, at the rate of the information after the low-pass.
     Counted,
-    /// All that went through the low-pass.
+    /// All low-passed rows.
     Filtered,
 }
 
@@ -32,9 +32,9 @@ pub struct TorqueSeries {
     pub time: Vec<f64>,
     /// Stage of each row.
     pub stage: Vec<Stage>,
-    /// Whether the row counts in verification.
+    /// True for rows that count in verification.
     pub counted: Vec<bool>,
-    /// One entry a joint `[n]`.
+    /// Channels of the joints `[n]`.
     pub joints: Vec<JointTorqueSeries>,
 }
 
@@ -47,27 +47,27 @@ pub struct JointTorqueSeries {
     pub qd: Vec<f64>,
     /// Measured torque, Nm (N).
     pub measured: Vec<f64>,
-    /// Torque that the parameters give for the motion, Nm (N).
+    /// Torque from the parameters and the motion, Nm (N).
     pub estimated: Vec<f64>,
-    /// Whether the joint is at its low-speed threshold or faster.
+    /// True if the joint is at its low-speed threshold or faster.
     pub moving: Vec<bool>,
 }
 
 impl JointTorqueSeries {
-    /// Measured less estimated torque in `row`, Nm (N).
+    /// Measured minus estimated torque in `row`, Nm (N).
     #[must_use]
     pub fn residual(&self, row: usize) -> f64 {
         self.measured[row] - self.estimated[row]
     }
 }
 
-/// Torque that `parameters` give for a cycle's motion beside the measured one: `tau = y theta` row by
-/// row, with the columns that jump low-passed as the torque was ([`filtered_coulomb_columns`]).
+/// Measured torque and the torque from `parameters` for a cycle's motion: `tau = y theta` row by row. Columns with
+/// jumps are low-passed like the torque ([`filtered_coulomb_columns`]).
 ///
-/// `samples` are the cycle's rows and `filtered` what the low-pass left of them.
+/// `samples` are the cycle's rows, and `filtered` the same rows after the low-pass.
 ///
 /// # Errors
-/// [`NumericsError::ColumnsDiffer`] for a parameter that the robot's regressor has no column for.
+/// [`NumericsError::ColumnsDiffer`] for a parameter without a column in the robot's regressor.
 pub fn torque_series(
     robot: &Robot,
     parameters: &[(ParameterId, f64)],
@@ -125,14 +125,14 @@ impl TorqueSeries {
         self.time.len()
     }
 
-    /// Places of the rows of a stage, or of all, in their order.
+    /// Indices of the rows of a stage, or of all, in order.
     #[must_use]
     pub fn rows_of(&self, scope: RmsdScope) -> Vec<usize> {
         (0..self.rows()).filter(|&row| inside(scope, self.stage[row])).collect()
     }
 
-    /// RMSD [5.1] of a joint over the counted rows of a stage or of the whole cycle; zero samples without
-    /// such rows.
+    /// RMSD [5.1] of a joint over the counted rows of a stage or of the whole cycle; zero samples if there are no such
+    /// rows.
     #[must_use]
     pub fn rmsd(&self, joint: JointIndex, scope: RmsdScope) -> TorqueRmsd {
         let (mut all, mut moving) = (TorqueSums::default(), TorqueSums::default());
@@ -161,10 +161,10 @@ fn inside(scope: RmsdScope, stage: Stage) -> bool {
     }
 }
 
-/// Thins `rows` of a joint for a plot to at most `most`, and so that no peak is lost: of each of equally
-/// long stretches the rows stay in which the measured torque, the estimated one and the residual are
-/// smallest and largest, and of all of them the first and the last. At least one stretch is looked at,
-/// so eight rows may stay whatever `most` says. Their order stays too.
+/// Thins `rows` of a joint for a plot to at most `most` without losing a peak. It keeps the first and the last row, and
+/// from each of several stretches of equal length the rows with the smallest and the largest measured torque, estimated
+/// torque and residual. There is at least one stretch, so up to eight rows may remain even if `most` is smaller. The
+/// order is kept.
 #[must_use]
 pub fn peaks(series: &JointTorqueSeries, rows: &[usize], most: usize) -> Vec<usize> {
     if rows.len() <= most {
@@ -200,7 +200,7 @@ mod tests {
     use armwatch_testing::cycle::cycle;
     use armwatch_testing::er3a;
 
-    /// Sums of some hundred squares against norms of triangular factors of the same rows.
+    /// Tolerance between sums of some hundred squares and norms of triangular factors of the same rows.
     const EQUAL: f64 = 1e-9;
 
     fn parameters(method: &Method) -> Vec<(ParameterId, f64)> {
@@ -254,7 +254,7 @@ mod tests {
         let chosen: Vec<f64> =
             (0..400).filter(|&row| all.counted[row]).map(|row| all.joints[2].measured[row]).collect();
         assert_eq!(counted.joints[2].measured, chosen);
-        // 60 rows a second and a low-pass at 4 Hz: every second row
+        // 60 rows per second and a low-pass at 4 Hz: every second row
         assert!(counted.rows() < 200 && counted.counted.iter().all(|&counted| counted));
     }
 

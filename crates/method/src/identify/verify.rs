@@ -1,4 +1,4 @@
-//! Estimated against measured torque: RMSD per joint and stage [5.1], from factors alone.
+//! Estimated and measured torque: RMSD per joint and stage [5.1], from factors alone.
 
 use super::joint_factors::{FactorColumns, Factored, JointFactor};
 use crate::least_squares::factor::TriangularFactor;
@@ -6,19 +6,19 @@ use armwatch_model::analysis::{Motion, Rmsd, RmsdPair, RmsdScope, TorqueRmsd, Wa
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
 
-/// Sums over rows of one joint: what an RMSD is made of, and what adds up over stages and cycles.
+/// Sums over rows of one joint, which determine an RMSD and add up over stages and cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct TorqueSums {
     /// Sum of squares of estimated minus measured torque, Nm².
     pub deviation: f64,
     /// Sum of squares of the measured torque, Nm².
     pub measured: f64,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
 }
 
 impl TorqueSums {
-    /// Those of the rows of `factor` with the parameters `theta` of its columns.
+    /// Sums over the rows of `factor` with the parameters `theta` of its columns.
     ///
     /// # Panics
     /// If `theta` has fewer entries than the factor columns.
@@ -31,7 +31,7 @@ impl TorqueSums {
         }
     }
 
-    /// Those of the rows of both.
+    /// Sums over the rows of both.
     #[must_use]
     pub fn joined(self, other: Self) -> Self {
         Self {
@@ -41,7 +41,7 @@ impl TorqueSums {
         }
     }
 
-    /// The RMSD, zero with zero samples of no rows.
+    /// RMSD; zero with zero samples if there are no rows.
     #[must_use]
     pub fn rmsd(self) -> Rmsd {
         if self.rows == 0 {
@@ -65,7 +65,7 @@ impl MotionSums {
         *of_motion = of_motion.joined(sums);
     }
 
-    /// Over all rows and over the moving ones.
+    /// RMSD over all rows and over the moving ones.
     #[must_use]
     pub fn rmsd(self) -> RmsdPair {
         let [moving, slow] = self.0;
@@ -73,7 +73,7 @@ impl MotionSums {
     }
 }
 
-/// Sums by joint and stage, from which every RMSD of a cycle, or of many, is made.
+/// Sums by joint and stage, which determine every RMSD of one or more cycles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct StageSums {
     by_joint: Vec<[MotionSums; 4]>,
@@ -91,9 +91,9 @@ impl StageSums {
         }
     }
 
-    /// RMSD of every joint over the excitation, friction and warming stages, as far as they have
-    /// rows, and over the whole cycle with the rows between stages; each over all rows and over those
-    /// in which the joint moves at its low-speed threshold or faster.
+    /// RMSD of every joint over the excitation, friction and warming stages with rows, and over the whole cycle
+    /// including rows between stages. Each is over all rows, and over those with the joint at its low-speed threshold
+    /// or faster.
     #[must_use]
     pub fn rmsd(&self) -> Vec<TorqueRmsd> {
         let of_joint = |(j, stages): (usize, &[MotionSums; 4])| {
@@ -121,8 +121,8 @@ pub fn torque_rmsd(columns: &FactorColumns, factors: &[JointFactor], theta: &[f6
     sums.rmsd()
 }
 
-/// RMSD of `theta` `[b]` at the start and at the end of the warming stage, for every joint; nothing
-/// without a warming stage.
+/// RMSD of `theta` `[b]` at the start and at the end of the warming stage, for every joint; empty without a warming
+/// stage.
 #[must_use]
 pub fn warming_contrast(columns: &FactorColumns, factored: &Factored, theta: &[f64]) -> Vec<WarmingContrast> {
     let pair = |factors: &[JointFactor], joint: JointIndex| {

@@ -1,11 +1,10 @@
-//! Standard errors that stay honest when residuals are correlated in time and between joints.
+//! Standard errors that remain correct if residuals are correlated in time and between joints.
 //!
 //! Filtered residuals are autocorrelated: the low-pass correlates neighbours, unmodelled effects add errors of low
-//! frequency, and differentiating the velocity adds errors of high frequency. The sandwich estimate with blocks of
-//! time as clusters requires only that the sums over *blocks* are independent (Liang & Zeger 1986; Cameron & Miller
-//! 2015). All joints of a moment are
-//! in one block. Blocks overlap by half and rise and fall like a sine: hard edges would count the fast
-//! noise that is cut off there, as a rectangular window leaks in a spectrum (Percival & Walden 1993, 6).
+//! frequency, and differentiating the velocity adds errors of high frequency. The sandwich estimate with blocks of time
+//! as clusters requires only that the sums over *blocks* are independent (Liang & Zeger 1986; Cameron & Miller 2015).
+//! All joints at one instant are in the same block. Blocks overlap by half and have a sine taper: hard edges would
+//! count fast noise that they cut off, as a rectangular window leaks in a spectrum (Percival & Walden 1993, 6).
 
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
@@ -18,16 +17,15 @@ use super::weighted::WeightRule;
 use crate::NumericsError;
 use crate::lanes::dot;
 
-/// Leverage of a block is kept below this, so that a block that alone decides a parameter gives a
-/// large and not an endless error.
+/// Largest leverage of a block, so that a block that alone decides a parameter gives a large, but finite error.
 const MAX_LEVERAGE: f64 = 0.99;
 
-/// What two blocks that overlap by half share, of independent rows, is `1 / pi` of what either has; so
-/// of the scatter among the squares of all blocks this part is each block's own: `1 / (1 + 2 / pi²)`.
+/// Share of the scatter that is each block's own, `1 / (1 + 2 / pi²)`: with independent rows, two blocks that overlap
+/// by half share `1 / pi` of their scatter.
 const OWN_SHARE: f64 = 0.831_4;
 
-/// Lengths of a block in the record. Longer blocks are nearer to independent, more blocks give a surer error: twenty, which
-/// overlap, give it to an eighth.
+/// Number of block lengths per record. Longer blocks are closer to independent, more blocks give a more certain error:
+/// twenty, which overlap, give it to an eighth.
 const LENGTHS: usize = 20;
 
 /// Covariance of an estimate.
@@ -35,27 +33,27 @@ const LENGTHS: usize = 20;
 pub struct ClusteredCovariance {
     /// Covariance of the parameters, `[b x b]`.
     pub matrix: Mat<f64>,
-    /// Degrees of freedom of each standard error, `[b]`: from how many blocks of which share it comes
-    /// (Satterthwaite 1946).
+    /// Degrees of freedom of each standard error, `[b]`, from the shares of the blocks in it (Satterthwaite 1946).
     pub freedom: Vec<f64>,
-    /// For each joint, `[n]`, the variance of its share in the estimate if all its rows were
-    /// independent, over that variance from blocks; 1 without rows.
+    /// Variance of each joint's share in the estimate if all its rows were independent, over that variance from blocks,
+    /// `[n]`; 1 without rows.
     pub independent_share: Vec<f64>,
 }
 
 /// Sandwich covariance of a least-squares or M-estimate `theta` with blocks of time as clusters:
 /// `(wᵀw)⁻¹ (sum over blocks of w_bᵀ e_b e_bᵀ w_b) (wᵀw)⁻¹`, rows weighted by `rule`. For an M-estimate
-/// `wᵀw` counts the rows by the slope of its influence (Huber 1981, 6.3).
+/// `wᵀw` weights the rows by the slope of its influence (Huber 1981, 6.3).
 ///
-/// Blocks that were fitted scatter less than they should, and those corrected for it more. How much, if
-/// rows were independent with the variance that `rule` gives them, follows from `w` alone for each
-/// parameter, and is taken off: then errors are free of bias (as CR2; Bell & McCaffrey 2002).
+/// The residuals of fitted blocks scatter too little, and after a correction for the fit too much. The bias for
+/// independent rows with the variance of `rule` follows from `w` alone for each parameter. It is removed, so errors are
+/// unbiased (as CR2; Bell & McCaffrey 2002).
 ///
-/// Two passes over the rows: one counts them, the other adds them up by blocks. Only the sums are held.
+/// The function reads the rows twice: the first pass counts them, the second adds them up by blocks. It stores only the
+/// sums.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] with fewer than two blocks or fewer rows than columns,
-/// [`NumericsError::NotFinite`] if `w` has not full rank.
+/// [`NumericsError::TooShort`] with fewer than two blocks or fewer rows than columns, [`NumericsError::NotFinite`] if
+/// `w` does not have full rank.
 pub fn clustered(
     source: &dyn RowSource,
     theta: &[f64],
@@ -106,15 +104,15 @@ struct RowBlock {
     scores: Mat<f64>,
 }
 
-/// What all blocks say of the scatter of the estimate.
+/// Scatter of the estimate over all blocks.
 struct BlockScatter {
-    /// Sum of squares and products of the shifts that the blocks bring about, `[b x b]`.
+    /// Sum of squares and products of the shifts by the blocks, `[b x b]`.
     matrix: Mat<f64>,
-    /// Its diagonal as it would be on average for independent rows of variance 1, `[b]`.
+    /// Expected diagonal for independent rows of variance 1, `[b]`.
     expected: Vec<f64>,
     /// Sum of squares of the shifts of each joint in units of the information, `[n]`.
     of_joints: Vec<f64>,
-    /// Sum and sum of squares over blocks of their part in each variance, `[b]`.
+    /// Sum and sum of squares over blocks of their share in each variance, `[b]`.
     parts: Vec<[f64; 2]>,
 }
 
@@ -139,8 +137,8 @@ impl BlockScatter {
         for (j, sum) in self.of_joints.iter_mut().enumerate() {
             *sum += dot(seen.col_as_slice(j), shifts.col_as_slice(j));
         }
-        // independent rows of variance 1 leave residuals with the covariance 1 - w (wᵀw)⁻¹ wᵀ; all factors but the
-        // spread are symmetric, so that columns serve as rows
+        // independent rows of variance 1 leave residuals with the covariance 1 - w (wᵀw)⁻¹ wᵀ; all factors
+        // except the spread are symmetric, so columns serve as rows
         let own = &block.information * &to_shift;
         let fitted = &block.tapered * &to_shift;
         let taken = &information.inverse * &fitted;
@@ -154,7 +152,7 @@ impl BlockScatter {
         Ok(())
     }
 
-    /// Scatter over variance, for independent rows, `[b]`.
+    /// Ratio of scatter to variance for independent rows, `[b]`.
     fn bias(&self, information: &BlockInformation) -> Vec<f64> {
         let bias = |(k, expected): (usize, &f64)| {
             let bias = expected / information.inverse[(k, k)];
@@ -178,8 +176,8 @@ struct JointSums {
 }
 
 impl JointSums {
-    /// Trace of the variance of this joint's part of the estimate in units of the information, if its
-    /// residuals were independent.
+    /// Trace of the variance of this joint's part of the estimate in units of the information, for independent
+    /// residuals.
     fn variance_if_independent(&self, information: &BlockInformation) -> f64 {
         let b = self.plain.ncols();
         let trace: f64 = (0..b).map(|k| -> f64 { self.plain.row(k) * information.inverse.col(k) }).sum();
@@ -187,17 +185,17 @@ impl JointSums {
     }
 }
 
-/// Everything that one pass over the rows adds up.
+/// Sums of one pass over the rows.
 struct BlockSums {
-    /// Those with rows, by their number.
+    /// Blocks with rows, by number.
     blocks: BTreeMap<usize, RowBlock>,
     joints: Vec<JointSums>,
     rows: usize,
 }
 
 impl BlockSums {
-    /// Block `k` rises over the half `k - 1` of the record and falls over the half `k`; the squares of
-    /// what a row counts in its two blocks add up to one.
+    /// Adds up all rows. Block `k` rises over the half `k - 1` of the record and falls over the half `k`. The squared
+    /// tapers of a row in its two blocks add up to one.
     fn over(source: &dyn RowSource, theta: &[f64], rule: &WeightRule, half_rows: usize) -> Self {
         let (n, b) = (source.joint_count(), source.columns());
         let joint = || JointSums { plain: Mat::zeros(b, b), squares: 0.0, rows: 0 };
@@ -224,7 +222,7 @@ impl BlockSums {
         sums
     }
 
-    /// Adds up the rows of a half, and empties them.
+    /// Adds up and clears the rows of a half block.
     fn close(&mut self, open: &mut [HalfBlockRows], half: usize) {
         let rows: usize = open.iter().map(|rows| rows.weighted.len()).sum();
         if rows == 0 {
@@ -250,14 +248,14 @@ impl BlockSums {
         }
     }
 
-    /// Writes above the diagonals what was added up below them.
+    /// Fills the upper triangles of all sums from the lower ones.
     fn complete(&mut self) {
         self.blocks.values_mut().flat_map(|of| [&mut of.information, &mut of.tapered]).for_each(mirror);
         self.joints.iter_mut().for_each(|of| mirror(&mut of.plain));
     }
 }
 
-/// Makes a matrix symmetric by what stands below its diagonal.
+/// Makes a matrix symmetric from its lower triangle.
 fn mirror(matrix: &mut Mat<f64>) {
     for k in 0..matrix.ncols() {
         for i in k + 1..matrix.nrows() {
@@ -269,18 +267,18 @@ fn mirror(matrix: &mut Mat<f64>) {
 /// Rows of one joint in half a block.
 #[derive(Default)]
 struct HalfBlockRows {
-    /// Row after row.
+    /// Entries of `w`, row by row.
     w: Vec<f64>,
-    /// How much each row counts in the information.
+    /// Weight of each row in the information.
     slopes: Vec<f64>,
     /// Residuals times their weights.
     weighted: Vec<f64>,
-    /// How much each row counts in the block that falls here and in the one that rises.
+    /// Taper of each row in the falling and in the rising block.
     tapers: Vec<[f64; 2]>,
 }
 
 impl HalfBlockRows {
-    /// Forgets the rows; their memory serves the next ones.
+    /// Clears the rows and keeps their memory.
     fn clear(&mut self) {
         self.w.clear();
         self.slopes.clear();
@@ -288,13 +286,14 @@ impl HalfBlockRows {
         self.tapers.clear();
     }
 
-    /// The slope of all rows, if it is one: that of least squares, not that of robust estimates.
+    /// Slope of all rows, if they have the same: true for least squares, not for robust estimates.
     fn common_slope(&self) -> Option<f64> {
         let first = *self.slopes.first()?;
         (first > 0.0 && self.slopes.iter().all(|slope| (slope - first).abs() <= 0.0)).then_some(first)
     }
 
-    /// Columns that are not zero: a joint feels its own and the outer links. And `w` of these, `[rows x columns]`.
+    /// Columns that are not zero (a joint depends on its link and the outer links), and `w` of these,
+    /// `[rows x columns]`.
     fn felt(&self, b: usize) -> (Vec<usize>, Mat<f64>) {
         let column = |k: usize| self.w[k..].iter().step_by(b);
         let columns: Vec<usize> = (0..b).filter(|&k| column(k).any(|w| *w != 0.0)).collect();
@@ -306,21 +305,21 @@ impl HalfBlockRows {
     }
 }
 
-/// Sums of squares and products of the rows of one joint in half a block, over the `k` columns that it feels.
+/// Sums of squares and products of the rows of one joint in half a block, over its `k` columns that are not zero.
 struct Grams {
-    /// These columns, rising.
+    /// Indices of these columns, ascending.
     columns: Vec<usize>,
     /// `[rows x k]`.
     w: Mat<f64>,
-    /// `wᵀ diag(weights) w` for several weights side by side, `[k x parts k]`: information and taper of the block that
-    /// falls, the same of the one that rises, and unless these show it, without weights.
+    /// `wᵀ diag(weights) w` for several weights side by side, `[k x parts k]`: information and taper of the falling
+    /// block, the same of the rising one, and the unweighted product unless it follows from these.
     all: Mat<f64>,
-    /// The slope of all rows, if it is one.
+    /// Slope of all rows, if they have the same.
     common_slope: Option<f64>,
 }
 
 impl Grams {
-    /// In one product, which takes half the time of as many small ones.
+    /// Uses one product, which takes half the time of several small ones.
     fn of(rows: &HalfBlockRows, b: usize) -> Self {
         let (columns, w) = rows.felt(b);
         let common_slope = rows.common_slope();
@@ -353,7 +352,7 @@ impl Grams {
     }
 }
 
-/// Adds to a column of a sum, below its diagonal, the rows of a column of a part from `k` on.
+/// Adds the rows from `k` on of a part's column to a column of a sum, below the diagonal.
 fn add_below(sum: &mut [f64], column: &[f64], rows: &[usize], k: usize) {
     for (&row, value) in rows[k..].iter().zip(&column[k..]) {
         sum[row] += value;
@@ -397,7 +396,7 @@ impl RowBlock {
     }
 }
 
-/// `wᵀw` of all rows and what it takes to leave a block out of it.
+/// `wᵀw` of all rows, with the means to leave a block out.
 struct BlockInformation {
     whole: Mat<f64>,
     inverse: Mat<f64>,
@@ -408,7 +407,7 @@ impl BlockInformation {
         let b = sums.joints.first().map_or(0, |joint| joint.plain.ncols());
         let mut whole = Mat::<f64>::zeros(b, b);
         sums.blocks.values().for_each(|block| whole += &block.information);
-        // columns of one length, or a small one is lost beside a large one
+        // columns of equal length, because a small one would be lost next to a large one
         let norms: Vec<f64> = (0..b).map(|k| whole[(k, k)].sqrt()).collect();
         let scaled = Mat::from_fn(b, b, |i, k| whole[(i, k)] / (norms[i] * norms[k]));
         let singular = |_| NumericsError::NotFinite("the observation matrix");
@@ -420,8 +419,8 @@ impl BlockInformation {
         }
     }
 
-    /// Turns scores of a block into shifts of the estimate without it, `[b x b]`, symmetric: the jackknife, which leaves
-    /// out one block after the other (CR3). `spread` is the block's information times the inverse.
+    /// Matrix from scores of a block to shifts of the estimate without it, `[b x b]`, symmetric: the jackknife, which
+    /// leaves out each block in turn (CR3). `spread` is the block's information times the inverse.
     fn to_shift(&self, block: &RowBlock, spread: &Mat<f64>) -> Result<Mat<f64>, NumericsError> {
         match self.left_out(block, spread) {
             Some(without) => Ok(without.inverse()),
@@ -429,9 +428,9 @@ impl BlockInformation {
         }
     }
 
-    /// Information of all rows but the block's; `None` if the block has too much leverage.
+    /// Information of all rows except the block's; `None` if the block has too much leverage.
     fn left_out(&self, block: &RowBlock, spread: &Mat<f64>) -> Option<Llt<f64>> {
-        // the leverages are the eigenvalues of the spread: where their squares add up to little, each is small
+        // the leverages are the eigenvalues of the spread: if the sum of their squares is small, each is small
         let b = spread.nrows();
         let squares: f64 = (0..b).flat_map(|k| (0..b).map(move |i| spread[(i, k)] * spread[(k, i)])).sum();
         if squares.is_nan() || squares >= MAX_LEVERAGE * MAX_LEVERAGE {
@@ -441,8 +440,8 @@ impl BlockInformation {
         (&self.whole - &block.information).llt(Side::Lower).ok()
     }
 
-    /// `(1 - h)⁻¹`, by the eigenvalues `h` of the block's information, the leverages, in
-    /// coordinates in which all information is the identity.
+    /// `(1 - h)⁻¹` by the leverages `h`: the eigenvalues of the block's information in coordinates that make all
+    /// information the identity.
     fn by_leverage(&self, block: &RowBlock) -> Result<Mat<f64>, NumericsError> {
         let b = self.whole.nrows();
         let unclear = |_| NumericsError::NotFinite("the leverage of a block");

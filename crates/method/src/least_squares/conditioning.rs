@@ -1,4 +1,4 @@
-//! What a recorded motion shows: condition numbers, and the parameters that it does not tell apart.
+//! Information in a recorded motion: condition numbers, and the parameters that the motion does not distinguish.
 
 use faer::Mat;
 
@@ -6,49 +6,49 @@ use super::factor::{TriangularFactor, ZERO_COLUMN_THRESHOLD};
 use super::solution::MAX_SCALED_CONDITION;
 use crate::NumericsError;
 
-/// Standard error over value above which a parameter is flagged: its sign is then hardly known. The
-/// customary limit of essential parameters (Pham & Gautier 1991).
+/// Largest standard error over value of a parameter without a flag; beyond it, the sign is uncertain. The customary
+/// limit of essential parameters (Pham & Gautier 1991).
 pub const FLAGGED_RELATIVE_ERROR: f64 = 0.3;
 
-/// Part of the leading entry of a singular vector from which on a column belongs to the combination.
+/// Smallest entry of a singular vector, relative to the leading one, of a column in the combination.
 const PARTNER: f64 = 0.3;
 
-/// What the rows behind a factor show of its columns.
+/// Information about the columns of a factor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Identifiability {
     /// Condition number of the observation matrix; infinite if a column is zero.
     pub condition_number: f64,
-    /// The same with columns scaled to unit norm, those of zeros left out.
+    /// Condition number with columns scaled to unit norm, without zero columns.
     pub scaled_condition_number: f64,
-    /// Columns of zeros: these parameters never changed a torque.
+    /// Zero columns: their parameters never changed a torque.
     pub unseen: Vec<usize>,
-    /// Columns that the motion does not tell apart from others, worst first.
+    /// Columns that the motion does not distinguish from others, worst first.
     pub indistinct: Vec<Indistinct>,
 }
 
-/// A column that others explain to a part in [`MAX_SCALED_CONDITION`].
+/// Column that others explain except for one part in [`MAX_SCALED_CONDITION`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Indistinct {
     /// The column.
     pub column: usize,
-    /// Those that it is not told apart from.
+    /// Columns that the motion does not distinguish from it.
     pub from: Vec<usize>,
 }
 
 impl Identifiability {
-    /// Whether every column can be solved for.
+    /// Returns true if every column can be solved for.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.unseen.is_empty() && self.indistinct.is_empty()
     }
 }
 
-/// Judges the columns of a factor: zeros are set aside; then, as long as the scaled condition number
-/// exceeds [`MAX_SCALED_CONDITION`], the column that leads the singular vector of the smallest singular
-/// value goes.
+/// Examines the columns of a factor. First, zero columns are removed. Then, while the scaled condition number exceeds
+/// [`MAX_SCALED_CONDITION`], the column with the largest entry in the singular vector of the smallest singular value is
+/// removed.
 ///
 /// # Errors
-/// [`NumericsError::NotFinite`] if the singular values cannot be had.
+/// [`NumericsError::NotFinite`] if the singular values cannot be computed.
 pub fn identifiability(factor: &TriangularFactor) -> Result<Identifiability, NumericsError> {
     let b = factor.columns();
     let r = factor.upper().submatrix(0, 0, b, b);
@@ -88,27 +88,27 @@ pub fn identifiability(factor: &TriangularFactor) -> Result<Identifiability, Num
     Ok(found)
 }
 
-/// Largest part of a left-out column's torque that a column may carry and still stand for its own parameter alone.
+/// Largest part of an omitted column's torque that a column may carry while it still represents only its own parameter.
 const CARRIED: f64 = 0.1;
 
-/// Least part of all columns that a motion has to show: one that shows less is no excitation.
+/// Smallest share of all columns that a motion must show to count as excitation.
 const LEAST_SHOWN: f64 = 0.75;
 
-/// Which columns a motion shows.
+/// Columns that a motion shows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ShownColumns {
-    /// Columns that can be solved for together, rising.
+    /// Columns that can be solved for together, ascending.
     pub kept: Vec<usize>,
-    /// Whether each of them stands for its own parameter alone, rather than for parts of left-out ones too.
+    /// For each of them, true if it represents only its own parameter, and no parts of omitted ones.
     pub alone: Vec<bool>,
 }
 
-/// The columns of a factor that its rows show, where they do not show all; `None` where they show too few for
-/// parameters. A left-out column counts as zero. Columns next to it then carry its torque: which do follows from its own
-/// fit by the kept columns, all of them scaled to unit norm.
+/// Columns of a factor that its rows show, if they do not show all; `None` if they show too few for parameters. An
+/// omitted column counts as zero, so related columns carry its torque. Its fit by the kept columns, all scaled to unit
+/// norm, shows which ones.
 ///
 /// # Errors
-/// [`NumericsError::NotFinite`] if the singular values cannot be had.
+/// [`NumericsError::NotFinite`] if the singular values cannot be computed.
 pub fn shown_columns(factor: &TriangularFactor) -> Result<Option<ShownColumns>, NumericsError> {
     let found = identifiability(factor)?;
     let indistinct: Vec<usize> = found.indistinct.iter().map(|of| of.column).collect();

@@ -1,15 +1,15 @@
-//! The straightforward form of a triangular factor: dense QR of many rows at once, that the structured form
-//! ([`super::factor`]) is tested against and `armwatch benchmark stages` compares with.
+//! Plain form of a triangular factor: dense QR of many rows at once. The structured form ([`super::factor`]) is tested
+//! against it, and `armwatch benchmark stages` compares with it.
 
 use faer::Mat;
 
 use super::factor::TriangularFactor;
 use crate::NumericsError;
 
-/// Rows that are factored at once, on top of the triangle of those before.
+/// Number of rows that are factored at once, on top of the triangle of the earlier ones.
 const ROWS: usize = 2048;
 
-/// Factor of the rows of `[w | tau]`, given as `b + 1` columns of one length.
+/// Factor of the rows of `[w | tau]`, given as `b + 1` columns of equal length.
 ///
 /// # Errors
 /// [`NumericsError::NotATriangle`] without columns, [`NumericsError::NotFinite`] if a number is not finite.

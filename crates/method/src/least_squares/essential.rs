@@ -1,17 +1,17 @@
-//! Essential parameters: the fewest base parameters that explain the torque as well.
+//! Essential parameters: the fewest base parameters that explain the torque equally well.
 
 use super::factor::TriangularFactor;
 use super::solution::LeastSquares;
 use crate::NumericsError;
 use crate::statistics::distributions::f_quantile;
 
-/// When a parameter goes.
+/// Conditions for the removal of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EssentialSettings {
-    /// Standard error over value above which a parameter may go. The customary threshold is ten times
-    /// the smallest of all parameters, or 0.1 to 0.3 (Pham & Gautier 1991).
+    /// Smallest standard error over value of a parameter that may be removed. The customary threshold is ten times the
+    /// smallest of all parameters, or 0.1 to 0.3 (Pham & Gautier 1991).
     pub relative_error: f64,
-    /// Probability of calling a fit worse that is not.
+    /// Probability of rejecting an equally good fit as worse.
     pub significance: f64,
     /// Largest scaled condition number.
     pub max_condition: f64,
@@ -23,28 +23,27 @@ impl Default for EssentialSettings {
     }
 }
 
-/// What is left.
+/// Result of the elimination.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct EssentialParameters {
-    /// Columns kept, rising.
+    /// Columns kept, ascending.
     pub kept: Vec<usize>,
-    /// Columns taken away, the least certain first.
+    /// Columns removed, the least certain first.
     pub removed: Vec<usize>,
     /// Solution for the kept columns.
     pub solution: LeastSquares,
-    /// F statistic of what is removed against the full set; 0 if nothing is.
+    /// F statistic of the removed columns against the full set; 0 if none is removed.
     pub f_statistic: f64,
-    /// Largest F that counts as no worse for as many removed parameters; 0 if nothing is removed.
+    /// Largest F that counts as equally good for this number of removed parameters; 0 if none is removed.
     pub f_limit: f64,
 }
 
-/// Backwards elimination: the parameter of the largest relative standard error goes, as long as that
-/// exceeds the threshold and the residual of what is left is not significantly larger than that of the
-/// full set: `F = ((rss - rss_full) / removed) / (rss_full / (rows - b))` (Draper & Smith 1998,
-/// chapter 15).
+/// Backwards elimination: removes the parameter with the largest relative standard error, while that exceeds the
+/// threshold and the remaining residual is not significantly larger than that of the full set:
+/// `F = ((rss - rss_full) / removed) / (rss_full / (rows - b))` (Draper & Smith 1998, chapter 15).
 ///
-/// `independent_fraction` of the factor's rows are independent. A removed parameter counts as zero; it
-/// is not zero in the arm, only not worth its uncertainty.
+/// `independent_fraction` of the factor's rows are independent. A removed parameter counts as zero; it is not zero in
+/// the arm, only not worth its uncertainty.
 ///
 /// # Errors
 /// Those of [`TriangularFactor::solve`].
@@ -62,7 +61,7 @@ pub(crate) fn essential(
     let all: Vec<usize> = (0..b).collect();
     let full = solve(&all)?;
     let independent = (rows as f64 * independent_fraction - b as f64).max(1.0);
-    // Sums of squares count every row; those of independent rows are smaller by the fraction.
+    // Sums of squares include every row; those of independent rows are smaller by the fraction.
     let full_rss = full.residual_sum_of_squares * independent_fraction;
     let noise = full_rss / independent;
     let mut found = EssentialParameters {

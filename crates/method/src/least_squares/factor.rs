@@ -1,10 +1,10 @@
-//! A growing triangular factor: the memory of a least-squares problem that is never held whole.
+//! Growing triangular factor: least squares without the whole observation matrix in memory.
 //!
 //! For an observation matrix `w` and a right-hand side `tau`, the factor `r` of
 //! `[w | tau] = q r` holds all that least squares needs: `r = [r11 r12; 0 r22]` gives
-//! `theta = r11⁻¹ r12`, the residual sum of squares `r22²`, and the singular values of `w`.
-//! New rows are folded in by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations,
-//! 6.5; the sequential form of TSQR, Demmel et al. 2012), a block at a time (`triangle.rs`).
+//! `theta = r11⁻¹ r12`, the residual sum of squares `r22²`, and the singular values of `w`. New rows are folded in
+//! by factoring `[r; rows]` again (Golub & Van Loan, Matrix Computations, 6.5; the sequential form of TSQR, Demmel
+//! et al. 2012), one block at a time (`triangle.rs`).
 
 use faer::{Mat, MatRef};
 
@@ -12,10 +12,11 @@ use super::triangle::Fold;
 use crate::NumericsError;
 use crate::lanes::{LANES, Lanes};
 
-/// A column shorter than this, relative to the longest, shows nothing: it is zero but for rounding.
+/// Length of a column, relative to the longest, below which it is zero except for rounding.
 pub(crate) const ZERO_COLUMN_THRESHOLD: f64 = 1e-12;
 
-/// Rows that a [`FactorBuilder`] collects before it folds them: forty columns of them lie in a core's first cache.
+/// Rows that a [`FactorBuilder`] collects before it folds them: forty columns of them fit in a core's first-level
+/// cache.
 pub const BLOCK_ROWS: usize = 128;
 
 /// Triangular factor of all rows of `[w | tau]` seen so far; `(b+1) x (b+1)`.
@@ -26,47 +27,47 @@ pub struct TriangularFactor {
 }
 
 impl TriangularFactor {
-    /// Factor of no rows for `columns` columns of `w`.
+    /// Creates a factor without rows for `columns` columns of `w`.
     #[must_use]
     pub fn new(columns: usize) -> Self {
         Self { r: Mat::zeros(columns + 1, columns + 1), rows: 0 }
     }
 
-    /// Columns `b` of `w`, without the right-hand side.
+    /// Number of columns `b` of `w`, without the right-hand side.
     #[must_use]
     pub fn columns(&self) -> usize {
         self.r.ncols() - 1
     }
 
-    /// Rows folded in so far.
+    /// Number of rows folded in so far.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// The same factor, as one of so many rows.
+    /// Sets the number of rows.
     pub(super) fn of_rows(self, rows: usize) -> Self {
         Self { rows, ..self }
     }
 
-    /// The factor, upper triangular, `[(b+1) x (b+1)]`; the last column is that of the torque.
+    /// Upper triangular factor, `[(b+1) x (b+1)]`; the last column is that of the torque.
     #[must_use]
     pub fn upper(&self) -> MatRef<'_, f64> {
         self.r.as_ref()
     }
 
-    /// The upper triangle column after column, `r[0,0], r[0,1], r[1,1], r[0,2]..`:
-    /// `(b+1) (b+2) / 2` numbers, all that [`TriangularFactor::from_packed`] needs beside the rows.
+    /// Upper triangle column by column, `r[0,0], r[0,1], r[1,1], r[0,2]..`: `(b+1) (b+2) / 2` numbers.
+    /// [`TriangularFactor::from_packed`] needs these and the number of rows.
     #[must_use]
     pub fn packed(&self) -> Vec<f64> {
         (0..self.r.ncols()).flat_map(|j| (0..=j).map(move |i| self.r[(i, j)])).collect()
     }
 
-    /// A factor from what [`TriangularFactor::packed`] gave.
+    /// Restores a factor from the result of [`TriangularFactor::packed`].
     ///
     /// # Errors
-    /// [`NumericsError::NotATriangle`] if there are not `(b+1) (b+2) / 2` numbers,
-    /// [`NumericsError::NotFinite`] if one is not finite.
+    /// [`NumericsError::NotATriangle`] if there are not `(b+1) (b+2) / 2` numbers, [`NumericsError::NotFinite`] if one
+    /// is not finite.
     pub fn from_packed(columns: usize, rows: usize, packed: &[f64]) -> Result<Self, NumericsError> {
         let k = columns + 1;
         if packed.len() != k * (k + 1) / 2 {
@@ -79,14 +80,14 @@ impl TriangularFactor {
         Ok(Self { r, rows })
     }
 
-    /// Whether every number of the factor is finite; that of rows with an absurd value is not.
+    /// Returns true if every number of the factor is finite. An absurd value in a row makes it not finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.r.is_all_finite()
     }
 
-    /// Sum of squares of `w theta - tau` over all rows, for any `theta` `[b]`: reflections keep
-    /// lengths, so it is that of `r [theta; -1]`.
+    /// Sum of squares of `w theta - tau` over all rows, for any `theta` `[b]`. Reflections keep lengths, so it equals
+    /// that of `r [theta; -1]`.
     ///
     /// # Panics
     /// If `theta` has fewer than `b` entries.
@@ -104,7 +105,7 @@ impl TriangularFactor {
     /// `r11⁻¹` of the columns of `w`, upper triangular, `[b x b]`: with it `(wᵀw)⁻¹ = r11⁻¹ r11⁻ᵀ`.
     ///
     /// # Errors
-    /// [`NumericsError::NotFinite`] where the columns are dependent.
+    /// [`NumericsError::NotFinite`] if the columns are dependent.
     pub fn inverse_of_upper(&self) -> Result<Mat<f64>, NumericsError> {
         let b = self.columns();
         let mut inverse = Mat::<f64>::identity(b, b);
@@ -121,8 +122,8 @@ impl TriangularFactor {
         }
     }
 
-    /// Independent columns of `w`: more than the part `dependent` of each is new. Columns that are zero except for rounding
-    /// have no direction, and their parameters would be endless.
+    /// Independent columns of `w`: those with a new part of more than `dependent`. Columns that are zero except for
+    /// rounding have no direction, and their parameters would be infinite.
     #[must_use]
     pub fn independent_columns(&self, columns: usize, dependent: f64) -> Vec<usize> {
         let length = |k: usize| (0..=k).map(|i| self.r[(i, k)].powi(2)).sum::<f64>().sqrt();
@@ -132,7 +133,7 @@ impl TriangularFactor {
         (0..columns).filter(is_new).collect()
     }
 
-    /// A solution `[b]` of least squares, zero for columns of which no more than the part `dependent` is new.
+    /// Least-squares solution `[b]`, zero for columns whose new part is `dependent` or less.
     #[must_use]
     pub fn basic_solution(&self, dependent: f64) -> Vec<f64> {
         let kept = self.independent_columns(self.columns(), dependent);
@@ -164,32 +165,32 @@ impl TriangularFactor {
         self.r = builder.take().r;
     }
 
-    /// Joins the rows of `other`, as if they had been folded in here.
+    /// Folds in the rows of `other`.
     pub fn join(&mut self, other: &Self) {
         let rows = self.rows + other.rows;
         self.fold(other.r.as_ref());
         self.rows = rows;
     }
 
-    /// The factor of the same rows, each multiplied by `by`: its square is the weight of their squares.
+    /// Factor of the same rows, each multiplied by `by`; the weight of their squares is `by²`.
     #[must_use]
     pub fn scaled(&self, by: f64) -> Self {
         Self { r: &self.r * faer::Scale(by), rows: self.rows }
     }
 
-    /// The factor of the same rows with only the columns `kept` of `w`, in that order.
+    /// Factor of the same rows with only the columns `kept` of `w`, in that order.
     ///
     /// # Panics
-    /// If `kept` names a column that there is not.
+    /// If `kept` contains a column that does not exist.
     #[must_use]
     pub fn restricted(&self, kept: &[usize]) -> Self {
         self.selected(kept, self.columns())
     }
 
-    /// The same with the column `right` of `[w | tau]` in place of the torque.
+    /// Same as `restricted`, with the column `right` of `[w | tau]` in place of the torque.
     ///
     /// # Panics
-    /// If a column is named that there is not.
+    /// If a column does not exist.
     #[must_use]
     pub fn selected(&self, kept: &[usize], right: usize) -> Self {
         let columns: Vec<usize> = kept.iter().copied().chain([right]).collect();
@@ -199,9 +200,8 @@ impl TriangularFactor {
         own
     }
 
-    /// The factor of several together, each with its columns at `places` of a wider `w` with `columns`
-    /// columns that are zero elsewhere. So the rows of single joints make up the stacked problem
-    /// [3.22].
+    /// Joint factor of several parts, each with its columns at `places` of a wider `w` with `columns` columns that are
+    /// zero elsewhere. This stacks the rows of single joints into one problem [3.22].
     ///
     /// # Panics
     /// If `places` of a part has fewer entries than the part columns, or one beyond `columns`.
@@ -227,7 +227,8 @@ impl TriangularFactor {
         factor
     }
 
-    /// The factor with its columns at rising places of a wider `w`, which is as triangular with its rows at these places.
+    /// Factor with its columns at ascending places of a wider `w`, and its rows at the same places, which keeps it
+    /// triangular.
     fn spread(&self, columns: usize, places: &[usize]) -> Self {
         let b = self.columns();
         let place = |k: usize| if k < b { places[k] } else { columns };
@@ -239,14 +240,14 @@ impl TriangularFactor {
     }
 }
 
-/// Takes rows of `[w | tau]` and folds them, a block at a time, into a triangular factor. Nothing is copied or
-/// allocated while rows come in.
+/// Collects rows of `[w | tau]` and folds them, one block at a time, into a triangular factor. Adding rows copies and
+/// allocates nothing.
 pub struct FactorBuilder {
-    /// The factor, `[width x width]` row after row.
+    /// Factor, `[width x width]` row by row.
     r: Vec<f64>,
-    /// Rows that are not folded yet: `width` columns of `stride` numbers. What lies behind the rows is left over.
+    /// Rows that are not folded yet: `width` columns of `stride` numbers. Entries beyond the rows are stale.
     block: Vec<f64>,
-    /// Whole lanes.
+    /// Rows per block, a multiple of [`LANES`].
     stride: usize,
     width: usize,
     filled: usize,
@@ -254,7 +255,7 @@ pub struct FactorBuilder {
 }
 
 impl FactorBuilder {
-    /// Of no rows yet, for `columns` columns of `w`.
+    /// Creates an empty builder for `columns` columns of `w`.
     #[must_use]
     pub fn new(columns: usize) -> Self {
         Self::with_block(columns, BLOCK_ROWS)
@@ -266,7 +267,7 @@ impl FactorBuilder {
         Self { r: vec![0.0; width * width], block, stride, width, filled: 0, rows: 0 }
     }
 
-    /// Takes one row: its `b` entries of `w`, then its torque.
+    /// Adds one row: its `b` entries of `w`, then its torque.
     ///
     /// # Panics
     /// If there are more than `b + 1` numbers; missing ones count as zero.
@@ -283,7 +284,7 @@ impl FactorBuilder {
         self.took(1);
     }
 
-    /// Takes the rows of a block, but for those of zeros, which change nothing.
+    /// Adds the rows of a block except zero rows, which change nothing.
     pub(super) fn push_rows(&mut self, block: MatRef<'_, f64>) {
         for i in 0..block.nrows() {
             let row = block.row(i);
@@ -293,7 +294,7 @@ impl FactorBuilder {
         }
     }
 
-    /// Takes one row by its places and numbers; all other places are zero, that of the torque is `b`.
+    /// Adds one row by its places and numbers. All other places are zero; the place of the torque is `b`.
     fn push_at(&mut self, entries: impl Iterator<Item = (usize, f64)>) {
         (0..self.width).for_each(|column| self.block[column * self.stride + self.filled] = 0.0);
         for (column, value) in entries {
@@ -302,17 +303,17 @@ impl FactorBuilder {
         self.took(1);
     }
 
-    /// Takes the rows of several instants: for each column in its order the numbers of all, of which those chosen
+    /// Adds the rows of several instants: for each column in order the numbers of all lanes. Only the chosen lanes
     /// count.
     ///
-    /// Other than `b + 1` columns are an error of the caller.
+    /// The caller must provide exactly `b + 1` columns.
     #[inline]
     pub fn push_lanes(&mut self, row: impl Iterator<Item = Lanes>, chosen: [bool; LANES]) {
         let count = chosen.iter().filter(|chosen| **chosen).count();
         if count == 0 {
             return;
         }
-        // a block has room for all or is folded first, so that rows of one instant stay together
+        // fold first unless the block has room for all, so that rows of one instant stay together
         if self.filled + count > self.stride {
             self.fold();
         }
@@ -330,7 +331,7 @@ impl FactorBuilder {
         self.took(count);
     }
 
-    /// The factor of all rows so far; the builder is empty afterwards and can be used again.
+    /// Factor of all rows so far. The builder is empty afterwards and can be reused.
     #[must_use]
     pub fn take(&mut self) -> TriangularFactor {
         self.fold();

@@ -12,14 +12,14 @@ pub const HUBER_CONSTANT: f64 = 1.345;
 /// Median absolute deviation to standard deviation, for normal noise.
 const MAD_TO_SIGMA: f64 = 1.482_602_218_505_602;
 
-/// What the estimate may be told.
+/// Settings of the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobustSettings {
-    /// Residuals beyond this many standard deviations count linearly, not squared.
+    /// Number of standard deviations beyond which residuals count linearly, not squared.
     pub constant: f64,
-    /// Most passes over the rows.
+    /// Largest number of passes over the rows.
     pub max_rounds: usize,
-    /// Change of the estimated torque, relative to the noise, at which the estimate has settled.
+    /// Largest change of the estimated torque, relative to the noise, of a converged estimate.
     pub settled: f64,
     /// Largest scaled condition number.
     pub max_condition: f64,
@@ -36,29 +36,27 @@ impl Default for RobustSettings {
     }
 }
 
-/// A robust estimate.
+/// Robust estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobustEstimate {
-    /// The last weighted solution, in units of the joints' noise.
+    /// Last weighted solution, in units of the joints' noise.
     pub solution: LeastSquares,
     /// Scale of each joint by its median absolute deviation, and Huber's constant.
     pub rule: WeightRule,
     /// Share of rows whose weight is below 1.
     pub outlier_share: f64,
-    /// Passes over the rows.
+    /// Number of passes over the rows.
     pub rounds: usize,
-    /// Whether the estimate settled.
+    /// True if the estimate has converged.
     pub settled: bool,
 }
 
-/// Huber's M-estimate over all joints: rows beyond `constant` standard deviations lose weight as
-/// `c sigma / |e|`. The scale of each joint is its median absolute residual times 1.4826, found anew
-/// in each round; the start is weighted least squares. `w` is gone through again in each round and
-/// never held; a residual a row is.
+/// Huber's M-estimate over all joints: the weight of rows beyond `constant` standard deviations is `c sigma / |e|`. The
+/// scale of each joint is its median absolute residual times 1.4826, updated in each round; the start is weighted least
+/// squares. Each round reads `w` again and never stores it; it stores one residual per row.
 ///
 /// # Errors
-/// Those of [`weighted`]; [`NumericsError::NotFinite`] if more than half of a joint's residuals are
-/// zero.
+/// Those of [`weighted`]; [`NumericsError::NotFinite`] if more than half of a joint's residuals are zero.
 pub fn huber(
     source: &dyn RowSource,
     settings: &RobustSettings,
@@ -105,7 +103,7 @@ fn reweighted(source: &dyn RowSource, theta: &[f64], rule: &WeightRule) -> (Tria
         for j in (0..sample.tau.len()).filter(|&j| sample.used[j]) {
             let weight = rule.weight_of(sample, j, theta);
             rows += 1;
-            // A full weight is 1 but for rounding.
+            // a full weight is 1 except for rounding
             outliers += usize::from(weight * rule.sigma[j] * rule.sigma[j] < 1.0 - 1e-9);
             let factor = weight.sqrt();
             folder.push(sample.of_joint(j).iter().chain([&sample.tau[j]]).map(|x| factor * x));

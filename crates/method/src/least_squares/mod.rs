@@ -1,4 +1,4 @@
-//! Least squares from growing triangular factors, whatever the columns mean.
+//! Least squares from growing triangular factors, independent of the meaning of the columns.
 
 pub(crate) mod orthonormal;
 pub mod solution;

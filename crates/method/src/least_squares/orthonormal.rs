@@ -1,30 +1,30 @@
-//! Orthonormal directions of vectors that come one by one: Gram-Schmidt, done twice, since the second pass takes away
-//! what rounding left of the first (Giraud et al. 2005: twice is enough). Unlike a triangular factor, they say which
-//! vectors were dependent, and those take nothing from a residual.
+//! Orthonormal directions of vectors that arrive one at a time, by Gram-Schmidt in two passes: the second removes the
+//! rounding of the first (Giraud et al. 2005: twice is enough). Unlike a triangular factor, they show which vectors are
+//! dependent, and dependent vectors do not change a residual.
 
 /// Orthonormal directions.
 #[derive(Debug, Clone, Default)]
 pub struct OrthonormalBasis(Vec<Vec<f64>>);
 
-/// What directions leave of a vector.
+/// Remainder of a vector after the directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rest {
-    /// The part of the vector that is perpendicular to all directions.
+    /// Part of the vector that is perpendicular to all directions.
     pub vector: Vec<f64>,
-    /// Its length.
+    /// Length of this part.
     pub length: f64,
-    /// Part of the vector along each direction, in their order.
+    /// Part of the vector along each direction, in order.
     pub along: Vec<f64>,
 }
 
 impl OrthonormalBasis {
-    /// How many directions there are.
+    /// Number of directions.
     #[must_use]
     pub fn rank(&self) -> usize {
         self.0.len()
     }
 
-    /// What the directions leave of a vector.
+    /// Remainder of a vector after the directions.
     #[must_use]
     pub fn rest(&self, vector: &[f64]) -> Rest {
         let mut rest = vector.to_vec();
@@ -40,14 +40,14 @@ impl OrthonormalBasis {
         Rest { vector: rest, length, along }
     }
 
-    /// Takes up the direction of what was left of a vector.
+    /// Adds the direction of a remainder.
     pub fn take(&mut self, rest: Rest) {
         let Rest { mut vector, length, .. } = rest;
         vector.iter_mut().for_each(|x| *x /= length);
         self.0.push(vector);
     }
 
-    /// Takes up a vector, unless no more than the part `dependent` of its length is new.
+    /// Adds a vector if its new part exceeds the fraction `dependent` of its length.
     pub fn add(&mut self, vector: &[f64], dependent: f64) {
         let rest = self.rest(vector);
         if rest.length > dependent * norm(vector) {
@@ -56,7 +56,7 @@ impl OrthonormalBasis {
     }
 }
 
-/// Inner product of two vectors of one length.
+/// Inner product of two vectors of equal length.
 #[must_use]
 pub fn dot(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(x, y)| x * y).sum()
@@ -72,7 +72,7 @@ pub fn norm(x: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A few operations on numbers of about one.
+    /// Rounding of a few operations on numbers of about one.
     const ROUNDING: f64 = 1e-14;
 
     #[test]

@@ -1,14 +1,15 @@
-//! Ridge towards a prior: what a drawing or the robot's own past says, where the motion says little.
+//! Ridge regression towards a prior from a drawing or the robot's own past, for parameters that the motion hardly
+//! shows.
 //!
 //! Each prior value with its standard deviation is one more row of the least-squares problem,
-//! `theta_k / s_k = p_k / s_k`, so that a triangular factor takes it like any other row.
+//! `theta_k / s_k = p_k / s_k`, so a triangular factor treats it like any other row.
 
 use faer::Mat;
 
 use super::factor::TriangularFactor;
 use crate::NumericsError;
 
-/// What is known of a parameter beforehand.
+/// Prior of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParameterPrior {
     /// Expected value.
@@ -17,39 +18,39 @@ pub struct ParameterPrior {
     pub std: f64,
 }
 
-/// How firmly the prior is believed.
+/// Strength of the prior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PriorStrength {
-    /// As its standard deviations say: the Bayesian estimate.
+    /// Standard deviations as given: the Bayesian estimate.
     AsGiven,
     /// All standard deviations times one factor, chosen by generalised cross-validation (Golub, Heath
     /// & Wahba 1979) from a hundredth to a thousand.
     CrossValidated,
 }
 
-/// An estimate from data and prior.
+/// Estimate from data and prior.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PriorEstimate {
     /// Parameters, `[b]`.
     pub theta: Vec<f64>,
-    /// Standard errors, `[b]`, of data and prior together.
+    /// Standard errors from data and prior together, `[b]`.
     pub sigma: Vec<f64>,
-    /// How much of each parameter is data, `[b]`: 1 all data, 0 all prior. The diagonal of the
-    /// resolution matrix `(A + P)⁻¹ A`, cut to 0..1.
+    /// Share of data in each parameter, `[b]`: 1 all data, 0 all prior. The diagonal of the resolution matrix
+    /// `(A + P)⁻¹ A`, limited to 0..1.
     pub data_share: Vec<f64>,
     /// Factor on the prior's standard deviations.
     pub spread: f64,
-    /// Residual sum of squares of the data alone, in units of the noise.
+    /// Residual sum of squares of the data, in units of the noise.
     pub residual_sum_of_squares: f64,
 }
 
-/// Least squares with priors. `factor` has rows in units of their noise, as
-/// [`joined`](super::weighted::joined) gives them; `independent_fraction` of its rows count as
-/// independent. `priors` `[b]`; `None` for a parameter of which nothing is known.
+/// Least squares with priors. `factor` has rows in units of their noise, as from
+/// [`joined`](super::weighted::joined); `independent_fraction` of its rows count as
+/// independent. `priors` `[b]`; `None` for a parameter without a prior.
 ///
 /// # Errors
-/// [`NumericsError::NotFinite`] for a prior without a positive standard deviation, or if neither data
-/// nor prior say anything of a parameter.
+/// [`NumericsError::NotFinite`] for a prior without a positive standard deviation, or if neither data nor prior
+/// determine a parameter.
 pub(crate) fn with_prior(
     factor: &TriangularFactor,
     independent_fraction: f64,
@@ -64,7 +65,7 @@ pub(crate) fn with_prior(
     if strength == PriorStrength::AsGiven {
         return Ok(solve(factor, independent_fraction, priors, 1.0)?.0);
     }
-    /// Five steps a decade: cross-validation is flat near its smallest value.
+    /// Number of steps, five per decade: cross-validation is flat near its smallest value.
     const STEPS: i32 = 25;
     let independent = rows as f64 * independent_fraction;
     let mut best: Option<(f64, PriorEstimate)> = None;
@@ -80,7 +81,7 @@ pub(crate) fn with_prior(
     best.map(|(_, estimate)| estimate).ok_or(NumericsError::NotFinite("cross-validation"))
 }
 
-/// The estimate, and the trace of its resolution: parameters that come from data.
+/// Estimate, and the trace of its resolution: the number of parameters that data determine.
 fn solve(
     factor: &TriangularFactor,
     independent_fraction: f64,
@@ -106,8 +107,8 @@ fn solve(
     Ok((estimate, (0..b).map(|k| resolution[(k, k)]).sum()))
 }
 
-/// The factor of data and prior together: `independent_fraction` of the data's weight, and a row
-/// for each prior with its standard deviation times `spread`.
+/// Factor of data and prior together: `independent_fraction` of the data's weight, and a row for each prior with its
+/// standard deviation times `spread`.
 pub(crate) fn with_prior_rows(
     factor: &TriangularFactor,
     independent_fraction: f64,
@@ -159,7 +160,8 @@ mod tests {
     fn one_parameter_is_the_precision_weighted_mean() {
         let mut factor = TriangularFactor::new(1);
         factor.fold(Mat::from_fn(9, 2, |_, j| if j == 0 { 1.0 } else { 6.0 }).as_ref());
-        // Nine rows of 6 with noise 1 have precision 9; the prior of 3 with a third has 9 as well.
+        // nine rows of 6 with noise 1 have precision 9; the prior of 3 with a standard deviation of a third has 9 as
+        // well
         let prior = [Some(ParameterPrior { value: 3.0, std: 1.0 / 3.0 })];
         let found = with_prior(&factor, 1.0, 9, &prior, PriorStrength::AsGiven).expect("an estimate");
         assert!((found.theta[0] - 4.5).abs() < ROUNDING);

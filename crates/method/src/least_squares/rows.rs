@@ -1,5 +1,5 @@
-//! Rows of `[w | tau]` that can be gone through again and again, a sample at a time, so that
-//! estimators with several passes never hold the observation matrix.
+//! Rows of `[w | tau]` that can be read repeatedly, one sample at a time, so that estimators with several passes never
+//! store the observation matrix.
 
 use super::factor::{FactorBuilder, TriangularFactor};
 use crate::lanes::dot;
@@ -7,18 +7,18 @@ use crate::lanes::dot;
 /// All joints' rows of one sample.
 #[derive(Debug, Clone, Copy)]
 pub struct SampleRows<'a> {
-    /// Number of the observation; neighbours in time differ by one, more where rows are left out.
+    /// Number of the observation; neighbours in time differ by one, or by more if rows are omitted.
     pub row: usize,
-    /// Rows of `w`, joint after joint, `[n * b]`.
+    /// Rows of `w`, joint by joint, `[n * b]`.
     pub w: &'a [f64],
     /// Torque, `[n]`.
     pub tau: &'a [f64],
-    /// Whether a joint's row takes part, `[n]`.
+    /// True for joints whose row is used, `[n]`.
     pub used: &'a [bool],
 }
 
 impl SampleRows<'_> {
-    /// The row of `w` that belongs to `joint`, `[b]`.
+    /// Row of `w` of `joint`, `[b]`.
     #[must_use]
     pub fn of_joint(&self, joint: usize) -> &[f64] {
         let b = self.w.len() / self.tau.len().max(1);
@@ -33,15 +33,15 @@ impl SampleRows<'_> {
     }
 }
 
-/// A least-squares problem whose rows come in order of time, as often as asked.
+/// Least-squares problem whose rows can be read repeatedly in order of time.
 pub trait RowSource {
-    /// Columns `b` of `w`.
+    /// Number of columns `b` of `w`.
     fn columns(&self) -> usize;
-    /// Rows of a sample, `n`.
+    /// Number of rows per sample, `n`.
     fn joint_count(&self) -> usize;
-    /// Hands every sample to `visit`, in order of time.
+    /// Passes every sample to `visit`, in order of time.
     fn each(&self, visit: &mut dyn FnMut(&SampleRows<'_>));
-    /// Observations from the first to the last.
+    /// Number of observations from the first to the last.
     fn record_length(&self) -> usize {
         let mut ends = None;
         self.each(&mut |sample| ends = Some((ends.map_or(sample.row, |(first, _)| first), sample.row)));

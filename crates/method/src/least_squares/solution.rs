@@ -1,4 +1,4 @@
-//! The solution of a least-squares problem, and what is said where there is none.
+//! Solution of a least-squares problem, and the error if there is none.
 
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::{Mat, MatRef, Par};
@@ -6,14 +6,13 @@ use faer::{Mat, MatRef, Par};
 use super::factor::TriangularFactor;
 use crate::NumericsError;
 
-/// Largest scaled condition number that still gives parameters. Torque noise enters parameters
-/// multiplied by it; at a thousand, one percent of noise is ten times the parameter. The thesis's
-/// excitation has 9.1.
+/// Largest scaled condition number that still gives parameters. It multiplies torque noise in the parameters: at a
+/// thousand, one percent of noise is ten times the parameter. The thesis's excitation has 9.1.
 pub const MAX_SCALED_CONDITION: f64 = 1e3;
 
-/// Largest scaled condition number of weighted rows. Whether the motion shows every parameter is judged on the rows as
-/// they are ([`MAX_SCALED_CONDITION`]); this bounds what rounding does, and leaves joints whose noise differs ten
-/// thousandfold their weights.
+/// Largest scaled condition number of weighted rows. The unweighted rows determine if the motion shows every parameter
+/// ([`MAX_SCALED_CONDITION`]). This limit bounds rounding, and allows the weights of joints whose noise differs by a
+/// factor of ten thousand.
 pub(crate) const MAX_WEIGHTED_CONDITION: f64 = 1e8;
 
 /// Solution of a least-squares problem.
@@ -29,11 +28,11 @@ pub struct LeastSquares {
     pub condition_number: f64,
     /// Condition number after scaling the columns of `w` to unit norm.
     pub scaled_condition_number: f64,
-    /// Rows of `w`.
+    /// Number of rows of `w`.
     pub rows: usize,
 }
 
-/// Solution of a least-squares problem of which no more is known of the condition number than that it is small enough.
+/// Solution of a least-squares problem whose condition number is known only to be small enough.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoundedSolution {
     /// Solution `theta`, `[b]`.
@@ -46,9 +45,8 @@ impl TriangularFactor {
     /// Solves `min |w theta - tau|` with the columns scaled to unit norm [2.10-2.16].
     ///
     /// # Errors
-    /// `names(i)` names column `i` in [`NumericsError::RankDeficient`], given when the scaled
-    /// condition number exceeds `max_condition`; [`NumericsError::TooShort`] with fewer rows than
-    /// columns.
+    /// [`NumericsError::RankDeficient`] if the scaled condition number exceeds `max_condition`, with the name
+    /// `names(i)` of each weak column `i`; [`NumericsError::TooShort`] with fewer rows than columns.
     pub fn solve(
         &self,
         max_condition: f64,
@@ -77,9 +75,9 @@ impl TriangularFactor {
         })
     }
 
-    /// As [`TriangularFactor::solve`], without the condition numbers, which take most of its time: singular values are
-    /// sought only where the norms of the scaled columns and of their inverse, whose product is no smaller than the
-    /// condition number, do not show that this is at most `max_condition`.
+    /// Same as [`TriangularFactor::solve`], without the condition numbers, which take most of its time. Singular values
+    /// are computed only if the norms of the scaled columns and of their inverse do not prove that the condition number
+    /// is at most `max_condition`. Their product is an upper bound of it.
     ///
     /// # Errors
     /// Those of [`TriangularFactor::solve`].
@@ -98,12 +96,12 @@ impl TriangularFactor {
     }
 }
 
-/// The columns of a triangular factor, each of length one.
+/// Columns of a triangular factor, scaled to length one.
 struct ScaledColumns<'a> {
     factor: &'a TriangularFactor,
     /// Lengths, `[b]`.
     norms: Vec<f64>,
-    /// `[b x b]`; a column of zeros stays one, and its singular value is zero.
+    /// `[b x b]`; a zero column remains zero, and its singular value is zero.
     scaled: Mat<f64>,
 }
 
@@ -123,7 +121,7 @@ impl<'a> ScaledColumns<'a> {
         Ok(Self { factor, norms, scaled })
     }
 
-    /// Inverse of the scaled columns, `[b x b]`; not finite where they are dependent.
+    /// Inverse of the scaled columns, `[b x b]`; not finite if they are dependent.
     fn inverse(&self) -> Mat<f64> {
         let b = self.norms.len();
         let mut inverse = Mat::<f64>::identity(b, b);
@@ -143,11 +141,11 @@ impl<'a> ScaledColumns<'a> {
     }
 }
 
-/// As many columns as there are too small singular values: in turn the one that has most part in the
-/// singular vectors of these and is least explained by those taken before it.
+/// Columns that cannot be solved for, one per singular value that is too small: in turn the column with the largest
+/// part in the singular vectors of these that the previous ones do not explain.
 fn weak_columns(v: MatRef<'_, f64>, s: &[f64], floor: f64) -> Vec<usize> {
     let small: Vec<usize> = (0..s.len()).filter(|&k| s[k].is_nan() || s[k] <= floor).collect();
-    // parts of the columns in what cannot be seen, [b x small]
+    // parts of the columns in the invisible directions, [b x small]
     let mut part = Mat::from_fn(v.nrows(), small.len(), |i, k| v[(i, small[k])]);
     let mut weak = Vec::new();
     for _ in &small {
@@ -170,7 +168,7 @@ fn weak_columns(v: MatRef<'_, f64>, s: &[f64], floor: f64) -> Vec<usize> {
 }
 
 fn rank_deficient(columns: &[usize], of: usize, names: impl Fn(usize) -> String) -> NumericsError {
-    /// Enough to see which joint is meant; the whole list would drown the sentence.
+    /// Number of columns in the message: enough to show the joint; the whole list would be too long.
     const NAMED: usize = 12;
     let mut listed: Vec<String> = columns.iter().take(NAMED).map(|&c| names(c)).collect();
     if columns.len() > NAMED {

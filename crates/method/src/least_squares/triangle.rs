@@ -1,11 +1,12 @@
-//! Householder QR of a block of rows beneath a triangle, which stays a triangle.
+//! Householder QR of a block of rows below a triangle, which remains a triangle.
 //!
-//! A reflection that clears column `i` of the block touches row `i` of the triangle and the block, and no other row
-//! of the triangle. Of its vector `v = [v0; x]`, `x` is the column of the block itself. With `b = -sign(a) |[a; x]|`,
-//! `v0 = a - b` and `h = 2 / |v|²`, `1 - h v vᵀ` takes `[a; x]` to `[b; 0]` (Golub & Van Loan, Matrix Computations, 5.1).
+//! A reflection that clears column `i` of the block changes row `i` of the triangle and the block, and leaves the
+//! rest of the triangle unchanged. Its vector is `v = [v0; x]`, and `x` is the column of the block. Let
+//! `b = -sign(a) |[a; x]|`, `v0 = a - b` and `h = 2 / |v|²`. Then `1 - h v vᵀ` maps `[a; x]` to `[b; 0]` (Golub &
+//! Van Loan, Matrix Computations, 5.1).
 //!
-//! Four reflections make a panel before the columns behind it change, so that these are read and written a quarter as
-//! often. Reflection `k` meets a column `[a; y]` that those before it have changed:
+//! Four reflections make a panel before the later columns change, so that these are read and written a quarter as
+//! often. Reflection `k` applies to a column `[a; y]` that the earlier ones have changed:
 //! `f_k = h_k (v0_k a_k + x_k·y - Σ_{m<k} f_m x_m·x_k)`; then `a_k` becomes `a_k - f_k v0_k`, and `y` becomes
 //! `y - Σ f_k x_k` at once.
 
@@ -13,29 +14,29 @@ use pulp::Simd;
 
 use crate::lanes::{LANES, VectorKernel, in_vectors};
 
-/// Reflections of a panel.
+/// Number of reflections per panel.
 const PANEL: usize = 4;
 
-/// Columns behind a panel that it is applied to at once: sums of two columns with four reflections take half of the
-/// sixteen registers of a processor with 256 bits.
+/// Number of columns that a panel processes at once: sums of two columns with four reflections take half of the sixteen
+/// registers of a processor with 256 bits.
 const COLUMNS: usize = 2;
 
-/// A column of the block whose squares add up to less is zero: what is left of few rows beneath a wide triangle
-/// becomes smaller by the rounding with each reflection, and squares near the smallest double have lost their digits.
-/// A column so short, 1e-140, changes nothing that a recording can show.
+/// Smallest sum of squares of a column of the block that is not zero. If there are few rows below a wide triangle, the
+/// remainder shrinks by the rounding with each reflection, and squares near the smallest double have lost their digits.
+/// A column of 1e-140 has no effect that a recording can show.
 const NEGLIGIBLE_SQUARES: f64 = 1e-280;
 
 /// Folds a block of rows into the upper triangle above them: `r` becomes the triangle of `[r; block]`.
 pub(super) struct Fold<'a> {
-    /// `width x width`, row after row; below the diagonal nothing is read or written.
+    /// `width x width`, row by row; entries below the diagonal are neither read nor written.
     pub r: &'a mut [f64],
-    /// `width` columns of `stride` numbers, of which the first `height` are rows; holds nothing of use afterwards.
+    /// `width` columns of `stride` numbers, the first `height` of each are rows; overwritten.
     pub block: &'a mut [f64],
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Numbers from one column to the next, a multiple of [`LANES`].
+    /// Distance between columns, a multiple of [`LANES`].
     pub stride: usize,
-    /// Numbers of a column that are rows, a multiple of [`LANES`].
+    /// Number of rows in a column, a multiple of [`LANES`].
     pub height: usize,
 }
 
@@ -84,7 +85,7 @@ impl VectorKernel for Fold<'_> {
     }
 }
 
-/// A reflection `1 - h v vᵀ`; the rest of `v` is a column of the block.
+/// Reflection `1 - h v vᵀ`; the rest of `v` is a column of the block.
 #[derive(Clone, Copy, Default)]
 struct Reflection {
     v0: f64,
@@ -92,8 +93,8 @@ struct Reflection {
 }
 
 impl Reflection {
-    /// The reflection that clears a column with this sum of squares beneath `a`, which becomes what is left of it; none
-    /// where the column is zero.
+    /// Reflection that clears a column with this sum of squares below `a`, and updates `a`; no reflection for a zero
+    /// column.
     #[inline(always)]
     fn of(a: &mut f64, squares: f64) -> Self {
         if squares < NEGLIGIBLE_SQUARES {
@@ -106,17 +107,17 @@ impl Reflection {
     }
 }
 
-/// What reflections meet: the columns `x` of the block that they were made of, and the triangle.
+/// Data that reflections apply to: their columns `x` of the block, and the triangle.
 struct Met<'a, V> {
     x: &'a [V],
     stride: usize,
     height: usize,
-    /// The triangle from the row of the first reflection on, at the first column that is met.
+    /// Triangle from the row of the first reflection and the first changed column on.
     above: &'a mut [f64],
     width: usize,
 }
 
-/// Reflections one after the other, and the products `x_m·x_k` of their columns.
+/// Consecutive reflections, and the products `x_m·x_k` of their columns.
 #[derive(Default)]
 struct ReflectionPanel {
     reflections: [Reflection; PANEL],
@@ -124,8 +125,8 @@ struct ReflectionPanel {
 }
 
 impl ReflectionPanel {
-    /// Applies the first `K` reflections to the column behind theirs. Returns its products with their columns, and the
-    /// sum of its squares.
+    /// Applies the first `K` reflections to the next column. Returns its products with their columns, and its sum of
+    /// squares.
     #[inline(always)]
     fn next_column<S: Simd, const K: usize>(
         &self,
@@ -210,17 +211,17 @@ mod tests {
 
     use super::*;
 
-    /// Reflections of some hundred rows, against the largest number.
+    /// Rounding of reflections of some hundred rows, relative to the largest number.
     const ROUNDING: f64 = 1e-13;
 
-    /// A column shorter than this counts as zero: what [`NEGLIGIBLE_SQUARES`] leaves out is far less.
+    /// Length of a column below which it counts as zero; the effect of [`NEGLIGIBLE_SQUARES`] is far smaller.
     const NOTHING: f64 = 1e-120;
 
     fn number(k: usize) -> f64 {
         ((k * 7919 % 1009) as f64 / 504.0 - 1.0) * 10_f64.powi((k % 5) as i32 - 2)
     }
 
-    /// The Gram matrix of a triangle above a block, which reflections keep.
+    /// Gram matrix of a triangle above a block, which reflections preserve.
     fn gram(r: &[f64], block: &[f64], width: usize, stride: usize, height: usize) -> Mat<f64> {
         let row = |i: usize, j: usize| if i <= j { r[i * width + j] } else { 0.0 };
         Mat::from_fn(width, width, |a, b| {
@@ -248,7 +249,7 @@ mod tests {
         r
     }
 
-    /// All remainders of columns and rows; what lies below the triangle and behind the rows is left out.
+    /// Covers all remainders of columns and rows; entries below the triangle and beyond the rows are ignored.
     #[test]
     fn the_gram_matrix_stays() {
         for width in 1..=14 {
@@ -266,14 +267,14 @@ mod tests {
         }
     }
 
-    /// Four rows beneath a triangle of forty columns: after four reflections the block holds rounding, after eight that
-    /// of rounding, and so on until squares are below the smallest double.
+    /// Four rows below a triangle of forty columns. After four reflections the block contains rounding, after eight the
+    /// rounding of that, and so on until squares are below the smallest double.
     #[test]
     fn few_rows_beneath_a_wide_triangle_keep_the_gram_matrix() {
         let (width, height) = (40, LANES);
         let empty = vec![0.0; width * width];
         let slow: Vec<f64> = (0..width * width).map(|k| 1e-9 * number(k)).collect();
-        // one row, and others that repeat it: nothing is left after the first reflection
+        // one row and repetitions of it: nothing remains after the first reflection
         let rows = number;
         let repeated = |k: usize| number(k / LANES);
         for above in [&empty, &slow] {

@@ -6,19 +6,19 @@ use super::rows::SampleRows;
 use super::solution::LeastSquares;
 use crate::NumericsError;
 
-/// Largest relative change of a joint's residual standard deviation at which weights have settled.
+/// Largest relative change of a joint's residual standard deviation for converged weights.
 const SETTLED: f64 = 1e-8;
-/// Weights settle in some five rounds; more show that they never will.
+/// Largest number of rounds. Weights converge in about five, or never.
 const MAX_ROUNDS: usize = 50;
-/// Least noise that a joint is believed to have, as a part of the largest among the joints. No drive resolves its torque
-/// ten thousand times finer than another's: a smaller residual, as of torques that were computed or are all zero, is no
-/// noise, and would make the other joints' rows count for nothing.
+/// Smallest assumed noise of a joint, relative to the largest among the joints. No drive resolves its torque ten
+/// thousand times finer than another. A smaller residual, as of computed torques or zeros, is no noise, and would make
+/// the weight of the other joints' rows negligible.
 const LEAST_SIGMA: f64 = 1e-4;
-/// Smallest share of a unit-norm column that must be new for it to be kept: what
-/// [`super::solution::MAX_SCALED_CONDITION`] is to a whole matrix.
+/// Smallest new share of a unit-norm column for it to be kept; corresponds to [`super::solution::MAX_SCALED_CONDITION`]
+/// for a whole matrix.
 const NEW_SHARE: f64 = 1e-3;
 
-/// How much a row counts: its joint's noise and, for robust estimates, its own residual.
+/// Weights of rows: from the joint's noise and, for robust estimates, from the row's own residual.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeightRule {
     /// Standard deviation of each joint's residual, `[n]`, Nm.
@@ -28,7 +28,7 @@ pub struct WeightRule {
 }
 
 impl WeightRule {
-    /// Every row counts alike.
+    /// Equal weight for all rows.
     #[must_use]
     pub fn equal(joint_count: usize) -> Self {
         Self { sigma: vec![1.0; joint_count], huber: None }
@@ -47,8 +47,8 @@ impl WeightRule {
         share / (sigma * sigma)
     }
 
-    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and
-    /// none beyond `c sigma`, where Huber's influence stays the same.
+    /// Slope of the weighted residual over the residual, 1/(Nm)²: the weight of least squares, and zero beyond
+    /// `c sigma`, where Huber's influence is constant.
     #[must_use]
     pub fn slope(&self, joint: usize, residual: f64) -> f64 {
         let sigma = self.sigma[joint];
@@ -58,38 +58,37 @@ impl WeightRule {
         }
     }
 
-    /// Weight of a joint's row in a sample, given the parameters.
+    /// Weight of a joint's row in a sample, for the given parameters.
     #[must_use]
     pub fn weight_of(&self, sample: &SampleRows<'_>, joint: usize, theta: &[f64]) -> f64 {
         self.weight(joint, sample.residual(joint, theta))
     }
 }
 
-/// Parameters from all joints, each weighted by its own noise.
+/// Parameters from all joints, with weights from their noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeightedEstimate {
-    /// The parameters, `[b]`.
+    /// Parameters, `[b]`.
     pub theta: Vec<f64>,
     /// Weights of the rows.
     pub rule: WeightRule,
-    /// Rounds until the weights settled.
+    /// Number of rounds until the weights converged.
     pub rounds: usize,
-    /// Whether they did.
+    /// True if the weights converged.
     pub settled: bool,
 }
 
-/// Weighted least squares [3.22] with weights from each joint's residual variance, iterated until
-/// they settle. `factors` `[n]` are the joints' own triangular factors; joints without rows are left
-/// out.
+/// Weighted least squares [3.22] with weights from each joint's residual variance, iterated until convergence.
+/// `factors` `[n]` are the joints' own triangular factors; joints without rows are omitted.
 ///
-/// A joint's variance counts its rows less its share of the parameters. Joints whose torques are
-/// measured finely then count more than those that are measured coarsely, as they should: for
-/// independent noise this is the estimate of smallest variance (Aitken 1936). A joint counts at most as
-/// one with a ten-thousandth of the largest noise; where no joint has any, all count alike.
+/// A joint's variance is relative to its number of rows minus its share of the parameters. Finely measured torques then
+/// have more weight than coarse ones. For independent noise this is the estimate of smallest variance (Aitken 1936).
+/// The weight of a joint corresponds to at least a ten-thousandth of the largest noise; if no joint has any, all
+/// weights are equal.
 ///
-/// `max_condition` bounds the scaled condition number of the weighted rows. It judges rounding, not the motion, which
-/// the unweighted rows show: fine torques of one joint make one direction far longer than the others and take nothing
-/// from these.
+/// `max_condition` limits the scaled condition number of the weighted rows. It bounds rounding, and does not judge the
+/// motion, which the unweighted rows show: fine torques of one joint make one direction far longer than the others,
+/// without a loss for these.
 ///
 /// # Errors
 /// Those of [`TriangularFactor::solve`]; [`NumericsError::NotFinite`] for a joint whose residual is not finite.
@@ -133,7 +132,7 @@ pub fn weighted(
     Ok(WeightedEstimate { theta, rule, rounds: MAX_ROUNDS, settled: false })
 }
 
-/// One factor of all joints' rows, each divided by its joint's standard deviation.
+/// Factor of all joints' rows, each divided by its joint's standard deviation.
 #[must_use]
 pub fn joined(factors: &[TriangularFactor], rule: &WeightRule, columns: usize) -> TriangularFactor {
     let mut builder = FactorBuilder::new(columns);
@@ -143,12 +142,12 @@ pub fn joined(factors: &[TriangularFactor], rule: &WeightRule, columns: usize) -
     builder.take().of_rows(factors.iter().map(|factor| factor.upper().nrows()).sum())
 }
 
-/// What one joint's rows alone say [3.21].
+/// Parameters from one joint's rows alone [3.21].
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointEstimate {
-    /// Columns that this joint's torque tells apart, rising.
+    /// Columns that this joint's torque distinguishes, ascending.
     pub kept: Vec<usize>,
-    /// Columns that it sees only within others; their share is in those kept before them.
+    /// Columns that it shows only as part of others; their share is in earlier kept columns.
     pub grouped: Vec<usize>,
     /// Solution for the kept columns.
     pub solution: LeastSquares,
@@ -156,10 +155,9 @@ pub struct JointEstimate {
     pub sigma: f64,
 }
 
-/// Parameters from one joint's rows alone [3.21]. Columns are gone through in natural order: one that
-/// is zero for this joint, as all links before it are, is left out; one that the kept ones explain to
-/// a thousandth is grouped into them. So values compare with those of all joints only where nothing
-/// is grouped into them.
+/// Parameters from one joint's rows alone [3.21]. Columns are examined in natural order. A column that is zero for this
+/// joint, such as those of all links before it, is omitted. A column that the kept ones explain to a thousandth is
+/// grouped into them. So a value is comparable with that from all joints only if nothing is grouped into it.
 ///
 /// # Errors
 /// Those of [`TriangularFactor::solve`].

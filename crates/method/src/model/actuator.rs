@@ -1,25 +1,25 @@
-//! What motors that turn with two joints add to the torques of both.
+//! Torques of motors that turn with two joints.
 
 use armwatch_model::robot::{Coupling, FrictionLaw};
 
-/// What the parameters `Iam`, `fvm`, `fsm` of a coupled motor multiply.
+/// Columns of the parameters `Iam`, `fvm`, `fsm` of a coupled motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CouplingColumns {
-    /// In the torque of the other joint.
+    /// Columns in the torque of the other joint.
     pub joint: [f64; 3],
-    /// In the torque of the motor's own joint.
+    /// Columns in the torque of the motor's own joint.
     pub motor_joint: [f64; 3],
 }
 
-/// Columns of a motor `m` that turns with the joint `j` too: its speed is proportional to
-/// `s = c qd_j + qd_m`, where `c` is [`Coupling::ratio`].
+/// Columns of a motor `m` that also turns with the joint `j`. Its speed is proportional to `s = c qd_j + qd_m`, where
+/// `c` is [`Coupling::ratio`].
 ///
 /// `tau_j = c (Iam qdd_m + fvm qd_m + fsm sign(s))`, `tau_m = c (Iam qdd_j + fvm qd_j) + fsm sign(s)`.
-/// Inertia and viscous friction that a joint feels of its own motion are in its own motor inertia and
-/// viscous friction.
+/// Inertia and viscous friction due to a joint's own motion are part of this joint's motor inertia and viscous
+/// friction.
 ///
-/// `qd`, `qdd` `[n]` in rad/s, rad/s². Reference, for `c = 1`: Gautier, Janot, Vandanjon (2011),
-/// DIDIM identification of the Stäubli TX40, whose axis 6 is coupled to axis 5.
+/// `qd`, `qdd` `[n]` in rad/s, rad/s². Reference, for `c = 1`: Gautier, Janot, Vandanjon (2011), DIDIM identification
+/// of the Stäubli TX40, whose axis 6 is coupled to axis 5.
 #[inline]
 #[must_use]
 pub fn coupling_columns(coupling: &Coupling, law: FrictionLaw, qd: &[f64], qdd: &[f64]) -> CouplingColumns {

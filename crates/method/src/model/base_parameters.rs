@@ -1,4 +1,4 @@
-//! Which parameters a motion can show at all: base parameters and what each of them stands for.
+//! Base parameters: the parameters that a motion can show, and the sums that each of them contains.
 
 use std::fmt::Write;
 
@@ -10,29 +10,27 @@ use crate::NumericsError;
 use crate::least_squares::orthonormal::{OrthonormalBasis, norm};
 use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// A column of unit norm is kept if more than this of it is independent of the columns before it;
-/// the threshold of the source [3.2, D].
+/// Smallest independent part of a column of unit norm that makes it a kept column; the threshold of the source [3.2,
+/// D].
 ///
-/// Exact dependence leaves about 1e-13 and a parameter worth having about 1e-2. In between lie
-/// parameters that only rounded geometry brings about: an angle written as 1.5708 rad is off by 4e-6
-/// and would add columns that no recording can tell apart.
+/// Exact dependence leaves about 1e-13, and a useful parameter about 1e-2. Rounded geometry causes values between
+/// these: an angle written as 1.5708 rad is off by 4e-6 and would add columns that no recording can distinguish.
 const INDEPENDENCE_THRESHOLD: f64 = 1e-4;
 
-/// A column shorter than this, relative to the longest inertial one, shows nothing: a parameter of 1 kg m gives less than
-/// 1e-4 Nm in an arm of 100 Nm. Right angles rounded to five digits leave columns of 1e-7.
+/// Length of a column, relative to the longest inertial one, below which it is invisible: a parameter of 1 kg m gives
+/// less than 1e-4 Nm in an arm of 100 Nm. Right angles rounded to five digits leave columns of 1e-7.
 const INVISIBLE: f64 = 1e-6;
 
-/// Share of a unit-norm column below which its part in a grouping is rounding (about 1e-13) and is
-/// left out.
+/// Share of a unit-norm column below which its part in a grouping is rounding (about 1e-13) and omitted.
 const GROUPING_THRESHOLD: f64 = 1e-10;
 
-/// States the regressor is stacked over: each gives `n` rows, so that there are 17 rows a column.
+/// Number of states of the stacked regressor: each gives `n` rows, which makes 17 rows per column.
 pub const PROBE_STATES: usize = 256;
 
-/// A body of 1 kg beside its axis.
+/// Body of 1 kg at a distance from its axis.
 const UNIT_BODY: StandardParameters = StandardParameters([1.0, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, 0.1, 0.0, 0.1]);
 
-/// Posture, speed and acceleration of all joints: `[n]` each, rad, rad/s, rad/s² (m).
+/// Position, velocity and acceleration of all joints: `[n]` each, rad, rad/s, rad/s² (m).
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointState {
     /// Position.
@@ -43,31 +41,31 @@ pub struct JointState {
     pub qdd: Vec<f64>,
 }
 
-/// Base parameters of a robot [3.2, D]: a smallest set that gives every torque the full set gives.
+/// Base parameters of a robot [3.2, D]: a smallest set that gives every torque of the full set.
 ///
-/// Values are those of the kept parameters *with everything grouped into them*; without the formula
-/// of [`BaseParameters::grouping_formula`] they mean nothing.
+/// The value of a kept parameter includes *all parameters grouped into it*. It is meaningful only with the formula of
+/// [`BaseParameters::grouping_formula`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct BaseParameters {
     /// Kept parameters `[b]` in natural order.
     pub kept: Vec<ParameterId>,
-    /// Their columns in the regressor `[b]`.
+    /// Regressor columns of the kept parameters `[b]`.
     pub kept_columns: Vec<usize>,
     /// Parameters that never change a torque.
     pub unobservable: Vec<ParameterId>,
-    /// What each kept parameter carries beside itself `[b]`, in natural order.
+    /// Parameters grouped into each kept parameter `[b]`, in natural order.
     pub grouping: Vec<Vec<GroupedParameter>>,
     /// Rank of the inertial columns.
     pub inertial_rank: usize,
-    /// Rank of inertial and motor-inertia columns together, couplings left out.
+    /// Rank of inertial and motor-inertia columns together, without couplings.
     pub inertial_and_motor_rank: usize,
     /// Rank `b` of all columns.
     pub rank: usize,
-    /// How clearly that rank shows.
+    /// Singular values that show this rank.
     pub singular_value_gap: SingularValueGap,
     /// Condition number of the kept columns over the probe states, in SI units.
     pub condition_number: f64,
-    /// The same with each column scaled to unit norm.
+    /// Condition number with each column scaled to unit norm.
     pub scaled_condition_number: f64,
 }
 
@@ -78,22 +76,22 @@ pub struct GroupedParameter {
     pub id: ParameterId,
     /// Its column in the regressor.
     pub column: usize,
-    /// What it is multiplied with before it is added to the kept one.
+    /// Factor of the dropped parameter in the sum.
     pub coefficient: f64,
 }
 
-/// The two singular values of the scaled regressor between which its rank lies.
+/// Singular values of the scaled regressor on both sides of its rank.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingularValueGap {
-    /// Smallest one that counts.
+    /// Smallest singular value that counts.
     pub smallest_kept: f64,
-    /// Largest one that does not; 0 if all count.
+    /// Largest singular value that does not count; 0 if all count.
     pub largest_dropped: f64,
 }
 
 impl BaseParameters {
-    /// What the kept parameter at `index` stands for, such as `J2_mPx + 0.27 J3_m`. Coefficients to
-    /// six digits. Empty beyond the last parameter.
+    /// Sum that the kept parameter at `index` represents, such as `J2_mPx + 0.27 J3_m`. Coefficients have six digits.
+    /// Empty beyond the last parameter.
     #[must_use]
     pub fn grouping_formula(&self, index: usize) -> String {
         let (Some(kept), Some(terms)) = (self.kept.get(index), self.grouping.get(index)) else {
@@ -114,7 +112,7 @@ impl BaseParameters {
     /// Base values `theta` `[b]` of a full set of parameters `phi` `[p]` in natural order.
     ///
     /// # Panics
-    /// If `phi` is shorter than that.
+    /// If `phi` is shorter than `p`.
     #[must_use]
     pub fn group(&self, phi: &[f64]) -> Vec<f64> {
         self.kept_columns
@@ -129,15 +127,14 @@ impl BaseParameters {
 
 /// Base parameters of a robot within its limits [3.2, D].
 ///
-/// The regressor is stacked over [`PROBE_STATES`] states and its columns scaled to unit norm. They
-/// are gone through in natural order: one that is zero is unobservable, one that is independent of
-/// those kept so far is kept, any other is grouped into them. So which parameters are kept, and the
-/// coefficients, are the same on every machine, and like the source's for its arm.
+/// The regressor is stacked over [`PROBE_STATES`] states and its columns are scaled to unit norm. The columns are
+/// examined in natural order. A zero column is unobservable, a column that is independent of those kept so far is kept,
+/// and any other column is grouped into them. So the kept parameters and the coefficients are the same on every
+/// machine, and like the source's for its arm.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] for a robot without joints, [`NumericsError::NotFinite`] if geometry or
-/// limits give no finite numbers, [`NumericsError::RankUnclear`] if the singular values disagree with
-/// the number of columns kept.
+/// [`NumericsError::TooShort`] for a robot without joints, [`NumericsError::NotFinite`] if geometry or limits give no
+/// finite numbers, [`NumericsError::RankUnclear`] if the singular values disagree with the number of columns kept.
 pub fn base_parameters(robot: &Robot) -> Result<BaseParameters, NumericsError> {
     let n = robot.joint_count();
     if n == 0 {
@@ -155,8 +152,8 @@ pub fn base_parameters(robot: &Robot) -> Result<BaseParameters, NumericsError> {
     let selection = independent_columns(&scaled);
 
     let kept_columns: Vec<usize> = selection.kept.iter().map(|&k| seen[k]).collect();
-    // A set of columns is gone through on its own: a friction column that all together keep may be what
-    // makes a motor's inertia dependent, such as the offset of a lift that carries its mass.
+    // Each set of columns is examined separately: a friction column of the full set may make a motor's inertia
+    // dependent, such as the offset of a lift that carries its mass.
     let rank_of = |wanted: fn(ParameterKind) -> bool| {
         let of_kind = seen.iter().zip(&scaled).filter(|(c, _)| wanted(ids[**c].kind));
         let columns: Vec<Vec<f64>> = of_kind.map(|(_, column)| column.clone()).collect();
@@ -183,9 +180,9 @@ pub fn base_parameters(robot: &Robot) -> Result<BaseParameters, NumericsError> {
     })
 }
 
-/// State number `index` of a fixed sequence that fills the robot's limits evenly: multiples of the
-/// square roots of primes, modulo 1, one prime a coordinate (Kronecker sequence; Niederreiter 1992,
-/// chapter 3). The same states on every machine, and no randomness.
+/// State number `index` of a fixed sequence that fills the robot's limits evenly: multiples of the square roots of
+/// primes, modulo 1, with one prime per coordinate (Kronecker sequence; Niederreiter 1992, chapter 3). The states are
+/// the same on every machine.
 #[must_use]
 pub fn probe_state(robot: &Robot, index: usize) -> JointState {
     let mut coordinate = (2_u32..).filter(|p| is_prime(*p)).map(|p| {
@@ -203,13 +200,13 @@ pub fn probe_state(robot: &Robot, index: usize) -> JointState {
     state
 }
 
-/// Regressor of the probe states, `[n x p]` each, with friction under load by some load: which columns depend on each
-/// other does not change with the bodies that bring it about. They are those of the description, or else unit ones.
+/// Regressor of the probe states, `[n x p]` each, including friction under load. The bodies are those of the
+/// description, or unit bodies: the choice does not change which columns depend on each other.
 pub(crate) struct ProbeRegressor<'a> {
     robot: &'a Robot,
     bodies: DynamicModel,
     load: Vec<f64>,
-    /// Of the latest state.
+    /// Regressor of the latest state.
     pub y: Regressor,
 }
 
@@ -238,8 +235,8 @@ fn is_prime(p: u32) -> bool {
     (2..p).take_while(|d| d * d <= p).all(|d| !p.is_multiple_of(d))
 }
 
-/// Triangular factor `[p x p]` of the regressor stacked over the probe states: the same lengths
-/// of and angles between columns in a seventeenth of the rows.
+/// Triangular factor `[p x p]` of the regressor stacked over the probe states. Lengths of columns and angles between
+/// them are the same, with a seventeenth of the rows.
 fn probe_factor(robot: &Robot) -> Result<Mat<f64>, NumericsError> {
     let n = robot.joint_count();
     let mut w = Mat::<f64>::zeros(n * PROBE_STATES, robot.parameter_count());
@@ -264,16 +261,16 @@ fn column(r: &Mat<f64>, c: usize) -> Vec<f64> {
     r.col(c).iter().copied().collect()
 }
 
-/// Outcome of going through unit-norm columns in order; indices into those columns.
+/// Selection among unit-norm columns in order; values are indices of those columns.
 struct Selection {
-    /// Columns kept.
+    /// Kept columns.
     kept: Vec<usize>,
     /// Each other column with its shares of the kept ones that precede it.
     dropped: Vec<(usize, Vec<f64>)>,
 }
 
-/// What each kept column carries, in units of the parameters: `seen` are the columns of the regressor
-/// that the selection speaks of, `norms` and `ids` those of all columns.
+/// Parameters grouped into each kept column, in units of the parameters. `seen` are the regressor columns that the
+/// selection indexes; `norms` and `ids` are those of all columns.
 fn groupings(
     selection: &Selection,
     seen: &[usize],
@@ -309,7 +306,7 @@ fn independent_columns(columns: &[Vec<f64>]) -> Selection {
     selection
 }
 
-/// Solves `T x = b` for the upper triangular `T` given by its columns, down to the diagonal each.
+/// Solves `T x = b` for the upper triangular `T`, given by its columns down to the diagonal.
 fn back_substitute(factor: &[Vec<f64>], mut b: Vec<f64>) -> Vec<f64> {
     for (k, column) in factor.iter().enumerate().take(b.len()).rev() {
         b[k] /= column[k];
@@ -324,7 +321,7 @@ struct ConfirmedRank {
     gap: SingularValueGap,
 }
 
-/// Counts the singular values of unit-norm columns and compares with how many of them were kept.
+/// Counts the singular values of unit-norm columns and compares the count with the number of kept columns.
 fn confirm_rank(kept: usize, columns: &[Vec<f64>]) -> Result<ConfirmedRank, NumericsError> {
     let columns: Vec<&[f64]> = columns.iter().map(Vec::as_slice).collect();
     let values = singular_values(&columns)?;
@@ -345,7 +342,7 @@ fn confirm_rank(kept: usize, columns: &[Vec<f64>]) -> Result<ConfirmedRank, Nume
     }
 }
 
-/// Largest first.
+/// Singular values, largest first.
 fn singular_values(columns: &[&[f64]]) -> Result<Vec<f64>, NumericsError> {
     let rows = columns.first().map_or(0, |column| column.len());
     let matrix = Mat::from_fn(rows, columns.len(), |i, j| columns[j][i]);
@@ -361,7 +358,7 @@ fn condition_number(columns: &[&[f64]]) -> Result<f64, NumericsError> {
     })
 }
 
-/// Rounded to six significant digits, so that it prints short.
+/// Rounds to six significant digits for short output.
 fn six_digits(x: f64) -> f64 {
     format!("{x:.5e}").parse().unwrap_or(x)
 }
@@ -382,7 +379,7 @@ mod tests {
     use armwatch_testing::arms::{any_arm, arm, joint, numbers};
     use armwatch_testing::{change_dh, er3a};
 
-    /// Shares are good to about 1e-13 and terms below [`GROUPING_THRESHOLD`] are left out.
+    /// Shares are accurate to about 1e-13, and terms below [`GROUPING_THRESHOLD`] are omitted.
     const GROUPING_TOLERANCE: f64 = 1e-9;
 
     fn names(ids: &[ParameterId]) -> Vec<String> {
@@ -408,8 +405,8 @@ mod tests {
         expected
     }
 
-    /// Worst difference between the torque of all parameters and of their base values, relative to
-    /// the torque, over states other than those of the analysis.
+    /// Largest difference between the torque of all parameters and that of their base values, relative to the torque,
+    /// over states other than those of the analysis.
     fn torque_change(robot: &Robot, base: &BaseParameters, phi: &[f64]) -> f64 {
         let n = robot.joint_count();
         let full = DynamicModel::from_parameters(
@@ -451,9 +448,9 @@ mod tests {
     fn the_er3a_groups_mass_into_first_moments_by_the_length_of_the_arm() {
         let base = base_parameters(&er3a()).expect("base parameters");
         let formulas = formulas(&base);
-        // All that hangs on the upper arm sits 0.27 m up its x axis; axes 2 and 3 are parallel.
+        // Everything that the upper arm carries is 0.27 m along its x axis; axes 2 and 3 are parallel.
         assert_eq!(formulas[1], "J2_mPx + 0.27 J3_m + 0.27 J4_m + 0.27 J5_m + 0.27 J6_m");
-        // The motor of joint 1 turns with link 1 alone: no motion tells it from the link's inertia.
+        // The motor of joint 1 turns with link 1 alone, so no motion distinguishes it from the link's inertia.
         assert!(formulas[0].ends_with("+ J1_I_m"), "{}", formulas[0]);
         assert_eq!(formulas[40], "J2_f1");
         let position = |name: &str| base.kept.iter().position(|id| id.to_string() == name).expect("kept");
@@ -517,7 +514,7 @@ mod tests {
             vec![Parallelogram::new(&robot.joints, joints[1], None).expect("parallel axes")];
         let base = base_parameters(&robot).expect("base parameters");
         let formulas = formulas(&base);
-        // the crank turns with the forearm but is carried by none: only its weight is its own
+        // the crank turns with the forearm, but the other links do not carry it: only its weight is independent
         assert_eq!(formulas[3..6], ["J2_mPx", "J2_mPy", "J2_Izz + J2_c_Izz"], "{formulas:?}");
         assert!(formulas.contains(&"J2_off + J2_t_s".to_owned()), "{formulas:?}");
         assert_eq!(formulas[formulas.len() - 3..], ["J2_k_s", "J2_c_mPx", "J2_c_mPy"], "{formulas:?}");
@@ -532,7 +529,7 @@ mod tests {
             vec![joint(Prismatic, 0.0, FRAC_PI_2, 0.0, 0.0), joint(Prismatic, 0.0, FRAC_PI_2, 0.0, 0.0)],
             [0.0, 0.0, -9.81],
         );
-        // Joint 1 slides level and joint 2, at right angles to it, up and down.
+        // Joint 1 slides horizontally and joint 2, at right angles to it, vertically.
         let base = base_parameters(&level).expect("base parameters");
         let friction = (1..=2).flat_map(|j| (1..=4).map(move |k| format!("J{j}_f{k}")));
         let mut expected = vec!["J1_m + J1_I_m".to_string(), "J2_m".to_string()];
@@ -571,7 +568,7 @@ mod tests {
             q.sort_by(f64::total_cmp);
             assert!(q[0] >= limits.position_min && q[PROBE_STATES - 1] <= limits.position_max);
             let widest = q.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
-            // An even grid would leave 1/256; a Kronecker sequence stays within a few of those.
+            // An even grid would leave 1/256; a Kronecker sequence stays within a few times that.
             assert!(widest < 0.02 * (limits.position_max - limits.position_min), "joint {j}: {widest}");
             assert!(q.windows(2).all(|pair| pair[1] > pair[0]));
             assert!(states.iter().all(|state| state.qd[j].abs() <= limits.velocity));
@@ -580,7 +577,7 @@ mod tests {
     }
 
     proptest! {
-        // A case takes a factorisation of up to 2304 x 135.
+        // Each case factorises up to 2304 x 135.
         #![proptest_config(ProptestConfig::with_cases(24))]
 
         #[test]

@@ -1,7 +1,7 @@
-//! What torque a motion takes: recursive Newton-Euler in link frames, friction and motor inertia.
+//! Torque of a motion: recursive Newton-Euler in link frames, friction and motor inertia.
 //!
-//! Each link's wrench is written directly in mass, first moment and inertia about the frame's
-//! origin, so it is linear in the parameters and nothing divides by a mass.
+//! Each link's wrench is a function of mass, first moment and inertia about the frame's origin, so it is linear in the
+//! parameters and there is no division by a mass.
 
 use nalgebra::Vector3;
 
@@ -14,13 +14,12 @@ use armwatch_model::robot::{
 
 /// Torque of the rigid links: recursive Newton-Euler [3.1-3.9, C].
 ///
-/// Per link, with `a` the acceleration of the frame's origin (base: `-gravity`), `omega` and `alpha`
-/// its angular velocity and acceleration, in the link's frame:
+/// Per link, with `a` the acceleration of the frame's origin (base: `-gravity`), `omega` and `alpha` its angular
+/// velocity and acceleration, in the link's frame:
 /// `f = m a + alpha x mP + omega x (omega x mP)`, `n = I alpha + omega x I omega + mP x a`.
 ///
-/// `parameters` `[n]`; `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints); writes
-/// `tau` `[n]` in Nm (N). Parameters need not be those of a real body. Friction and motor inertia are
-/// not included. Nothing is allocated.
+/// `parameters` `[n]`; `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints); writes `tau` `[n]` in Nm
+/// (N). Parameters may be unphysical. Friction and motor inertia are not included. The function does not allocate.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
@@ -55,8 +54,8 @@ pub fn inverse_dynamics(
     }
 }
 
-/// Adds the torque of the crank `of` with the parameters `phi` to `tau`: as [`inverse_dynamics`], with a body that turns
-/// with the crank about the axis of the upper arm's joint.
+/// Adds the torque of the crank `of` with the parameters `phi` to `tau`, like [`inverse_dynamics`]: the body turns with
+/// the crank about the axis of the upper arm's joint.
 fn add_crank_torque(
     robot: &Robot,
     (of, phi): (&Parallelogram, &StandardParameters),
@@ -84,11 +83,11 @@ fn add_crank_torque(
     }
 }
 
-/// Torque that holds the arm still at `q` `[n]` (rad; m): [`inverse_dynamics`] without motion. Writes
-/// `tau` `[n]` in Nm (N).
+/// Torque that holds the arm still at `q` `[n]` (rad; m): [`inverse_dynamics`] without motion. Writes `tau` `[n]` in Nm
+/// (N).
 ///
 /// # Panics
-/// As [`inverse_dynamics`].
+/// Like [`inverse_dynamics`].
 pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64], tau: &mut [f64]) {
     let still = [0.0; MAX_JOINTS];
     inverse_dynamics(robot, parameters, q, &still, &still, tau);
@@ -97,16 +96,16 @@ pub fn gravity_torque(robot: &Robot, parameters: &[StandardParameters], q: &[f64
 /// Mechanical energy of links, cranks and springs, J.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MechanicalEnergy {
-    /// Of the motion.
+    /// Energy of the motion.
     pub kinetic: f64,
-    /// In springs and in the field of gravity, zero for masses at the base's origin.
+    /// Energy in springs and in the gravity field, zero for masses at the base's origin.
     pub potential: f64,
 }
 
 /// Energy of links, cranks and springs at the posture `q` and speed `qd` `[n]` (rad, rad/s; m, m/s).
 ///
-/// Its rate is the power of the joint torques, which is how [`DynamicModel::load`] is checked; so it
-/// has its own recursion, without accelerations.
+/// Checks compare its time derivative with the power of [`DynamicModel::load`]. For independence it has a separate
+/// recursion, without accelerations.
 #[must_use]
 pub(crate) fn mechanical_energy(
     robot: &Robot,
@@ -139,7 +138,7 @@ pub(crate) fn mechanical_energy(
     energy
 }
 
-/// A link frame that moves, its velocities in its own axes.
+/// Moving link frame, with velocities in its own axes.
 struct MovingFrame {
     pose: Transform,
     omega: Vector3<f64>,
@@ -170,14 +169,13 @@ impl MovingFrame {
 
 /// All parameters of an arm's model by joint: links, friction, motor inertia, couplings, springs, cranks.
 ///
-/// Holds base parameters as well: with the dropped parameters at zero, a kept parameter that carries
-/// its whole grouping gives the same torque as the full set.
+/// It can also hold base parameters: with the dropped parameters at zero, a kept parameter that contains its whole
+/// grouping gives the same torque as the full set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DynamicModel {
     /// Inertial parameters of each link `[n]`.
     pub inertial: Vec<StandardParameters>,
-    /// Friction coefficients of each joint `[n]`, in the order of the robot's
-    /// [`FrictionModel::terms`] of [`Robot::friction_of`].
+    /// Friction coefficients of each joint `[n]`, in the order of [`FrictionModel::terms`] of [`Robot::friction_of`].
     pub friction: Vec<[f64; FrictionModel::MAX_TERMS]>,
     /// Motor inertia seen at each joint `[n]`, kg m² (kg).
     pub motor_inertia: Vec<f64>,
@@ -185,8 +183,8 @@ pub struct DynamicModel {
     pub coupling: Vec<[f64; CouplingTerm::ALL.len()]>,
     /// Load coefficients of each joint `[n]`, in the order of [`LoadFriction::terms`].
     pub load: Vec<[f64; LoadFriction::MAX_TERMS]>,
-    /// Inertia of each joint's motor by the description `[n]`, kg m² (kg), where the parameters have it in those of
-    /// the links; zero elsewhere. The gear does not carry it.
+    /// Described inertia of each joint's motor `[n]`, kg m² (kg), if the parameters include it in those of the links;
+    /// zero otherwise. The gear does not carry it.
     pub grouped_motor_inertia: Vec<f64>,
     /// Parameters of each of the robot's springs.
     pub spring: Vec<[f64; 2]>,
@@ -195,8 +193,8 @@ pub struct DynamicModel {
 }
 
 impl DynamicModel {
-    /// A model of `robot` with the given parameters, every other one zero. Parameters that the robot
-    /// does not have, by its joints, friction columns, couplings, springs and parallelograms, are left out.
+    /// Model of `robot` with the given parameters; all others are zero. Parameters that the robot does not have, by its
+    /// joints, friction columns, couplings, springs and parallelograms, are ignored.
     #[must_use]
     pub fn from_parameters(robot: &Robot, parameters: impl Iterator<Item = (ParameterId, f64)>) -> Self {
         let n = robot.joint_count();
@@ -259,12 +257,12 @@ impl DynamicModel {
         }
     }
 
-    /// Torque that the gears carry: that of links, cranks and springs, without the inertia of the motors.
+    /// Torque on the gears: that of links, cranks and springs, without the inertia of the motors.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `load` `[n]` in Nm (N).
     ///
     /// # Panics
-    /// As [`DynamicModel::torque`].
+    /// Like [`DynamicModel::torque`].
     pub fn gear_load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], load: &mut [f64]) {
         self.load(robot, q, qd, qdd, load);
         for ((load, inertia), qdd) in load.iter_mut().zip(&self.grouped_motor_inertia).zip(qdd) {
@@ -272,19 +270,19 @@ impl DynamicModel {
         }
     }
 
-    /// Friction of a joint from the torque `load` that its gear carries at the speed `qd`, Nm (N).
+    /// Friction of a joint due to the torque `load` on its gear at the speed `qd`, Nm (N).
     #[must_use]
     pub fn load_friction(&self, robot: &Robot, joint: JointIndex, load: f64, qd: f64) -> f64 {
         let columns = robot.friction_of(joint).load_columns(load, qd);
         columns.iter().zip(&self.load[joint.index()]).map(|(column, mu)| column * mu).sum()
     }
 
-    /// Torque of links, cranks and springs: what the motion takes without friction and without the motors' own inertia.
+    /// Torque of links, cranks and springs, without friction and without the motors' own inertia.
     ///
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
     ///
     /// # Panics
-    /// As [`DynamicModel::torque`].
+    /// Like [`DynamicModel::torque`].
     pub fn load(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
         inverse_dynamics(robot, &self.inertial, q, qd, qdd, tau);
         self.add_beside_links(robot, [q, qd, qdd], tau);
@@ -306,7 +304,7 @@ impl DynamicModel {
     /// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m); writes `tau` `[n]` in Nm (N).
     ///
     /// # Panics
-    /// As [`inverse_dynamics`], and if the model has fewer joints than the robot.
+    /// Like [`inverse_dynamics`], and if the model has fewer joints than the robot.
     pub fn torque(&self, robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64], tau: &mut [f64]) {
         self.load(robot, q, qd, qdd, tau);
         for joint in robot.joint_indices() {
@@ -326,7 +324,7 @@ impl DynamicModel {
     }
 }
 
-/// Motion of a link frame, expressed in that frame. Gravity is in it as an acceleration of the base.
+/// Motion of a link frame, expressed in that frame. It contains gravity as an acceleration of the base.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LinkMotion {
     /// Angular velocity, rad/s.
@@ -338,7 +336,7 @@ pub(super) struct LinkMotion {
 }
 
 impl LinkMotion {
-    /// A base that rests in `gravity` (m/s²) feels like one that accelerates against it.
+    /// Motion of a base at rest in `gravity` (m/s²), which equals that of a base accelerating against it.
     pub fn base(gravity: &Vector3<f64>) -> Self {
         Self { omega: Vector3::zeros(), alpha: Vector3::zeros(), a: -gravity }
     }
@@ -377,7 +375,7 @@ impl Wrench {
     const ZERO: Self = Self { force: Vector3::new(0.0, 0.0, 0.0), moment: Vector3::new(0.0, 0.0, 0.0) };
 }
 
-/// What it takes to move a link so [3.4-3.7], about the frame's origin.
+/// Wrench that gives a link this motion [3.4-3.7], about the frame's origin.
 #[inline]
 fn link_wrench(phi: &StandardParameters, motion: &LinkMotion) -> Wrench {
     let LinkMotion { omega, alpha, a } = motion;
@@ -405,13 +403,13 @@ mod tests {
     use armwatch_testing::arms::{any_arm, arm, joint, numbers};
     use armwatch_testing::{change_dh, er3a};
 
-    /// The reference has twelve digits.
+    /// Precision of the reference, which has twelve digits.
     const REFERENCE_DIGITS: f64 = 1e-9;
-    /// Fourth-order central differences over [`STEP`]: truncation and rounding are both below.
+    /// Tolerance of fourth-order central differences over [`STEP`]: truncation and rounding are both smaller.
     const DIFFERENCES: f64 = 1e-8;
     /// Step of a numeric derivative, rad or s.
     const STEP: f64 = 1e-3;
-    /// A few hundred operations of unit rounding.
+    /// Rounding of a few hundred operations.
     const ROUNDING: f64 = 1e-12;
 
     fn slope(f: impl Fn(f64) -> f64, step: f64) -> f64 {
@@ -456,7 +454,7 @@ mod tests {
 
     #[test]
     fn a_pendulum_takes_its_textbook_torque() {
-        // A rod that hangs along x of its frame; the axis is horizontal.
+        // A rod along x of its frame; the axis is horizontal.
         let robot = arm(vec![joint(JointKind::Revolute, 0.0, 0.0, 0.0, 0.0)], [0.0, -9.81, 0.0]);
         let (mass, length, inertia) = (2.0, 0.4, 0.5);
         let mut rod = StandardParameters::default();

@@ -1,20 +1,20 @@
-//! The links' torque, and its slopes by the joints' positions, for several instants at once.
+//! Torque of the links, and its derivatives with respect to the joints' positions, for several instants at once.
 //!
-//! The torque is equation by equation that of [`inverse_dynamics`](super::dynamics::inverse_dynamics), which it is tested
-//! against.
+//! The equations of the torque are those of [`inverse_dynamics`](super::dynamics::inverse_dynamics), with which the
+//! tests compare it.
 
 use super::dynamics::DynamicModel;
 use super::regressor_lanes::{JointTransform, JointTurns, LaneStates, LinkMotionLanes};
 use crate::lanes::{Kernel, LANES, LaneVector, Lanes, wide};
 use armwatch_model::robot::{JointKind, MAX_JOINTS, Robot, StandardParameters};
 
-/// A number for each joint, `[n]`, at each of several instants.
+/// Number for each joint, `[n]`, at each of several instants.
 pub type JointLanes = [Lanes; MAX_JOINTS];
 
-/// Derivative of the torque of links, cranks and springs by each joint's position, Nm/rad (N/m): central differences over
-/// twice `step`, rad (m). Friction and motor inertia do not depend on positions.
+/// Derivative of the torque of links, cranks and springs with respect to each joint's position, Nm/rad (N/m): central
+/// differences over twice `step`, rad (m). Friction and motor inertia do not depend on positions.
 ///
-/// Gives for each joint whose position changes the torques `[n]`.
+/// Returns the torques `[n]` for each joint whose position changes.
 ///
 /// # Panics
 /// If the chain is longer than [`MAX_JOINTS`].
@@ -44,7 +44,7 @@ pub fn torque_slopes(
     slopes
 }
 
-/// Adds the torque of cranks and springs, instant by instant: few arms have them.
+/// Adds the torque of cranks and springs, one instant at a time, since few arms have them.
 fn add_beside_links(robot: &Robot, model: &DynamicModel, states: &LaneStates, torques: &mut JointLanes) {
     if robot.springs.is_empty() && robot.parallelograms.is_empty() {
         return;
@@ -58,10 +58,10 @@ fn add_beside_links(robot: &Robot, model: &DynamicModel, states: &LaneStates, to
     }
 }
 
-/// Torque of the rigid links of each of `robots`, whose joints are of the same kinds and move alike, as
-/// [`inverse_dynamics`](super::dynamics::inverse_dynamics) gives it to the last bit.
+/// Torque of the rigid links of each of `robots`, whose joints have the same kinds and the same motion. It has the same
+/// bits as that of [`inverse_dynamics`](super::dynamics::inverse_dynamics).
 ///
-/// `parameters` `[n]`; gives for each robot the torques `[n]`, Nm (N).
+/// `parameters` `[n]`; returns for each robot the torques `[n]`, Nm (N).
 ///
 /// # Panics
 /// If the chain is longer than [`MAX_JOINTS`].
@@ -88,7 +88,7 @@ fn torques(
     tau
 }
 
-/// Recursive Newton-Euler [3.1-3.9].
+/// Recursive Newton-Euler algorithm [3.1-3.9].
 struct NewtonEuler<'a> {
     robot: &'a Robot,
     parameters: &'a [StandardParameters],
@@ -136,7 +136,7 @@ struct WrenchLanes {
 impl WrenchLanes {
     const ZERO: Self = Self { force: LaneVector::ZERO, moment: LaneVector::ZERO };
 
-    /// What it takes to move a link so [3.4-3.7], about the frame's origin.
+    /// Wrench that gives a link this motion [3.4-3.7], about the frame's origin.
     #[inline(always)]
     fn of_link(phi: &StandardParameters, motion: &LinkMotionLanes) -> Self {
         let LinkMotionLanes { omega, alpha, a } = motion;
@@ -150,7 +150,7 @@ impl WrenchLanes {
     }
 }
 
-/// A matrix, row by row, times a vector.
+/// Product of a matrix, row by row, and a vector.
 #[inline(always)]
 fn turned([x, y, z]: &[[f64; 3]; 3], v: &LaneVector) -> LaneVector {
     LaneVector {

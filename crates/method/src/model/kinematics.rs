@@ -1,12 +1,12 @@
-//! Where the links are: joint transforms and their product.
+//! Positions of the links: joint transforms and their product.
 
 use nalgebra::{Matrix3, Vector3};
 
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot, Transform};
 
-/// Frame of `joint` in the frame of the link before it, at the position `q` (rad, or m for a sliding
-/// joint): its place at rest, then `Rz(q)` or `Dz(q)`. For modified Denavit-Hartenberg parameters the
-/// same as `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], since the last two steps commute.
+/// Frame of `joint` in the frame of the previous link, at the position `q` (rad, or m for a sliding joint): its
+/// placement, then `Rz(q)` or `Dz(q)`. For modified Denavit-Hartenberg parameters this equals
+/// `T(i-1,i) = Rx(alpha) Dx(a) Rz(theta) Dz(d)` [2.1, 2.2], since the last two steps commute.
 #[inline]
 #[must_use]
 pub fn joint_transform(joint: &Joint, q: f64) -> Transform {
@@ -34,24 +34,24 @@ pub fn joint_transform(joint: &Joint, q: f64) -> Transform {
     }
 }
 
-/// Frame of every link in the frame before it, at the posture `q` `[n]` (rad; m for sliding joints)
-/// [2.1, 2.2]. `[n]`, base outwards.
+/// Frame of every link in the previous frame, at the posture `q` `[n]` (rad; m for sliding joints) [2.1, 2.2]. `[n]`,
+/// from the base outwards.
 #[must_use]
 #[cfg(test)]
 fn link_transforms(robot: &Robot, q: &[f64]) -> Vec<Transform> {
     robot.joints.iter().zip(q).map(|(joint, &q)| joint_transform(joint, q)).collect()
 }
 
-/// Tool frame in the base at the posture `q` `[n]` (rad; m for sliding joints): the product of the link
-/// transforms [2.2], not the closed form that the source prints in [2.3], and of the robot's tool. Without
-/// a tool it is the frame of the last link.
+/// Tool frame in the base at the posture `q` `[n]` (rad; m for sliding joints): the product of the link transforms
+/// [2.2] and the robot's tool, not the closed form that the source prints in [2.3]. Without a tool it is the frame of
+/// the last link.
 #[must_use]
 pub fn forward_kinematics(robot: &Robot, q: &[f64]) -> Transform {
     chain(robot, q, robot.joint_count()).then(&robot.tool)
 }
 
-/// Direction of a joint's axis in the base frame at the posture `q` `[n]` (rad; m for sliding joints):
-/// a unit vector. Gravity does no work on a turning joint whose axis is parallel to gravity.
+/// Direction of a joint's axis in the base frame at the posture `q` `[n]` (rad; m for sliding joints): a unit vector.
+/// Gravity does no work on a rotary joint whose axis is parallel to gravity.
 #[must_use]
 pub(crate) fn joint_axis_in_base(robot: &Robot, q: &[f64], joint: JointIndex) -> Vector3<f64> {
     chain(robot, q, joint.index() + 1).rotation.column(2).into_owned()
@@ -75,7 +75,7 @@ mod tests {
     use armwatch_testing::arms::{any_arm, joint, numbers};
     use armwatch_testing::er3a;
 
-    /// Products of at most nine rotations lose a few units in the last place each.
+    /// Rounding of products of at most nine rotations, a few units in the last place each.
     const ROUNDING: f64 = 1e-13;
 
     fn difference(a: &Transform, b: &Transform) -> f64 {
@@ -141,7 +141,7 @@ mod tests {
 
         #[test]
         fn moving_a_joint_moves_the_hand_about_or_along_its_axis(robot in any_arm(), q in numbers()) {
-            // Central differences of fourth order: the step to the fourth power is far below this.
+            // Tolerance of central differences of fourth order: the step to the fourth power is far smaller.
             const TOLERANCE: f64 = 1e-8;
             const STEP: f64 = 1e-3;
             let n = robot.joint_count();

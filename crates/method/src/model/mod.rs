@@ -1,4 +1,4 @@
-//! The arm: kinematics, drives, inverse dynamics, its regressor and base parameters.
+//! Model of the arm: kinematics, drives, inverse dynamics, its regressor and base parameters.
 
 pub mod kinematics;
 pub(crate) mod actuator;

@@ -1,4 +1,4 @@
-//! The torque as a linear map of the parameters: `tau = y phi`.
+//! Torque as a linear function of the parameters: `tau = y phi`.
 
 use nalgebra::Vector3;
 
@@ -10,31 +10,30 @@ use armwatch_model::robot::{
 };
 
 /// Regressor of one sample, `[n x p]`, columns in the order of
-/// [`ParameterId::natural_order`](armwatch_model::robot::ParameterId::natural_order). Meant to be used again
-/// for every sample.
+/// [`ParameterId::natural_order`](armwatch_model::robot::ParameterId::natural_order). Reuse it for every sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Regressor {
     joint_count: usize,
     column_count: usize,
-    /// Column after column, so that one column of a sample is one copy.
+    /// Values column by column, so that one column of a sample is one copy.
     values: Vec<f64>,
 }
 
 impl Regressor {
-    /// A regressor of zeros for `robot`.
+    /// Creates a zero regressor for `robot`.
     #[must_use]
     pub fn new(robot: &Robot) -> Self {
         let (joint_count, column_count) = (robot.joint_count(), robot.parameter_count());
         Self { joint_count, column_count, values: vec![0.0; column_count * joint_count] }
     }
 
-    /// Rows `n`, one a joint.
+    /// Number of rows `n`, one per joint.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.joint_count
     }
 
-    /// Columns `p`, one a parameter: [`Robot::parameter_count`].
+    /// Number of columns `p`, one per parameter: [`Robot::parameter_count`].
     #[must_use]
     pub fn columns(&self) -> usize {
         self.column_count
@@ -64,15 +63,14 @@ impl Regressor {
 
 /// Joint-torque regressor of one sample: `tau = y phi` [3.8, 3.9, C].
 ///
-/// By virtual power: the torque of joint `j` due to link `i` is the link's force and moment times
-/// the velocity and angular velocity that unit speed of joint `j` alone gives the link. Those partial
-/// velocities are carried out along the chain; each is contracted with the link's force and moment
-/// written per unit of each parameter. No torque is propagated, unlike in
-/// [`inverse_dynamics`](super::dynamics::inverse_dynamics), so one checks the other.
+/// By virtual power: the torque of joint `j` due to link `i` is the link's force and moment times the velocity and
+/// angular velocity of the link for unit speed of joint `j` alone. Those partial velocities are propagated along the
+/// chain. Each is contracted with the link's force and moment per unit of each parameter. Unlike
+/// [`inverse_dynamics`](super::dynamics::inverse_dynamics), it propagates no torque, so one checks the other.
 ///
-/// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints). Writes all of `y`
-/// `[n x p]`: links, friction, motor inertia, couplings, springs and cranks, gravity that of the robot. The columns of
-/// friction under load stay zero: [`write_load_columns`] fills them. Nothing is allocated if `y` has the robot's size.
+/// `q`, `qd`, `qdd` `[n]` in rad, rad/s, rad/s² (m for sliding joints). Writes all of `y` `[n x p]`: links, friction,
+/// motor inertia, couplings, springs and cranks, with the gravity of the robot. The columns of friction under load
+/// remain zero: [`write_load_columns`] fills them. The function does not allocate if `y` has the robot's size.
 ///
 /// # Panics
 /// If a slice is shorter than the chain, or the chain longer than [`MAX_JOINTS`].
@@ -113,7 +111,7 @@ pub fn joint_torque_regressor(robot: &Robot, q: &[f64], qd: &[f64], qdd: &[f64],
     write_actuators(robot, (q, qd, qdd), y);
 }
 
-/// Columns behind those of the links and before those of cranks: friction, motor inertia, couplings, springs.
+/// Writes the columns between those of the links and those of the cranks: friction, motor inertia, couplings, springs.
 fn write_actuators(robot: &Robot, (q, qd, qdd): (&[f64], &[f64], &[f64]), y: &mut Regressor) {
     let n = robot.joint_count();
     let mut next = StandardParameters::COUNT * n;
@@ -149,7 +147,7 @@ fn write_actuators(robot: &Robot, (q, qd, qdd): (&[f64], &[f64], &[f64]), y: &mu
     }
 }
 
-/// First column of each joint's friction under load, of the joints that have such friction.
+/// Joints with friction under load, and the first column of each.
 pub(crate) fn load_places(robot: &Robot) -> impl Iterator<Item = (JointIndex, usize)> {
     let mut next = StandardParameters::COUNT * robot.joint_count();
     robot.joint_indices().filter_map(move |joint| {
@@ -160,10 +158,11 @@ pub(crate) fn load_places(robot: &Robot) -> impl Iterator<Item = (JointIndex, us
     })
 }
 
-/// Writes the columns of friction under load for gears that carry `load` `[n]`, Nm (N), at the speeds `qd` `[n]`,
-/// rad/s (m/s): [`FrictionModel::load_columns`](armwatch_model::robot::FrictionModel::load_columns). The load follows
-/// from parameters ([`DynamicModel::gear_load`](super::dynamics::DynamicModel::gear_load)), so these columns are those of a
-/// linearisation.
+/// Writes the columns of friction under load for gears with `load` `[n]`, Nm (N), at the speeds `qd` `[n]`, rad/s
+/// (m/s):
+/// [`FrictionModel::load_columns`](armwatch_model::robot::FrictionModel::load_columns).
+/// The load follows from parameters ([`DynamicModel::gear_load`](super::dynamics::DynamicModel::gear_load)), so these
+/// columns are those of a linearisation.
 pub fn write_load_columns(robot: &Robot, qd: &[f64], load: &[f64], y: &mut Regressor) {
     for (joint, first) in load_places(robot) {
         let (i, model) = (joint.index(), robot.friction_of(joint));
@@ -174,14 +173,14 @@ pub fn write_load_columns(robot: &Robot, qd: &[f64], load: &[f64], y: &mut Regre
 }
 
 /// Columns of the regressor that an identification keeps, such as
-/// [`BaseParameters::kept_columns`](super::base_parameters::BaseParameters::kept_columns). Built once.
+/// [`BaseParameters::kept_columns`](super::base_parameters::BaseParameters::kept_columns). Created once.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeptColumns {
     columns: Vec<usize>,
 }
 
 impl KeptColumns {
-    /// A selection of columns, written in the given order.
+    /// Creates a selection of columns, written in the given order.
     #[must_use]
     pub fn new(columns: &[usize]) -> Self {
         Self { columns: columns.to_vec() }
@@ -193,13 +192,13 @@ impl KeptColumns {
         self.columns.len()
     }
 
-    /// Whether no column is kept.
+    /// Returns true if no column is kept.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }
 
-    /// The columns in their order.
+    /// Indices of the columns in order.
     #[must_use]
     pub fn columns(&self) -> &[usize] {
         &self.columns
@@ -207,13 +206,13 @@ impl KeptColumns {
 
     /// Writes the kept columns of one sample into a block of the observation matrix.
     ///
-    /// `block` is column-major with `block_rows` rows and at least `b` columns: the element at
-    /// `(row, k)` is `block[k * block_rows + row]`, which is faer's layout
-    /// (`MatMut::from_column_major_slice_mut`). The sample fills the rows `row..row + n`, one a
-    /// joint, of the columns `0..b`; later columns, such as one for the torque, stay as they are.
+    /// `block` is column-major with `block_rows` rows and at least `b` columns: the element at `(row, k)` is
+    /// `block[k * block_rows + row]`, which is faer's layout (`MatMut::from_column_major_slice_mut`). The sample fills
+    /// the rows `row..row + n`, one per joint, of the columns `0..b`; later columns, such as one for the torque, do not
+    /// change.
     ///
     /// # Panics
-    /// If the rows do not lie in the block, or a kept column is not one of the regressor.
+    /// If the rows are not in the block, or a kept column is not one of the regressor.
     pub fn write(&self, y: &Regressor, block: &mut [f64], block_rows: usize, row: usize) {
         let n = y.rows();
         assert!(row + n <= block_rows, "rows {row}..{} of a block of {block_rows}", row + n);
@@ -223,7 +222,7 @@ impl KeptColumns {
     }
 }
 
-/// Velocity of a link frame for unit speed of one joint and none of the others, in the link's frame.
+/// Velocity of a link frame for unit speed of one joint and zero speed of the others, in the link's frame.
 #[derive(Debug, Clone, Copy)]
 struct PartialVelocity {
     /// Angular velocity of the link per joint speed.
@@ -246,7 +245,7 @@ impl PartialVelocity {
         Self { w: self.w * factor, v: self.v * factor }
     }
 
-    /// The same joint's effect on the next link.
+    /// Partial velocity of the next link for the same joint.
     #[inline]
     fn next(&self, transform: &Transform) -> Self {
         Self {
@@ -290,7 +289,7 @@ mod tests {
     use armwatch_testing::arms::{any_arm, numbers};
     use armwatch_testing::er3a;
 
-    /// Two orders of summation over nine links differ by rounding only.
+    /// Rounding of two orders of summation over nine links.
     const ROUNDING: f64 = 1e-10;
 
     proptest! {
@@ -353,7 +352,7 @@ mod tests {
         joint_torque_regressor(&robot, &[0.3; 6], &[1.0; 6], &[2.0; 6], &mut y);
         let kept = KeptColumns::new(&[9, 60, 14, 89]);
         let (rows, row) = (20, 7);
-        // One more column than is kept: it must stay untouched.
+        // One more column than is kept, which must not change.
         let mut block = vec![-7.5; rows * (kept.len() + 1)];
         kept.write(&y, &mut block, rows, row);
         for (k, column) in [9, 60, 14, 89].into_iter().enumerate() {

@@ -1,5 +1,5 @@
-//! The regressor of several instants at once, a lane each; equation by equation that of
-//! [`joint_torque_regressor`](super::regressor::joint_torque_regressor), which it is tested against.
+//! Regressor of several instants at once, one per lane. Its equations are those of
+//! [`joint_torque_regressor`](super::regressor::joint_torque_regressor), with which the tests compare it.
 
 use super::actuator::coupling_columns;
 use crate::lanes::{Kernel, LANES, LaneVector, Lanes, wide};
@@ -23,17 +23,17 @@ impl Default for LaneStates {
     }
 }
 
-/// Regressor of several instants, `[n x p]` at each, as [`Regressor`](super::regressor::Regressor). Meant to be used
-/// again for the next ones.
+/// Regressor of several instants, `[n x p]` each, like [`Regressor`](super::regressor::Regressor). Reuse it for the
+/// next instants.
 #[derive(Debug, Clone)]
 pub struct RegressorLanes {
     joint_count: usize,
-    /// Column after column; what an arm of this structure never shows stays zero.
+    /// Values column by column; entries that an arm of this structure never shows remain zero.
     values: Vec<Lanes>,
 }
 
 impl RegressorLanes {
-    /// A regressor of zeros for `robot`.
+    /// Creates a zero regressor for `robot`.
     #[must_use]
     pub fn new(robot: &Robot) -> Self {
         let joint_count = robot.joint_count();
@@ -57,13 +57,13 @@ impl RegressorLanes {
 /// Joint-torque regressors of several instants: at each of them `tau = y phi` [3.8, 3.9, C].
 ///
 /// # Panics
-/// If `y` is that of another robot, or the chain longer than [`MAX_JOINTS`].
+/// If `y` belongs to another robot, or the chain is longer than [`MAX_JOINTS`].
 pub fn joint_torque_regressors(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
     wide(Links { robot, states, turns: &JointTurns::of(robot, &states.q), y });
     write_actuators(robot, states, y);
 }
 
-/// Sine and cosine of the positions of turning joints.
+/// Sine and cosine of the positions of rotary joints.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct JointTurns(pub(super) [(Lanes, Lanes); MAX_JOINTS]);
 
@@ -141,7 +141,7 @@ impl Kernel for Links<'_> {
     }
 }
 
-/// Columns behind those of the links and before those of cranks: friction, motor inertia, couplings, springs.
+/// Writes the columns between those of the links and those of the cranks: friction, motor inertia, couplings, springs.
 fn write_actuators(robot: &Robot, states: &LaneStates, y: &mut RegressorLanes) {
     let n = robot.joint_count();
     let mut next = StandardParameters::COUNT * n;
@@ -191,7 +191,7 @@ pub(super) struct JointTransform {
 }
 
 impl JointTransform {
-    /// Of no joint: a place that is written later.
+    /// Placeholder to be overwritten.
     pub(super) const NONE: Self = Self { rotation: [LaneVector::ZERO; 3], translation: LaneVector::ZERO };
 
     #[inline(always)]
@@ -267,7 +267,7 @@ impl LinkMotionLanes {
     }
 }
 
-/// Velocity of a link frame for unit speed of one joint and none of the others, in the link's frame.
+/// Velocity of a link frame for unit speed of one joint and zero speed of the others, in the link's frame.
 #[derive(Clone, Copy)]
 struct PartialVelocityLanes {
     w: LaneVector,
@@ -286,7 +286,7 @@ impl PartialVelocityLanes {
         }
     }
 
-    /// The same joint's effect on the next link.
+    /// Partial velocity of the next link for the same joint.
     #[inline(always)]
     fn next(&self, transform: &JointTransform) -> Self {
         Self {
@@ -325,11 +325,11 @@ mod tests {
     use crate::model::regressor::{Regressor, joint_torque_regressor};
     use armwatch_testing::arms::{any_arm, numbers};
 
-    /// Sums of a few products in another order, against the largest number of a column.
+    /// Rounding of sums of a few products in another order, relative to the largest number of a column.
     const ROUNDING: f64 = 1e-13;
 
     proptest! {
-        /// Used again, so that nothing of the instants before may be left.
+        /// Reuses the regressor, so that values of earlier instants must not remain.
         #[test]
         fn each_lane_is_the_regressor_of_its_instant(robot in any_arm(), numbers in numbers(), turned in numbers()) {
             let n = robot.joint_count();

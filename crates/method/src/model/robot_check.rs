@@ -1,5 +1,5 @@
-//! Whether a robot description is what its author meant: geometry, base parameters, identities, and
-//! the agreement with torques and poses from elsewhere.
+//! Check of a robot description: geometry, base parameters, identities, and the agreement with external torques and
+//! poses.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -11,45 +11,45 @@ use super::regressor::{Regressor, joint_torque_regressor, write_load_columns};
 use crate::NumericsError;
 use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters, Transform};
 
-/// States of the self-check; none of them is one that the base parameters were found on.
+/// Number of states of the self-check; none of them was used to find the base parameters.
 pub const CHECK_STATES: usize = 32;
 
-/// Step of the numeric derivatives, s or rad. Fourth-order central differences then agree with
-/// exact derivatives to about 1e-8 at the largest speeds of ordinary arms.
+/// Step of the numeric derivatives, s or rad. Fourth-order central differences then agree with exact derivatives to
+/// about 1e-8 at the largest speeds of usual arms.
 const STEP: f64 = 2e-4;
 
-/// What a check of a robot description found.
+/// Result of a check of a robot description.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotCheck {
     /// The description that was checked.
     pub robot: Robot,
-    /// Last frame in the base with every joint at position 0.
+    /// Last frame in the base with all joints at position 0.
     pub pose_at_zero: Transform,
     /// Parameters that the arm's torques can show.
     pub base: BaseParameters,
-    /// How well the formulas agree with each other on this robot.
+    /// Agreement of the formulas with each other on this robot.
     pub identities: IdentityCheck,
 }
 
-/// Worst relative differences between two ways to the same number over [`CHECK_STATES`] states and
-/// made-up parameters; relative to the norm of the torque.
+/// Largest differences between two methods for the same number, over [`CHECK_STATES`] states and arbitrary parameters,
+/// relative to the norm of the torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentityCheck {
-    /// States looked at.
+    /// Number of states.
     pub states: usize,
     /// Regressor times parameters against inverse dynamics.
     pub regressor: f64,
     /// Base parameters against the full set.
     pub grouping: f64,
-    /// Gravity torque against the numeric gradient of potential energy. Relative to the torque of the
-    /// whole motion too, so that it means something where gravity does no work.
+    /// Gravity torque against the numeric gradient of potential energy. Also relative to the torque of the whole
+    /// motion, so that it is meaningful if gravity does no work.
     pub gravity: f64,
     /// Power of the torques against the numeric rate of energy, relative to the sum of the joints'
     /// absolute powers.
     pub power: f64,
 }
 
-/// Torque and pose of a robot in one state, from elsewhere.
+/// Torque and pose of a robot in one state, from an external source.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceRow {
     /// Position `[n]`, rad (m).
@@ -66,10 +66,10 @@ pub struct ReferenceRow {
     pub rotation: Matrix3<f64>,
 }
 
-/// Worst relative differences between a description and reference rows.
+/// Largest relative differences between a description and reference rows.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReferenceAgreement {
-    /// Rows compared.
+    /// Number of rows.
     pub rows: usize,
     /// Torque, relative to the norm of the row's torques; `None` if a joint of the description has no
     /// nominal parameters.
@@ -83,7 +83,7 @@ pub struct ReferenceAgreement {
 /// Checks a robot description: pose at zero, base parameters, identities.
 ///
 /// # Errors
-/// As [`base_parameters`].
+/// Those of [`base_parameters`].
 pub fn check(robot: &Robot) -> Result<RobotCheck, NumericsError> {
     let base = base_parameters(robot)?;
     Ok(RobotCheck {
@@ -94,7 +94,7 @@ pub fn check(robot: &Robot) -> Result<RobotCheck, NumericsError> {
     })
 }
 
-/// Compares a description and its nominal inertial parameters with rows from elsewhere.
+/// Compares a description and its nominal inertial parameters with external rows.
 ///
 /// # Errors
 /// [`NumericsError::TooShort`] without rows, or if a row has fewer channels than the robot joints.
@@ -136,11 +136,11 @@ pub fn compare_with_reference(
 fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     let n = robot.joint_count();
     let ids = ParameterId::natural_order(robot);
-    // Any numbers will do, since every identity is linear in them; bodies need not exist.
+    // Any numbers are suitable, since every identity is linear in them; bodies may be unphysical.
     let phi: Vec<f64> = (1..=ids.len()).map(|k| 0.1 + (k as f64 * 2_f64.sqrt()).fract()).collect();
     let full = DynamicModel::from_parameters(robot, ids.iter().copied().zip(phi.iter().copied()));
     let mut grouped = DynamicModel::from_parameters(robot, base.kept.iter().copied().zip(base.group(&phi)));
-    // the numbers have a motor inertia of their own in place of the description's
+    // these parameters contain another motor inertia than the description
     let motors = grouped.grouped_motor_inertia.iter_mut().zip(&full.motor_inertia).zip(robot.joint_indices());
     for ((grouped, motor), joint) in motors {
         let id = ParameterId { joint, kind: ParameterKind::MotorInertia };
@@ -167,7 +167,7 @@ fn check_identities(robot: &Robot, base: &BaseParameters) -> IdentityCheck {
     result
 }
 
-/// In Nm, over all joints.
+/// Difference between gravity torque and the numeric gradient, over all joints, Nm.
 fn gravity_difference(robot: &Robot, model: &DynamicModel, state: &JointState) -> f64 {
     let n = robot.joint_count();
     let mut tau = vec![0.0; n];
@@ -192,7 +192,7 @@ fn power_difference(robot: &Robot, model: &DynamicModel, state: &JointState) -> 
     let powers: Vec<f64> = tau.iter().zip(&state.qd).map(|(tau, qd)| tau * qd).collect();
     let rate = numeric_slope(|t| {
         let qd: Vec<f64> = state.qd.iter().zip(&state.qdd).map(|(qd, qdd)| qd + qdd * t).collect();
-        // The mean of the speeds at both ends, since the acceleration is constant.
+        // mean of the speeds at both ends, since the acceleration is constant
         let q: Vec<f64> = (0..n).map(|j| state.q[j] + 0.5 * (state.qd[j] + qd[j]) * t).collect();
         let energy = mechanical_energy(robot, model, &q, &qd);
         energy.kinetic + energy.potential
@@ -205,12 +205,12 @@ fn numeric_slope(f: impl Fn(f64) -> f64) -> f64 {
     (8.0 * (f(STEP) - f(-STEP)) - (f(2.0 * STEP) - f(-2.0 * STEP))) / (12.0 * STEP)
 }
 
-/// `difference / size`; where there is nothing to compare with, the difference itself.
+/// `difference / size`; for a size of zero, the difference itself.
 fn relative(difference: f64, size: f64) -> f64 {
     if size > 0.0 { difference / size } else { difference }
 }
 
-/// The larger one, and NaN if either is: a difference that is no number must not pass as small.
+/// Larger number, or NaN if either is NaN: a difference that is not a number must not count as small.
 fn larger(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
@@ -234,11 +234,11 @@ mod tests {
     use armwatch_testing::arms::{arm, joint};
     use armwatch_testing::{change_dh, er3a};
 
-    /// Exact identities differ by rounding, those with a grouping by a condition number of rounding.
+    /// Tolerance of exact identities: rounding, multiplied by a condition number for groupings.
     const ROUNDING: f64 = 1e-10;
-    /// Numeric derivatives: see [`STEP`].
+    /// Tolerance of numeric derivatives; see [`STEP`].
     const DIFFERENCES: f64 = 1e-8;
-    /// The reference has twelve digits.
+    /// Precision of the reference, which has twelve digits.
     const REFERENCE_DIGITS: f64 = 1e-9;
 
     fn reference() -> Vec<ReferenceRow> {

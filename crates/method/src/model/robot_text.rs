@@ -1,4 +1,4 @@
-//! The check of a robot description as text for a person.
+//! Text output of the check of a robot description.
 
 use std::fmt;
 
@@ -88,7 +88,7 @@ fn write_urdf(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
     Ok(())
 }
 
-/// What users of other packages got three answers about for one arm.
+/// Writes the conventions, because other packages give three different answers for one arm.
 fn write_conventions(f: &mut fmt::Formatter<'_>, robot: &Robot) -> fmt::Result {
     writeln!(f, "\nConventions")?;
     let near = match robot.joints.first().map(|joint| joint.geometry.source()) {
@@ -263,7 +263,7 @@ fn kind_name(kind: JointKind) -> &'static str {
     }
 }
 
-/// Six decimals at most, no trailing zeros, no negative zero.
+/// Formats with at most six decimals, without trailing zeros or a negative zero.
 fn short(x: f64) -> String {
     let text = format!("{x:.6}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };

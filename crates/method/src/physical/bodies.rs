@@ -1,8 +1,8 @@
-//! Full standard parameters that a body can have, from the factor of base parameters.
+//! Full standard parameters that are physically possible, from the factor of base parameters.
 //!
-//! A convex problem: the data's sum of squares and, for each link, the log-det (entropic) divergence of
-//! its pseudo-inertia from the nominal one, which grows without end at the border of bodies (Lee,
-//! Wensing & Park 2020). So there is one answer, whatever the start, and it is a body.
+//! The problem is convex. Its cost is the data's sum of squares plus, for each link, the log-det (entropic) divergence
+//! of its pseudo-inertia from the nominal one, which grows without bound at the border of physical bodies (Lee, Wensing
+//! & Park 2020). So the solution is unique, independent of the start, and a physical body.
 
 use faer::Mat;
 use nalgebra::Matrix4;
@@ -16,34 +16,34 @@ use crate::model::base_parameters::BaseParameters;
 use crate::model::dynamics::DynamicModel;
 use armwatch_model::robot::{ParameterId, ParameterKind, Robot, StandardParameters};
 
-/// Factor of the data's weight from one descent to the next, which starts where the one before ended: near a solution
-/// Newton's method takes whole steps.
+/// Factor of the data's weight from one descent to the next, which starts at the end of the previous one: near a
+/// solution Newton's method takes full steps.
 const SHARE_STEP: f64 = 3.0;
-/// Least weight that data begin with.
+/// Smallest initial weight of the data.
 const LEAST_SHARE: f64 = 1e-9;
-/// Largest part of the way to the border of bodies that a step goes.
+/// Largest part of the distance to the border of physical bodies that a step covers.
 const TO_THE_BORDER: f64 = 0.99;
-/// Halvings by which the lowest point along a step is found.
+/// Halvings in the search for the minimum along a step.
 const HALVINGS: usize = 40;
-/// Largest length of Newton's step, in units in which the prior's curvature is one, at which its decrement says how far
-/// the cost is above its least (Nesterov & Nemirovskii 1994).
+/// Largest length of Newton's step for the decrement to estimate the distance of the cost from its minimum (Nesterov &
+/// Nemirovskii 1994). The unit makes the prior's curvature one.
 const LOCAL: f64 = 0.25;
-/// Standard deviation about zero of friction and coupling parameters, in their SI units: far beyond
-/// any arm's, so that it decides only what neither data nor anything else does.
+/// Standard deviation about zero of friction and coupling parameters, in their SI units. It is far above the values of
+/// any arm, so it decides only parameters that nothing else decides.
 const FREE_STD: f64 = 1e4;
 
-/// What the fit may be told.
+/// Settings of the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PhysicalSettings {
-    /// Relative standard deviation of a nominal pseudo-inertia in each direction, such as that of a mass,
-    /// and of a nominal motor inertia. Data do not decide all of the full set; this does the rest.
+    /// Relative standard deviation of a nominal pseudo-inertia in each direction, such as that of a mass, and of a
+    /// nominal motor inertia. It decides the part of the full set that data do not decide.
     pub prior_std: f64,
     /// Share of the data's rows that are independent.
     pub independent_fraction: f64,
-    /// Most steps at each weight of the data.
+    /// Largest number of steps at each weight of the data.
     pub max_steps: usize,
-    /// Newton decrement, in units of the noise's variance and relative to the cost above one, at which the
-    /// fit has settled, unless the step is long.
+    /// Largest Newton decrement of a converged fit, unless the step is long. Its unit is the noise variance; it is
+    /// relative to the cost if that exceeds one.
     pub settled: f64,
 }
 
@@ -53,35 +53,36 @@ impl Default for PhysicalSettings {
     }
 }
 
-/// Where the fit starts and what it leans on.
+/// Start and prior of the fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NominalModel {
-    /// Inertial parameters of the links `[n]`; those that are no body are lifted to one.
+    /// Inertial parameters of the links `[n]`. Those that are not physical are moved to a physical body.
     pub inertial: Vec<StandardParameters>,
     /// Motor inertias `[n]`, positive.
     pub motor_inertia: Vec<f64>,
 }
 
-/// A fit of full parameters.
+/// Result of a fit of full parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalEstimate {
     /// All parameters: links are bodies, motor inertias positive, friction and couplings free.
     pub model: DynamicModel,
-    /// The same in natural order, `phi` `[p]`.
+    /// All parameters in natural order, `phi` `[p]`.
     pub phi: Vec<f64>,
-    /// Mass, centre of mass and inertia about it of the links `[n]`, and how far data decide them.
+    /// Mass, centre of mass and inertia about it of the links `[n]`, with their uncertainty with and without data.
     pub bodies: Vec<BodyEstimate>,
-    /// Motor inertias `[n]`, and how far data decide them.
+    /// Motor inertias `[n]`, with their uncertainty with and without data.
     pub motor_inertia: Vec<Estimated>,
     /// Smallest over largest eigenvalue of each link's pseudo-inertia, `[n]`.
     pub definiteness: Vec<f64>,
     /// Residual sum of squares of the data.
     pub residual_sum_of_squares: f64,
-    /// Residual sum of squares of unconstrained base parameters: what physics costs is the difference.
+    /// Residual sum of squares of unconstrained base parameters. The difference is the cost of the physical
+    /// constraints.
     pub unconstrained_sum_of_squares: f64,
-    /// Steps taken.
+    /// Number of steps.
     pub steps: usize,
-    /// Whether the fit settled: what another step could gain is far below the noise.
+    /// True if the fit has converged: the gain of another step is far below the noise.
     pub settled: bool,
 }
 
@@ -89,17 +90,16 @@ pub struct PhysicalEstimate {
 /// `[w | tau]` of the base parameters, in units of the noise.
 ///
 /// Minimises over all parameters `phi` `[p]` in natural order
-/// `|r11 G phi - r12|² + 2/s² sum_links D(J, J0) + 2/s² sum_motors (k - ln k - 1)`, where `G` groups full
-/// into base parameters, `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and
-/// its nominal one, `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation.
-/// Friction and couplings are free: they are drawn to zero by 1e4 of their unit, which is nowhere.
-/// Newton's method to the lowest point along each step, with data that weigh more and more; each step is a least-squares
-/// problem in the coordinates of `directions`, solved by folding its rows into a triangular factor.
+/// `|r11 G phi - r12|² + 2/s² sum_links D(J, J0) + 2/s² sum_motors (k - ln k - 1)`. `G` groups full
+/// into base parameters. `D = tr(J0⁻¹ J) - ln det(J0⁻¹ J) - 4` for the pseudo-inertia `J` of a link and its
+/// nominal one. `k` is a motor's inertia over its nominal one, and `s` the prior's standard deviation. Friction
+/// and couplings are free except for a very weak prior about zero with the standard deviation 1e4 in their unit.
+/// Newton's method minimises the cost along each step while the weight of the data grows. Each step is a
+/// least-squares problem in the coordinates of `directions`, solved by folding its rows into a triangular factor.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] unless the nominal model has the robot's joints,
-/// [`NumericsError::NotFinite`] if it has a motor inertia that is not positive or the data are not
-/// finite.
+/// [`NumericsError::TooShort`] unless the nominal model has the robot's joints, [`NumericsError::NotFinite`] if it has
+/// a motor inertia that is not positive or the data are not finite.
 pub(crate) fn physical(
     robot: &Robot,
     base: &BaseParameters,
@@ -117,7 +117,7 @@ pub(crate) fn physical(
     }
     let mut problem = ConvexProblem::new(robot, base, factor, nominal, settings)?;
     let mut phi = problem.nominal.clone();
-    // at the start, data cost no more than one row of noise does
+    // at the start, data cost no more than a single row of noise
     let residuals = problem.data_residuals(&phi);
     problem.data_share = (1.0 / dot(&residuals, &residuals).sqrt().max(1.0)).max(LEAST_SHARE);
     let mut steps = 0;
@@ -131,7 +131,7 @@ pub(crate) fn physical(
     }
 }
 
-/// `r11 G` `[b x p]`: what the factor's rows see of each parameter in natural order.
+/// `r11 G` `[b x p]`: sensitivity of the factor's rows to each parameter in natural order.
 pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p: usize) -> Mat<f64> {
     let (r, b) = (factor.upper(), factor.columns());
     let mut map = Mat::zeros(b, p);
@@ -146,29 +146,29 @@ pub(super) fn seen_by_factor(base: &BaseParameters, factor: &TriangularFactor, p
     map
 }
 
-/// The convex problem in `phi` `[p]`: ten a link, then whatever the robot has beside links.
+/// Convex problem in `phi` `[p]`: ten parameters per link, then all others.
 struct ConvexProblem<'a> {
     factor: &'a TriangularFactor,
     base: &'a BaseParameters,
     ids: Vec<ParameterId>,
-    /// `r11 G` times the root of the independent share, `[b x p]`, and `r12` likewise.
+    /// `r11 G` times the root of the independent share, `[b x p]`, and `r12` times the same.
     map: Mat<f64>,
     right: Vec<f64>,
     /// Nominal `phi`, and the inverses of the links' nominal pseudo-inertias `[n]`.
     nominal: Vec<f64>,
     inverse: Vec<Matrix4<f64>>,
-    /// One over the prior's standard deviation.
+    /// Inverse of the prior's standard deviation.
     firmness: f64,
     data_share: f64,
 }
 
-/// Coordinates about a point, in which the prior's curvature is the same in all directions.
+/// Coordinates about a point such that the prior's curvature is the same in all directions.
 struct Local {
     /// Lower factors of the links' pseudo-inertias `[n]`.
     lower: Vec<Matrix4<f64>>,
-    /// Change of the link's parameters by its coordinates, `[n][10]`.
+    /// Change of each link's parameters per coordinate, `[n][10]`.
     links: Vec<[StandardParameters; 10]>,
-    /// Change of the parameters beside links by theirs; `[p - 10n]`.
+    /// Change of the other parameters per coordinate, `[p - 10n]`.
     beside: Vec<f64>,
 }
 
@@ -213,7 +213,7 @@ impl<'a> ConvexProblem<'a> {
         self.ids[k].kind == ParameterKind::MotorInertia
     }
 
-    /// `None` where a link is no body or a motor's inertia is not positive.
+    /// Returns the local coordinates; `None` if a link is not physical or a motor's inertia is not positive.
     fn local(&self, phi: &[f64]) -> Option<Local> {
         let lower: Option<Vec<Matrix4<f64>>> = (0..self.links())
             .map(|link| Some(pseudo_inertia(&self.link(phi, link)).cholesky()?.l()))
@@ -229,7 +229,7 @@ impl<'a> ConvexProblem<'a> {
         })
     }
 
-    /// What the data see of parameters or of their change.
+    /// Change of the data's prediction by parameters or by their change, weighted.
     fn seen(&self, phi: &[f64]) -> Vec<f64> {
         let row = |i| self.map.row(i).iter().zip(phi).map(|(map, phi)| map * phi).sum::<f64>();
         (0..self.right.len()).map(|i| self.data_share * row(i)).collect()
@@ -239,7 +239,7 @@ impl<'a> ConvexProblem<'a> {
         self.seen(phi).iter().zip(&self.right).map(|(seen, right)| self.data_share * right - seen).collect()
     }
 
-    /// What is minimised; endless where there is no body.
+    /// Cost to minimise; infinite if a link or a motor is not physical.
     fn cost(&self, phi: &[f64]) -> f64 {
         let data: f64 = self.data_residuals(phi).iter().map(|residual| residual * residual).sum();
         let divergence = (0..self.links()).map(|link| {
@@ -268,8 +268,8 @@ impl<'a> ConvexProblem<'a> {
         (0..self.ids.len()).map(|k| if free(k) { 1.0 / FREE_STD } else { self.firmness }).collect()
     }
 
-    /// Factor of the least-squares problem of Newton's step in local coordinates: rows of the data, then
-    /// one a coordinate, `w s = -w g` with the prior's slope `g`.
+    /// Factor of the least-squares problem of Newton's step in local coordinates: the rows of the data, then one row
+    /// per coordinate, `w s = -w g` with the prior's slope `g`.
     fn newton(&self, phi: &[f64], local: &Local) -> TriangularFactor {
         let (b, p) = (self.right.len(), phi.len());
         let first = StandardParameters::COUNT * self.links();
@@ -310,7 +310,7 @@ impl<'a> ConvexProblem<'a> {
         slopes
     }
 
-    /// Newton's method from `phi`, at one weight of the data; the end, and whether it settled there.
+    /// Newton's method from `phi` at one weight of the data. Returns the end point, and true if it converged.
     fn descend(
         &self,
         mut phi: Vec<f64>,
@@ -330,7 +330,7 @@ impl<'a> ConvexProblem<'a> {
             let cost = self.cost(&phi);
             let is_local = decrement <= (LOCAL * self.firmness).powi(2);
             let settled = is_local && decrement <= settings.settled * cost.max(1.0);
-            // what rounding leaves of the slope cannot judge the last step
+            // for the last step, rounding hides the slope
             let part = if settled { 1.0 } else { self.lowest(&phi, &change, &local, &s) };
             let moved: Vec<f64> = phi.iter().zip(&change).map(|(x, dx)| x + part * dx).collect();
             let is_better = self.cost(&moved) <= cost;
@@ -344,7 +344,8 @@ impl<'a> ConvexProblem<'a> {
         Ok((phi, false))
     }
 
-    /// Part of a step at which the cost is least along it. The cost is convex there: the only root of its slope.
+    /// Part of a step that minimises the cost. The cost is convex along the step, so this is the only root of its
+    /// slope.
     fn lowest(&self, phi: &[f64], change: &[f64], local: &Local, s: &[f64]) -> f64 {
         let first = StandardParameters::COUNT * self.links();
         let (links, beside) = s.split_at(first);
@@ -393,7 +394,7 @@ impl<'a> ConvexProblem<'a> {
         let b = self.factor.columns();
         let pairs = self.ids.iter().copied().zip(phi.iter().copied());
         let model = DynamicModel::from_parameters(robot, pairs);
-        // The squares of a row's entries add up to the variance of its coordinate.
+        // the squares of a row's entries add up to the variance of its coordinate
         let root = self.newton(&phi, &local).inverse_of_upper()?;
         let bodies = local.links.iter().enumerate().map(|(link, along)| {
             let first = StandardParameters::COUNT * link;
@@ -420,7 +421,7 @@ impl<'a> ConvexProblem<'a> {
 }
 
 impl Local {
-    /// Change of all parameters `[p]` by coordinates `[p]`.
+    /// Change of all parameters `[p]` for the coordinates `s` `[p]`.
     fn change(&self, s: &[f64]) -> Vec<f64> {
         let (of_links, of_others) = s.split_at(StandardParameters::COUNT * self.links.len());
         let link = |(along, s): (&[StandardParameters; 10], &[f64])| -> [f64; 10] {
@@ -430,7 +431,7 @@ impl Local {
         links.chain(self.beside.iter().zip(of_others).map(|(scale, s)| scale * s)).collect()
     }
 
-    /// Part of the step `s` `[p]` at which a link or a motor stops being one; endless if none does.
+    /// Largest part of the step `s` `[p]` that keeps all links and motors physical; infinite if there is no limit.
     fn border(&self, s: &[f64], is_motor: impl Fn(usize) -> bool) -> f64 {
         let first = StandardParameters::COUNT * self.links.len();
         let links = s[..first].chunks_exact(StandardParameters::COUNT);

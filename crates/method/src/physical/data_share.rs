@@ -1,40 +1,40 @@
-//! How far data decide a body, and how far what was assumed of it.
+//! Shares of data and of assumptions in an estimated body.
 
 use faer::MatRef;
 use nalgebra::{Matrix3, Vector3};
 
 use armwatch_model::robot::StandardParameters;
 
-/// Part of the variance that data must take away for a number to count as decided by them: its
-/// standard deviation is then less than a third of what it is without data.
+/// Smallest share of the variance that data must remove for a number to count as decided by them: its standard
+/// deviation is then less than a third of that without data.
 pub const DECIDED: f64 = 0.9;
 
-/// A number with its standard deviation, with data and without.
+/// Number with its standard deviation, with and without data.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimated {
     /// The number.
     pub value: f64,
-    /// Its standard deviation from data and assumption together.
+    /// Standard deviation from data and assumption together.
     pub std: f64,
-    /// Its standard deviation from the assumption alone, about the same value.
+    /// Standard deviation from the assumption alone, about the same value.
     pub std_without_data: f64,
 }
 
 impl Estimated {
-    /// Part of the variance that data take away: 1 all data, 0 all assumption.
+    /// Share of the variance that data remove: 1 all data, 0 all assumption.
     #[must_use]
     pub fn data_share(&self) -> f64 {
         (1.0 - (self.std / self.std_without_data).powi(2)).clamp(0.0, 1.0)
     }
 
-    /// Whether data decide the number, by [`DECIDED`].
+    /// Returns true if data decide the number, by [`DECIDED`].
     #[must_use]
     pub fn is_decided(&self) -> bool {
         self.data_share() >= DECIDED
     }
 }
 
-/// A link as a body, in the link's frame.
+/// Link as a body, in the link's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyEstimate {
     /// Mass, kg; centre of mass `x, y, z`, m; inertia about that centre `xx, xy, xz, yy, yz, zz`,
@@ -60,8 +60,8 @@ impl BodyEstimate {
 
 /// Mass, centre and inertia about it with their standard deviations, to first order.
 ///
-/// `slopes` `[10]` are the derivatives of the ten parameters by each coordinate `x`; `root` `[10 x any]` has the
-/// covariance of `x` as `root rootᵀ`; `pull` `[10]` is one over the standard deviation of each `x`
+/// `slopes` `[10]` are the derivatives of the ten parameters with respect to each coordinate `x`; `root` `[10 x any]`
+/// gives the covariance of `x` as `root rootᵀ`; `pull` `[10]` is the inverse of the standard deviation of each `x`
 /// without data.
 pub(super) fn body_estimate(
     body: &StandardParameters,
@@ -84,8 +84,8 @@ fn of_body(body: &StandardParameters) -> [f64; 10] {
     packed(body.mass(), &body.centre_of_mass(), &body.inertia_about_centre())
 }
 
-/// Change of mass, centre and inertia about it with a change of the ten parameters:
-/// `dc = (dh - c dm) / m`, `dI_c = dI - dm S(c) - m dS(c)` with `S(c) = cᵀc 1 - c cᵀ`.
+/// Change of mass, centre and inertia about it for a change of the ten parameters: `dc = (dh - c dm) / m`,
+/// `dI_c = dI - dm S(c) - m dS(c)` with `S(c) = cᵀc 1 - c cᵀ`.
 fn about_centre(body: &StandardParameters, change: &StandardParameters) -> [f64; 10] {
     let (m, c, dm) = (body.mass(), body.centre_of_mass(), change.mass());
     let dc = (change.first_moment() - c * dm) / m;
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn change_about_the_centre_is_that_of_finite_differences() {
-        /// Second-order differences of smooth functions of size one.
+        /// Tolerance of second-order differences of smooth functions of size one.
         const DIFFERENCES: f64 = 1e-7;
         const STEP: f64 = 1e-4;
         let body = StandardParameters([2.0, 0.3, -0.2, 0.5, 0.9, 0.05, -0.1, 0.8, 0.04, 0.7]);

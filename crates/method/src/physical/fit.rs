@@ -1,4 +1,4 @@
-//! Full parameters of an arm from the factors of its joints, and what physics costs each joint.
+//! Full parameters of an arm from the factors of its joints, and the cost of physical consistency for each joint.
 
 use super::bodies::{PhysicalEstimate, PhysicalSettings, physical};
 use super::uniform_bodies::{BodyStart, start};
@@ -9,20 +9,19 @@ use crate::least_squares::weighted::{WeightRule, joined};
 use crate::model::base_parameters::BaseParameters;
 use armwatch_model::robot::{JointIndex, Robot};
 
-/// Noise of a torque signal relative to its RMS, below which no joint's is taken to be: without noise,
-/// rows would weigh without end.
+/// Smallest assumed noise of a torque signal, relative to its RMS: without noise, the weight of rows would be infinite.
 pub(super) const NOISE_FLOOR: f64 = 1e-4;
-/// Largest relative change of a joint's noise at which weights have settled.
+/// Largest relative change of a joint's noise for converged weights.
 const SETTLED: f64 = 1e-6;
-/// Weights settle in some five rounds.
+/// Largest number of rounds; weights converge in about five.
 const MAX_ROUNDS: usize = 50;
 
-/// What physics costs a joint, over the rows that were fitted.
+/// Cost of physical consistency for a joint, over the fitted rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ConstraintCost {
     /// The joint.
     pub joint: JointIndex,
-    /// Its rows.
+    /// Number of its rows.
     pub samples: usize,
     /// RMS of its measured torque, Nm (N).
     pub torque_rms: f64,
@@ -32,25 +31,25 @@ pub struct ConstraintCost {
     pub consistent_rmsd: f64,
 }
 
-/// Full parameters with where they started from and what they cost.
+/// Full parameters with their start and their cost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhysicalFit {
-    /// The fit.
+    /// Result of the fit.
     pub estimate: PhysicalEstimate,
-    /// What it leaned on.
+    /// Start and prior of the fit.
     pub start: BodyStart,
-    /// Price of physics for each joint with rows.
+    /// Cost of physical consistency for each joint with rows.
     pub price: Vec<ConstraintCost>,
-    /// Condition number of the unconstrained problem, columns scaled.
+    /// Condition number of the unconstrained problem with scaled columns.
     pub scaled_condition_number: f64,
 }
 
-/// Fits full parameters to the joints' `factors` `[n]` of `[w | tau]` over all base parameters, each
-/// joint weighted by its own residual, from the description's nominal bodies or uniform ones.
+/// Fits full parameters to the joints' `factors` `[n]` of `[w | tau]` over all base parameters, each joint weighted by
+/// its own residual, starting from the description's nominal bodies or uniform ones.
 ///
 /// # Errors
-/// Those of `physical` and [`TriangularFactor::solve`]: rows that do not show all base parameters are
-/// refused, though bodies could be had from the assumption alone.
+/// Those of `physical` and [`TriangularFactor::solve`]: rows that do not show all base parameters are refused, although
+/// the assumption alone would give bodies.
 pub fn physical_fit(
     robot: &Robot,
     base: &BaseParameters,
@@ -77,8 +76,8 @@ pub fn physical_fit(
     Ok(PhysicalFit { price: price.collect(), estimate, start, scaled_condition_number })
 }
 
-/// Noise of each joint, the unconstrained parameters at it, and their condition number. As
-/// [`weighted`](crate::least_squares::weighted::weighted), but no joint is without noise.
+/// Noise of each joint, the unconstrained parameters with it, and their condition number. Same as
+/// [`weighted`](crate::least_squares::weighted::weighted), except that no joint is without noise.
 fn weights(
     base: &BaseParameters,
     factors: &[TriangularFactor],

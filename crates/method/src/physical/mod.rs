@@ -1,4 +1,4 @@
-//! Parameters that bodies can have.
+//! Parameters of physical bodies.
 
 pub(crate) mod pseudo_inertia;
 pub mod uniform_bodies;

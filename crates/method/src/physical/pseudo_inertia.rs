@@ -11,8 +11,8 @@ use armwatch_model::robot::StandardParameters;
 /// Smallest eigenvalue of a pseudo-inertia relative to its largest that counts as positive.
 #[cfg(test)]
 pub const POSITIVE: f64 = 1e-10;
-/// A start that is no body is lifted until the smallest eigenvalue is this part of the largest: a
-/// radius of a few mm against one of 100 mm.
+/// Smallest eigenvalue, relative to the largest, of a start that was not physical and is lifted: a radius of a few mm
+/// against one of 100 mm.
 const LIFT: f64 = 1e-4;
 
 /// Pseudo-inertia `[[Sigma, h], [hᵀ, m]]` of ten parameters, `[4 x 4]`.
@@ -29,7 +29,7 @@ pub fn pseudo_inertia(parameters: &StandardParameters) -> Matrix4<f64> {
     j
 }
 
-/// Smallest over largest eigenvalue of a link's pseudo-inertia; above 1e-10 it is a body.
+/// Smallest over largest eigenvalue of a link's pseudo-inertia; above 1e-10 the link is physical.
 ///
 /// Lengths enter the ratio in m; its sign does not depend on them.
 #[must_use]
@@ -38,7 +38,7 @@ pub fn definiteness(parameters: &StandardParameters) -> f64 {
     values.min() / values.max().abs().max(f64::MIN_POSITIVE)
 }
 
-/// The nearest-by body: the pseudo-inertia with as much added to its diagonal as it takes.
+/// Nearby physical body: the pseudo-inertia with the smallest sufficient addition to its diagonal.
 pub(super) fn lifted(parameters: &StandardParameters) -> StandardParameters {
     let mut j = pseudo_inertia(parameters);
     let values = j.symmetric_eigenvalues();
@@ -68,9 +68,9 @@ pub(super) fn parameters_of(j: &Matrix4<f64>) -> StandardParameters {
     ])
 }
 
-/// Directions in which a body may change, `[10]`: `L E Lᵀ` for `J = L Lᵀ` and the ten symmetric `E` of
-/// unit norm. In these coordinates `s` the curvature of `-log det J` is one in all directions, and
-/// `J + sum s_k L E_k Lᵀ` is a body while `1 + sum s_k E_k` is positive definite.
+/// Directions of change of a body, `[10]`: `L E Lᵀ` for `J = L Lᵀ` and the ten symmetric `E` of unit norm. In these
+/// coordinates `s` the curvature of `-log det J` is one in all directions, and `J + sum s_k L E_k Lᵀ` is physical
+/// while `1 + sum s_k E_k` is positive definite.
 pub(super) fn directions(l: &Matrix4<f64>) -> [StandardParameters; 10] {
     BASIS.map(|place| parameters_of(&(l * basis_matrix(place) * l.transpose())))
 }
@@ -80,7 +80,7 @@ pub(super) fn coordinates(symmetric: &Matrix4<f64>) -> [f64; 10] {
     BASIS.map(|(i, k)| if i == k { symmetric[(i, k)] } else { std::f64::consts::SQRT_2 * symmetric[(i, k)] })
 }
 
-/// The symmetric matrix of such coordinates.
+/// Symmetric matrix with these coordinates.
 pub(super) fn symmetric(coordinates: &[f64]) -> Matrix4<f64> {
     BASIS.into_iter().zip(coordinates).map(|(place, s)| basis_matrix(place) * *s).sum()
 }
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use armwatch_testing::er3a;
 
-    /// A few dozen operations on numbers of about one.
+    /// Rounding of a few dozen operations on numbers of about one.
     const ROUNDING: f64 = 1e-12;
 
     #[test]

@@ -1,11 +1,11 @@
-//! A start for arms whose links nobody has weighed: bodies of uniform density along the geometry.
+//! Start for arms with links of unknown mass: bodies of uniform density along the geometry.
 //!
-//! Each link without nominal inertia is a solid cylinder from its joint to the next one. Radii taper from
-//! `BASE_RADIUS` of the reach at the base to half of that at the tip; housings stand out by a radius at
-//! either end. One density for all of them is the least-squares one: the bodies' torque times a factor,
-//! beside free friction and motor inertias, against what was measured. The motor inertias of that solution
-//! are the start of those that are not described: behind a gear of a hundred they are far larger than
-//! what a wrist carries, and no geometry says so.
+//! Each link without nominal inertia is a solid cylinder from its joint to the next one. Radii taper from `BASE_RADIUS`
+//! of the reach at the base to half of that at the tip; each cylinder extends by one radius beyond both ends. The
+//! density is the same for all. It is the least-squares solution for the measured torque: a factor of the bodies'
+//! torque, with free friction and motor inertias. The motor inertias of that solution are the start for joints without
+//! described ones: behind a gear of a hundred they are far larger than the inertia that a wrist carries, and the
+//! geometry does not show them.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -17,36 +17,36 @@ use crate::model::base_parameters::BaseParameters;
 use crate::model::kinematics::joint_transform;
 use armwatch_model::robot::{JointKind, ParameterId, ParameterKind, Robot, StandardParameters, Transform};
 
-/// Radius of the first link over the arm's reach: 8 cm for one of a metre, as of usual arms.
+/// Radius of the first link over the arm's reach: 8 cm for a reach of a metre, typical of arms.
 const BASE_RADIUS: f64 = 0.08;
-/// Part of that radius that the last link has.
+/// Radius of the last link relative to the first.
 const TAPER: f64 = 0.5;
-/// Density before data say otherwise, kg/m³: an aluminium shell with steel gears in it. An arm of a
-/// metre weighs some 50 kg with it.
+/// Density before data correct it, kg/m³: an aluminium shell with steel gears. An arm of a metre weighs about 50 kg
+/// with it.
 const TYPICAL_DENSITY: f64 = 2000.0;
-/// Data may change the density by this factor; beyond it, the geometry is no help.
+/// Largest factor that data may apply to the density; beyond it, the geometry does not help.
 const DENSITY_RANGE: f64 = 10.0;
-/// Least motor inertia over the inertia that the joint carries: gears are chosen to match the two.
+/// Smallest motor inertia relative to the inertia that the joint carries: gears are chosen to match the two.
 const MOTOR_SHARE: f64 = 0.3;
-/// Smallest motor inertia to start from, kg m² (kg).
+/// Smallest motor inertia of a start, kg m² (kg).
 const SMALLEST_MOTOR: f64 = 1e-4;
 /// Reach of an arm whose axes all meet in a point, m.
 const SMALLEST_REACH: f64 = 0.1;
-/// Ridge of the density's least squares, relative to each column: columns that repeat each other
-/// share, and nothing else is moved.
+/// Ridge of the density's least squares, relative to each column: linearly dependent columns share the solution, and
+/// all others keep theirs.
 const RIDGE: f64 = 1e-6;
 
-/// Where the assumption about a link comes from.
+/// Source of the assumed body of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BodySource {
-    /// The description's nominal inertia.
+    /// Nominal inertia of the description.
     Description,
-    /// A cylinder of uniform density along the geometry.
+    /// Cylinder of uniform density along the geometry.
     UniformBody,
 }
 
 impl BodySource {
-    /// Name as commands print it.
+    /// Name in output.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -56,20 +56,20 @@ impl BodySource {
     }
 }
 
-/// A start for `physical`.
+/// Start for `physical`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyStart {
     /// Links and motors, all positive.
     pub nominal: NominalModel,
-    /// Where each link `[n]` comes from.
+    /// Source of each link `[n]`.
     pub sources: Vec<BodySource>,
     /// Density of the uniform bodies, kg/m³; `None` if there are none.
     pub density: Option<f64>,
 }
 
-/// The description's nominal bodies, and uniform ones of fitted density for links without. Motor
-/// inertias that the description does not have are those of the same fit, but at least
-/// `MOTOR_SHARE` of what the joint carries in the middle of all ranges.
+/// Nominal bodies of the description, and uniform ones of fitted density for links without. The same fit gives the
+/// motor inertias that the description lacks, but they are at least `MOTOR_SHARE` of the inertia that the joint carries
+/// in the middle of all ranges.
 ///
 /// `factor` is that of `[w | tau]` of the base parameters.
 ///
@@ -105,7 +105,7 @@ pub(crate) fn start(
     Ok(BodyStart { nominal: NominalModel { inertial, motor_inertia }, sources, density })
 }
 
-/// Cylinders of the density (kg/m³) along the links `[n]`, about each link's own frame.
+/// Cylinders of the given density (kg/m³) along the links `[n]`, about each link's own frame.
 #[must_use]
 pub fn uniform_bodies(robot: &Robot, density: f64) -> Vec<StandardParameters> {
     let n = robot.joint_count();
@@ -121,7 +121,7 @@ pub fn uniform_bodies(robot: &Robot, density: f64) -> Vec<StandardParameters> {
     ends.iter().enumerate().map(|(link, end)| cylinder(end, radius(link), density)).collect()
 }
 
-/// A solid cylinder from a radius before the origin to a radius behind `end`, m.
+/// Solid cylinder from a radius before the origin to a radius beyond `end`, m.
 fn cylinder(end: &Vector3<f64>, radius: f64, density: f64) -> StandardParameters {
     let length = end.norm() + 2.0 * radius;
     let axis = if end.norm() > 0.0 { end / end.norm() } else { Vector3::z() };
@@ -132,14 +132,14 @@ fn cylinder(end: &Vector3<f64>, radius: f64, density: f64) -> StandardParameters
     StandardParameters::from_centre_of_mass(mass, &(end * 0.5), &inertia)
 }
 
-/// Each joint's frame in the one before, all joints in the middle of their ranges.
+/// Frame of each joint in the previous one, with all joints in the middle of their ranges.
 fn middle_transforms(robot: &Robot) -> Vec<Transform> {
     let middle =
         |limits: &armwatch_model::robot::JointLimits| 0.5 * (limits.position_min + limits.position_max);
     robot.joints.iter().map(|joint| joint_transform(joint, middle(&joint.limits))).collect()
 }
 
-/// Inertia about each joint's axis (mass for a sliding one) of all that hangs on it.
+/// Inertia about each joint's axis (mass for a sliding one) of everything it carries.
 fn carried_inertia(robot: &Robot, bodies: &[StandardParameters]) -> Vec<f64> {
     let middle = middle_transforms(robot);
     let mut carried = vec![0.0; bodies.len()];
@@ -155,16 +155,16 @@ fn carried_inertia(robot: &Robot, bodies: &[StandardParameters]) -> Vec<f64> {
     carried
 }
 
-/// What torques say of a start.
+/// Start values that torques determine.
 struct MeasuredStart {
-    /// Factor on the density of bodies that were made.
+    /// Factor on the density of the uniform bodies.
     density_scale: f64,
     /// Motor inertias `[n]`, of any sign.
     motor_inertia: Vec<f64>,
 }
 
-/// The factor on the density of the `made` bodies of links without nominal inertia and the motor
-/// inertias that fit best, friction and couplings free.
+/// Best-fitting factor on the density of the `made` bodies of links without nominal inertia, and best-fitting motor
+/// inertias, with free friction and couplings.
 fn measured_start(
     robot: &Robot,
     base: &BaseParameters,
@@ -193,7 +193,7 @@ fn measured_start(
         _ => factor.upper()[(i, b)] - torque(&known, i),
     });
     let ridge = Mat::from_fn(width, width + 1, |i, k| {
-        // A column of nothing, as that of the density where all links are described, stays at zero.
+        // A zero column, as that of the density if all links are described, keeps a zero solution.
         let norm = columns.col(k).norm_l2();
         if i == k { RIDGE * if norm > 0.0 { norm } else { 1.0 } } else { 0.0 }
     });
@@ -204,7 +204,7 @@ fn measured_start(
     let scale = solution[(0, 0)];
     let motors = beside.iter().enumerate().filter(|(_, k)| ids[**k].kind == ParameterKind::MotorInertia);
     Ok(MeasuredStart {
-        // Torque that falls as mass grows says nothing of mass.
+        // Torque that decreases with mass gives no information about mass.
         density_scale: if scale > 0.0 { scale.clamp(1.0 / DENSITY_RANGE, DENSITY_RANGE) } else { 1.0 },
         motor_inertia: motors.map(|(place, _)| solution[(1 + place, 0)]).collect(),
     })
@@ -235,7 +235,7 @@ mod tests {
         let bodies = uniform_bodies(&robot, TYPICAL_DENSITY);
         assert!(bodies.iter().all(|body| definiteness(body) > POSITIVE));
         let mass: f64 = bodies.iter().map(StandardParameters::mass).sum();
-        // The maker gives 28 kg.
+        // The manufacturer states 28 kg.
         assert!((10.0..80.0).contains(&mass), "{mass}");
     }
 

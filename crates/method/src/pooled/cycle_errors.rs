@@ -1,9 +1,9 @@
 //! Standard errors from the scatter between whole cycles, exact from their factors.
 //!
-//! Rows of a cycle share whatever the model leaves out: ripple, temperature, the path of the motion.
-//! Cycles are recorded minutes or days apart, so only they are taken as independent: the score of cycle
-//! `c` is `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections
-//! keep products of columns.
+//! Rows of a cycle share all unmodelled effects: ripple, temperature, the path of the motion. Cycles are recorded
+//! minutes or days apart, so only they count as independent. The score of cycle `c` is
+//! `sum over joints of R_cjᵀ (z_cj - R_cj theta)` for its factors `[R_cj z_cj]`, since reflections keep products of
+//! columns.
 
 use faer::{Mat, Side};
 
@@ -12,24 +12,23 @@ use crate::NumericsError;
 use crate::identify::joint_factors::FactorColumns;
 use armwatch_model::robot::JointIndex;
 
-/// Fewest cycles whose scatter is believed: with fewer, Student's quantile of the few degrees of freedom
-/// makes intervals so wide and so uncertain that the noise of the rows says more.
+/// Smallest number of cycles whose scatter is used. If there are fewer, Student's quantile for the few degrees of
+/// freedom makes intervals so wide and uncertain that the noise of the rows gives better ones.
 pub const FEWEST_CYCLES: usize = 8;
 
-/// Leverage of a cycle is kept below this, so that one that alone decides a parameter gives a large and not
-/// an endless error.
+/// Largest leverage of a cycle, so that a cycle that alone decides a parameter gives a large, but finite error.
 const MAX_LEVERAGE: f64 = 0.99;
 
-/// Which columns a problem has, and where each joint's columns stand among them.
+/// Columns of a problem, and the indices of each joint's columns among them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProblemColumns {
     width: usize,
-    /// `[n][columns of the joint]`; `None` for a column that the problem leaves out.
+    /// `[n][columns of the joint]`; `None` for a column that the problem omits.
     places: Vec<Vec<Option<usize>>>,
 }
 
 impl ProblemColumns {
-    /// All joints stacked [3.22] over the columns `kept`, rising places among all.
+    /// All joints stacked [3.22] over the columns `kept`, ascending indices among all.
     #[must_use]
     pub fn stacked(columns: &FactorColumns, kept: &[usize]) -> Self {
         let place = |all: &usize| kept.binary_search(all).ok();
@@ -37,7 +36,7 @@ impl ProblemColumns {
         Self { width: kept.len(), places: (0..columns.joint_count()).map(of_joint).collect() }
     }
 
-    /// One joint alone [3.21] over the columns `kept` of its own, rising.
+    /// One joint alone [3.21] over the columns `kept` of this joint, ascending.
     #[must_use]
     pub fn of_joint(columns: &FactorColumns, joint: JointIndex, kept: &[usize]) -> Self {
         let mut places: Vec<Vec<Option<usize>>> =
@@ -50,7 +49,7 @@ impl ProblemColumns {
         Self { width: kept.len(), places }
     }
 
-    /// How many of the cycles have rows of this problem.
+    /// Number of cycles with rows of this problem.
     #[must_use]
     pub fn cycles(&self, cycles: &[CycleParts]) -> usize {
         cycles.iter().filter(|cycle| self.has_rows(cycle)).count()
@@ -65,14 +64,14 @@ impl ProblemColumns {
     }
 }
 
-/// Covariance of `theta` `[width]` with the cycles as clusters, and the degrees of freedom of each
-/// parameter. `inverse` `[width x width]` is the inverse triangular factor of the weighted problem, with
-/// its prior rows if it has any. Scores are corrected for leverage as leaving a cycle out would (CR3):
-/// with `(C - 1) / C` before the sum this is the jackknife over cycles.
+/// Covariance of `theta` `[width]` with the cycles as clusters, and the degrees of freedom of each parameter. `inverse`
+/// `[width x width]` is the inverse triangular factor of the weighted problem, including prior rows if there are any.
+/// Scores are corrected for leverage, as in leaving the cycle out (CR3): with the factor `(C - 1) / C` of the sum this
+/// is the jackknife over cycles.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] for fewer than two cycles, [`NumericsError::NotFinite`] if a leverage
-/// cannot be had.
+/// [`NumericsError::TooShort`] for fewer than two cycles, [`NumericsError::NotFinite`] if a leverage cannot be
+/// computed.
 pub(super) fn between_cycles(
     cycles: &[CycleParts],
     design: &ProblemColumns,
@@ -123,7 +122,7 @@ fn block(
     CycleBlock { information: w.transpose() * &w, score: w.transpose() * e }
 }
 
-/// What blocks say of an estimate's scatter.
+/// Scatter of an estimate from its blocks.
 pub(super) struct Sandwich {
     /// Covariance, `[b x b]`.
     pub(super) matrix: Mat<f64>,
@@ -131,8 +130,7 @@ pub(super) struct Sandwich {
     pub(super) freedom: Vec<f64>,
 }
 
-/// Covariance of an estimate from its blocks, at least two. `inverse` is `r11⁻¹` of the factor that
-/// gave the estimate.
+/// Covariance of an estimate from at least two blocks. `inverse` is `r11⁻¹` of the factor that gave the estimate.
 fn sandwich(
     inverse: &Mat<f64>,
     blocks: impl IntoIterator<Item = CycleBlock>,
@@ -157,7 +155,7 @@ fn sandwich(
     Ok(Sandwich { matrix, freedom })
 }
 
-/// Sums over one block in coordinates in which `wᵀw` is the identity.
+/// Sums over one block, in coordinates that make `wᵀw` the identity.
 struct CycleBlock {
     /// `wᵀw` of the block, `[b x b]`: its eigenvalues are leverages.
     information: Mat<f64>,
@@ -165,8 +163,8 @@ struct CycleBlock {
     score: Mat<f64>,
 }
 
-/// The block's score with its residuals corrected for having been fitted, as leaving the block out
-/// would: `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so that a matrix of `b` rows is enough.
+/// Score of the block with its residuals corrected for the fit, as in leaving the block out:
+/// `w_bᵀ (1 - w_b w_bᵀ)⁻¹ = (1 - w_bᵀ w_b)⁻¹ w_bᵀ`, so a matrix of `b` rows is enough.
 fn corrected(block: &CycleBlock) -> Result<Mat<f64>, NumericsError> {
     let eigen = block
         .information

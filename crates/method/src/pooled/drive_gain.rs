@@ -1,18 +1,18 @@
 //! Drive gains from two recordings of one arm, without and with a known load.
 //!
-//! A torque that is a current times a gain is wrong by the factor `s_j` = gain used over true gain. All that
-//! a recording without load shows of joint `j` is then `tau = w phi` with unknown `phi`, scaled by `s_j`
-//! itself: parameters and gain cannot be told apart. The known change `d` of the parameters can:
+//! A torque that is a current times a gain is wrong by the factor `s_j` = gain used over true gain. A recording without
+//! load shows for joint `j` only `tau = w phi` with unknown `phi`, scaled by `s_j`: it does not distinguish parameters
+//! from gain. The known change `d` of the parameters does:
 //!
 //! | recording | torque of joint `j` |
 //! |---|---|
 //! | without load | `tau = w phi + friction` |
 //! | with load | `tau = w phi + s_j (w d) + friction` |
 //!
-//! It is linear in `phi` and `s_j`, each joint is a problem of its own, and the noise of the torque stays on
-//! its side of the equation (with the gain as the unknown on the left it would not: Gautier & Briot 2014
-//! need total least squares). Friction is free in every cycle: it changes with warmth and with the load, and
-//! what a load adds to friction must not pass for its weight.
+//! The equations are linear in `phi` and `s_j`, and each joint is a separate problem. The noise of the torque stays on
+//! its side of the equation. (With the gain as the unknown on the left it would not: Gautier & Briot 2014 need total
+//! least squares.) Friction is free in every cycle: it changes with temperature and with the load, and the friction
+//! that a load causes must not count as its weight.
 
 use faer::MatRef;
 
@@ -24,11 +24,12 @@ use crate::least_squares::orthonormal::{OrthonormalBasis, dot, norm};
 use crate::statistics::distributions::student_quantile;
 use armwatch_model::robot::JointIndex;
 
-/// Share of the load's torque that must differ from what the arm's own parameters could do: below a
-/// thousandth, the recording without load does not say what the arm alone would need.
+/// Smallest share of the load's torque that the arm's own parameters cannot reproduce. Below a thousandth, the
+/// recording without load does not determine the torque of the arm alone.
 const APART_SHARE: f64 = 1e-3;
 
-/// Half the 95 % interval over the factor beyond which none is given: catalogues know a gain to a third.
+/// Largest half-width of the 95 % interval, relative to the factor, with which a factor is reported: catalogues give a
+/// gain to a third.
 pub const MAX_RELATIVE_HALF_WIDTH: f64 = 0.3;
 
 /// Probability of the intervals.
@@ -39,31 +40,31 @@ const LEVEL: f64 = 0.95;
 pub struct JointGain {
     /// The joint.
     pub joint: JointIndex,
-    /// The factor, or why there is none.
+    /// Factor, or the reason why there is none.
     pub estimate: Result<GainEstimate, Unseen>,
 }
 
-/// The factor between the torque as recorded and the true one.
+/// Ratio of the recorded to the true torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GainEstimate {
     /// `s_j`: gain used over true gain.
     pub scale: f64,
-    /// Its standard error.
+    /// Standard error of `scale`.
     pub std_error: f64,
-    /// Half the width of its 95 % interval.
+    /// Half the width of the 95 % interval of `scale`.
     pub half_width: f64,
-    /// Where the error comes from.
+    /// Source of the error.
     pub error_from: GainErrorSource,
     /// Root mean square of the load's torque over the rows with load, Nm (N).
     pub load_rms: f64,
     /// Standard deviation of the residual, Nm (N), as recorded.
     pub residual_std: f64,
-    /// Cycles without and with load.
+    /// Number of cycles without and with load.
     pub cycles: [usize; 2],
 }
 
 impl GainEstimate {
-    /// `1 / s_j`: the true gain is the one used times this.
+    /// `1 / s_j`: the true gain is the used gain times this value.
     #[must_use]
     pub fn correction(&self) -> f64 {
         self.scale.recip()
@@ -82,18 +83,17 @@ impl GainEstimate {
     }
 }
 
-/// What a standard error stands on.
+/// Source of a standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GainErrorSource {
-    /// The scatter from cycle to cycle, of which both recordings have at least four: each is left out in
-    /// turn (jackknife in two strata).
+    /// Scatter between cycles, at least four per recording, by leaving out each in turn (jackknife in two strata).
     Cycles,
-    /// The residual of the rows, as many as the low-pass leaves independent: too few cycles.
+    /// Residual of the rows that are independent after the low-pass, because there are too few cycles.
     Rows,
 }
 
 impl GainErrorSource {
-    /// Name for people and scripts.
+    /// Name in output.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -103,20 +103,19 @@ impl GainErrorSource {
     }
 }
 
-/// Why a joint has no factor.
+/// Reason why a joint has no factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Unseen {
-    /// One of the recordings has no rows in which the joint moves, or fewer than unknowns.
+    /// One of the recordings has no moving rows of the joint, or fewer rows than unknowns.
     NoRows,
-    /// The load never gives the joint torque: a vertical axis that the load does not turn about, or a load
-    /// on the axis.
+    /// The load never causes a torque at the joint: the axis is vertical and the load does not turn about it, or the
+    /// load is on the axis.
     NoTorque,
-    /// The load's torque is one that the arm's own parameters could give: without load the joint did not
-    /// move as with it.
+    /// The arm's own parameters can explain the load's torque: the joint moved differently without load.
     NotApart,
     /// The interval is wider than [`MAX_RELATIVE_HALF_WIDTH`] of the factor.
     TooWeak {
-        /// Root mean square of the load's torque with load, Nm (N).
+        /// Root mean square of the load's torque in the rows with load, Nm (N).
         load_rms: f64,
         /// Standard deviation of the residual, Nm (N).
         residual_std: f64,
@@ -125,12 +124,12 @@ pub enum Unseen {
     },
 }
 
-/// The factor of each joint, from cycles without and with a load that changes the base parameters by
-/// `change` `[b]`, in the order of [`FactorColumns::kept`]. The cycles' factors must have these columns.
+/// Factor of each joint, from cycles without and with a load that changes the base parameters by `change` `[b]`, in the
+/// order of [`FactorColumns::kept`]. The cycles' factors must have these columns.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] without cycles of either kind, [`NumericsError::ColumnsDiffer`] if
-/// `change` is not one number a column.
+/// [`NumericsError::TooShort`] without cycles of either kind, [`NumericsError::ColumnsDiffer`] if `change` does not
+/// have one number per column.
 pub fn drive_gains(
     columns: &FactorColumns,
     cycles: &[RecordedCycle],
@@ -208,19 +207,19 @@ fn joined<'a>(
     all
 }
 
-/// Solution for the last column of `w` alone.
+/// Solution for the last column of `w`.
 struct LoadScale {
     scale: f64,
-    /// Squared length of the load's column, less what the others explain.
+    /// Squared length of the load's column after the part that the others explain is removed.
     information: f64,
     residual_squares: f64,
-    /// Columns used, the load's included.
+    /// Number of columns used, including the load's.
     columns: usize,
 }
 
-/// Regression on the last column less what the others explain of it (Frisch & Waugh 1933): columns of
-/// the arm that one joint's rows do not tell apart do no harm, as they would to solving for all. `None`
-/// if too little of the column is left.
+/// Regression on the last column after the part that the others explain is removed (Frisch & Waugh 1933). Columns of
+/// the arm that one joint's rows do not distinguish do no harm here, unlike in a solution for all columns. `None` if
+/// too little of the column remains.
 fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
     let (r, b) = (factor.upper(), factor.columns());
     let column = |k: usize, r: MatRef<'_, f64>| r.col(k).iter().copied().collect::<Vec<f64>>();
@@ -239,10 +238,9 @@ fn scale_of(factor: &TriangularFactor) -> Option<LoadScale> {
     Some(LoadScale { scale, information, residual_squares, columns: basis.rank() + 1 })
 }
 
-/// Standard error and its degrees of freedom from leaving out one cycle after the other: in each
-/// recording `(n-1)/n` times the sum of squared deviations (Shao & Tu 1995, 6.2), the degrees of
-/// freedom after Satterthwaite (1946). `None` with too few cycles, or where a single cycle decides
-/// everything.
+/// Standard error and its degrees of freedom from leaving out each cycle in turn: in each recording `(n-1)/n` times the
+/// sum of squared deviations (Shao & Tu 1995, 6.2), and the degrees of freedom of Satterthwaite (1946). `None` with too
+/// few cycles, or if a single cycle decides everything.
 fn jackknife(parts: &[Part], problem: &JointProblem) -> Option<(f64, f64)> {
     let mut before = vec![TriangularFactor::new(problem.columns())];
     for part in parts {

@@ -1,8 +1,8 @@
-//! Estimators that work on the stored factors of cycles and need no recording.
+//! Estimators that use the stored factors of cycles and need no recording.
 //!
-//! An estimator is a choice of weights: a joint's residual variance is a number for its factors, a
-//! robust estimate weighs whole cycles, a prior is more rows. The interval does not depend on it: with
-//! enough cycles it is their scatter (`cycle_errors`).
+//! Estimators differ in their weights: a joint's residual variance scales its factors, a robust estimate weights whole
+//! cycles, and a prior adds rows. The method for the interval is the same for all: with enough cycles, the interval
+//! follows from their scatter (`cycle_errors`).
 
 use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
 use super::pool::{PooledFactors, RowWeights};
@@ -22,34 +22,34 @@ use armwatch_model::analysis::interval::LEVEL;
 use armwatch_model::analysis::{Identification, IdentifiedParameter};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// Fewest cycles that a robust estimate weighs against each other: the median of fewer is one of them.
+/// Fewest cycles for a robust estimate: with fewer, the median is one of them.
 const FEWEST_FOR_HUBER: usize = 5;
-/// Rounds in which weights of cycles settle; some ten are usual.
+/// Largest number of iterations of the cycle weights; about ten are usual.
 const MAX_ROUNDS: usize = 100;
-/// Change of the estimated torque, relative to the noise, at which an estimate has settled.
+/// Largest change of the estimated torque, relative to the noise, of a converged estimate.
 const SETTLED: f64 = 1e-6;
 
-/// How the rows of all joints, stacked, become parameters.
+/// Estimator of parameters from the stacked rows of all joints.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StackedEstimator {
-    /// Every row counts alike [3.22].
+    /// All rows have equal weight [3.22].
     Ordinary,
-    /// Rows count by the residual variance of their joint [3.22].
+    /// The weight of a row follows from the residual variance of its joint [3.22].
     Weighted,
-    /// As weighted; a joint's rows of a cycle in which its residual is beyond
-    /// `HUBER_CONSTANT` robust spreads above the median cycle's lose weight.
+    /// Like `Weighted`, with less weight for a joint's rows of a cycle whose residual is more than `HUBER_CONSTANT`
+    /// robust spreads above the median cycle's.
     Huber,
-    /// Towards what is known beforehand. Rows count by the residual variance of their joint.
+    /// Estimate with a prior. The weight of a row follows from the residual variance of its joint.
     Prior {
-        /// What is known, by parameter.
+        /// Priors by parameter.
         priors: Vec<(ParameterId, ParameterPrior)>,
-        /// How firmly it is believed.
+        /// Strength of the priors.
         strength: PriorStrength,
     },
 }
 
 impl StackedEstimator {
-    /// Its name alone.
+    /// Kind of the estimator.
     #[must_use]
     pub fn kind(&self) -> EstimatorKind {
         match self {
@@ -61,23 +61,23 @@ impl StackedEstimator {
     }
 }
 
-/// What standard errors stand on.
+/// Source of the standard errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ErrorBasis {
-    /// The scatter between cycles.
+    /// Scatter between cycles.
     Cycles {
-        /// How many.
+        /// Number of cycles.
         count: usize,
     },
-    /// The residual, and the share of rows that are independent.
+    /// Residual and share of independent rows.
     IndependentRows {
-        /// That share.
+        /// Share of independent rows.
         fraction: f64,
     },
 }
 
 impl ErrorBasis {
-    /// Its name alone.
+    /// Kind of the source.
     #[must_use]
     pub fn source(self) -> ErrorSource {
         match self {
@@ -87,54 +87,54 @@ impl ErrorBasis {
     }
 }
 
-/// Parameters from cycles.
+/// Parameters estimated from cycles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PooledEstimate {
-    /// Values with standard errors. Parameters taken away as not essential are 0 without an error.
+    /// Values with standard errors. Parameters removed as not essential are 0 and have no error.
     pub identification: Identification,
     /// Half the width of the 95 % interval of each parameter.
     pub half_width: Vec<f64>,
-    /// What the standard errors stand on.
+    /// Source of the standard errors.
     pub errors: ErrorBasis,
     /// Weights of the rows.
     pub weights: RowWeights,
-    /// Whether iterated weights have settled.
+    /// True if the iterated weights have converged.
     pub settled: bool,
-    /// What a prior did.
+    /// Effect of a prior.
     pub prior: Option<PriorReport>,
-    /// What was taken away, if that was asked for.
+    /// Parameters removed as not essential, if requested.
     pub essential: Option<EssentialReport>,
 }
 
-/// What a prior did to an estimate.
+/// Effect of a prior on an estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PriorReport {
-    /// How much of each parameter is data: 1 all data, 0 all prior.
+    /// Share of data in each parameter: 1 all data, 0 all prior.
     pub data_share: Vec<f64>,
     /// Factor on the prior's standard deviations.
     pub spread: f64,
 }
 
-/// Which parameters are not worth their uncertainty.
+/// Parameters that are not worth their uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EssentialReport {
-    /// Taken away, the least certain first.
+    /// Removed parameters, the least certain first.
     pub removed: Vec<ParameterId>,
     /// F statistic of the smaller set against the full one.
     pub f_statistic: f64,
-    /// Largest F that counts as no worse.
+    /// Largest F of an equally good smaller set.
     pub f_limit: f64,
-    /// The full set.
+    /// Estimate with all parameters.
     pub full: Vec<IdentifiedParameter>,
 }
 
-/// Identifies one parameter set on all cycles, joints stacked. Parameters that the motion does not show are in it as
-/// [`IdentifiedParameter::is_shown`] says.
+/// Identifies one parameter set from all cycles, joints stacked. It includes parameters that the motion does not show;
+/// see [`IdentifiedParameter::is_shown`].
 ///
 /// # Errors
-/// [`NumericsError::RankDeficient`] if the motion does not show three quarters of the parameters (not with a prior on
-/// those it does not show), [`NumericsError::TooShort`] with too few rows, or too few cycles for
-/// [`StackedEstimator::Huber`]; those of `weighted` and `with_prior`.
+/// [`NumericsError::RankDeficient`] if the motion shows less than three quarters of the parameters and no prior covers
+/// the others, [`NumericsError::TooShort`] with too few rows, or too few cycles for [`StackedEstimator::Huber`]; the
+/// errors of `weighted` and `with_prior`.
 pub fn estimate(
     union: &PooledFactors,
     estimator: &StackedEstimator,
@@ -175,10 +175,10 @@ fn of_columns(
     least_squares(union, kept, weights, settled)
 }
 
-/// As [`estimate`], with the fewest parameters that explain the torque as well.
+/// Same as [`estimate`], with the fewest parameters that explain the torque equally well.
 ///
 /// # Errors
-/// Those of [`estimate`]; [`NumericsError::Unsupported`] with a prior, which leaves no parameter out.
+/// Those of [`estimate`]; [`NumericsError::Unsupported`] with a prior, which removes no parameter.
 pub fn estimate_essential(
     union: &PooledFactors,
     estimator: &StackedEstimator,
@@ -229,7 +229,7 @@ fn only(factor: TriangularFactor, columns: &[usize]) -> TriangularFactor {
     if columns.len() == factor.columns() { factor } else { factor.restricted(columns) }
 }
 
-/// Solves for the columns `kept` with given weights; the others count as zero.
+/// Solves for the columns `kept` with given weights; the others are zero.
 fn least_squares(
     union: &PooledFactors,
     kept: &[usize],
@@ -294,9 +294,9 @@ fn residual_std(union: &PooledFactors, parameters: &[IdentifiedParameter], count
     (squares / (rows as f64 - count as f64).max(1.0)).sqrt()
 }
 
-/// Weights of joints and of their cycles, iterated: a joint's noise is the median over the cycles of
-/// the RMS residual; a cycle beyond the median by more than Huber's constant times the robust spread
-/// weighs as much less as its residual is larger than that limit.
+/// Iterates the weights of joints and of their cycles. A joint's noise is the median over the cycles of the RMS
+/// residual. A cycle whose residual exceeds the median by more than Huber's constant times the robust spread has the
+/// weight limit / residual.
 fn huber_weights(union: &PooledFactors, columns: &[usize]) -> Result<(RowWeights, bool), NumericsError> {
     let cycles = union.cycles();
     if cycles.len() < FEWEST_FOR_HUBER {
@@ -356,8 +356,7 @@ fn reweighted(union: &PooledFactors, theta: &[f64]) -> Result<RowWeights, Numeri
     Ok(RowWeights { kept: Some(kept), ..RowWeights::of_noise(&noise) })
 }
 
-/// A poor motion leaves no stacked solution to take each joint's noise from, so it comes from the
-/// joint's own fit.
+/// Estimates with a prior. The fit of each joint gives its noise, because a poor motion has no stacked solution.
 fn towards_prior(
     union: &PooledFactors,
     priors: &[Option<ParameterPrior>],
@@ -405,8 +404,8 @@ fn towards_prior(
     })
 }
 
-/// Standard errors and degrees of freedom of an estimate with a prior: the scatter of the cycles' scores
-/// beside the variance of the prior's own rows, which is 1 each.
+/// Standard errors and degrees of freedom of an estimate with a prior: the scatter of the cycles' scores plus the
+/// variance of the prior's own rows, which is 1 each.
 fn prior_scatter(
     union: &PooledFactors,
     weights: &RowWeights,
@@ -431,7 +430,7 @@ fn prior_scatter(
     };
     let combined = |k: usize| {
         let (data, prior) = (scatter.matrix[(k, k)], of_prior(k));
-        // what the prior adds is known, and leaves the scatter's degrees of freedom their share
+        // the prior's part of the variance is known, so the scatter's degrees of freedom grow
         let freedom = scatter.freedom[k] * ((data + prior) / data.max(f64::MIN_POSITIVE)).powi(2);
         ((data + prior).sqrt(), freedom)
     };

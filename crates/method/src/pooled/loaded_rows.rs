@@ -10,30 +10,29 @@ use armwatch_model::robot::{
     CouplingTerm, JointIndex, ParameterId, ParameterKind, Robot, StandardParameters,
 };
 
-/// Share of a unit-norm column that must be new for it to count as another one: far above the rounding of
-/// a factor (1e-13), far below what any motion leaves of a parameter that it shows.
+/// Smallest new share of a unit-norm column for it to count as independent: far above the rounding of a factor (1e-13),
+/// far below the new share of any parameter that a motion shows.
 pub(super) const NEW_SHARE: f64 = 1e-8;
 
-/// Fewest cycles of each recording whose scatter gives an error: Student's quantile for three degrees of
-/// freedom is still worth having.
+/// Smallest number of cycles of each recording whose scatter gives an error: Student's quantile for three degrees of
+/// freedom is still useful.
 pub(super) const MIN_CYCLES: usize = 4;
 
-/// A cycle: its factors and whether the load was on.
+/// Factors of a cycle, and its load state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedCycle {
-    /// Whether the load was on.
+    /// True if the load was on.
     pub loaded: bool,
-    /// The cycle's factors; those of moving rows of the excitation stage are used.
+    /// Factors of the cycle; only those of moving rows of the excitation stage are used.
     pub factors: Vec<JointFactor>,
     /// Share of each joint's rows that are independent, `[n]`
-    /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a missing one
-    /// counts as 1.
+    /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a missing
+    /// one counts as 1.
     pub independent_shares: Vec<f64>,
 }
 
-/// The change of the base parameters `[b]` that a load brings, in the order of [`BaseParameters::kept`].
-/// `load` are its ten parameters about the frame of the last link: [`StandardParameters::seen_from`] takes
-/// them there.
+/// Change of the base parameters `[b]` by a load, in the order of [`BaseParameters::kept`]. `load` are its ten
+/// parameters about the frame of the last link; [`StandardParameters::seen_from`] transforms them to it.
 #[must_use]
 pub fn load_change(robot: &Robot, base: &BaseParameters, load: &StandardParameters) -> Vec<f64> {
     let mut phi = vec![0.0; robot.parameter_count()];
@@ -44,8 +43,8 @@ pub fn load_change(robot: &Robot, base: &BaseParameters, load: &StandardParamete
     base.group(&phi)
 }
 
-/// The columns of one joint: those of its rows that are the arm's, those that are friction, and the
-/// changes that the loads bring, `[loads][columns of the joint]`.
+/// Columns of one joint: those of the arm, those of friction, and the changes by the loads,
+/// `[loads][columns of the joint]`.
 pub(super) struct JointProblem {
     pub(super) arm: Vec<usize>,
     friction: Vec<usize>,
@@ -54,10 +53,10 @@ pub(super) struct JointProblem {
 
 /// Factor of one joint in one cycle, with friction removed.
 pub(super) struct Part {
-    /// Place of the cycle among all.
+    /// Index of the cycle among all.
     pub(super) cycle: usize,
     pub(super) loaded: bool,
-    /// Of `[w_arm, w d.. | tau]`, each less what the cycle's friction columns explain of it; `w d` is zero
+    /// Factor of `[w_arm, w d.. | tau]`, each without the part that the cycle's friction columns explain; `w d` is zero
     /// without load.
     pub(super) factor: TriangularFactor,
     pub(super) rows: f64,
@@ -126,7 +125,7 @@ impl JointProblem {
     }
 }
 
-/// Whether a parameter may change from cycle to cycle.
+/// Returns true if a parameter may change from cycle to cycle.
 pub(super) fn is_friction(kind: ParameterKind) -> bool {
     match kind {
         ParameterKind::Friction(_) => true,

@@ -1,17 +1,17 @@
-//! Priors from what is known of an arm: its description's nominal parameters, or values with their
-//! standard errors from elsewhere.
+//! Priors from known values of an arm: its description's nominal parameters, or external values with their standard
+//! errors.
 
 use crate::least_squares::prior::ParameterPrior;
 use crate::model::base_parameters::BaseParameters;
 use armwatch_model::robot::{CouplingTerm, ParameterId, ParameterKind, Robot};
 
-/// Part of a value that its prior's standard deviation is where nothing else is said: a drawing without
-/// cables and grease, or a catalogue's friction, is rarely better.
+/// Default standard deviation of a prior, as a fraction of the value: a drawing without cables and grease, or a
+/// catalogue's friction, is rarely more accurate.
 pub const PRIOR_STD_FRACTION: f64 = 0.3;
 
-/// Base parameters `[b]` of the nominal parameters of a description, with everything grouped into them.
-/// `None` where a parameter or one of its group has no nominal value: a joint without nominal
-/// parameters, a coupled motor, friction of another law than the nominal one.
+/// Base parameters `[b]` from the nominal parameters of a description, including all grouped ones. `None` if a
+/// parameter or one of its group has no nominal value: a joint without nominal parameters, a coupled motor, friction of
+/// another law than the nominal one.
 #[must_use]
 pub fn nominal_base(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
     let value = |id: ParameterId| nominal_value(robot, id);
@@ -24,7 +24,7 @@ pub fn nominal_base(robot: &Robot, base: &BaseParameters) -> Vec<Option<f64>> {
         .collect()
 }
 
-/// The description's value of a parameter, in the unit of [`ParameterId::unit`].
+/// Described value of a parameter, in the unit of [`ParameterId::unit`].
 #[must_use]
 pub fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
     let nominal = robot.joints.get(id.joint.index())?.nominal.as_ref()?;
@@ -44,9 +44,9 @@ pub fn nominal_value(robot: &Robot, id: ParameterId) -> Option<f64> {
     }
 }
 
-/// Priors whose standard deviations are `fraction` of the value, or of the root mean square of the
-/// joint's values of the same kind and unit if that is more: a product of inertia that happens to be
-/// zero is not known to be zero. No prior where all of these are zero, or for `None`.
+/// Priors whose standard deviations are `fraction` of the value, or of the root mean square of the joint's values of
+/// the same kind and unit if that is more: a product of inertia with the described value zero may differ from zero. No
+/// prior if all of these are zero, or for `None`.
 #[must_use]
 pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Vec<Option<ParameterPrior>> {
     let scale = |id: ParameterId| {
@@ -63,7 +63,7 @@ pub fn with_fraction(values: &[(ParameterId, Option<f64>)], fraction: f64) -> Ve
     values.iter().map(prior).collect()
 }
 
-/// Which parameters of a joint are of one size: those of one unit.
+/// Group of a joint's parameters of similar size: those of one unit.
 fn kin(kind: ParameterKind) -> u8 {
     match kind {
         ParameterKind::Inertial(0) => 0,

@@ -1,24 +1,25 @@
 //! Payload of an arm, from recordings of the same motion without and with it.
 //!
-//! The torque that a load adds to joint `j` is linear in its ten parameters `d`, and the drive's gain is off by an unknown
-//! factor `s_j` = gain used over true gain ([`super::drive_gain`]):
+//! The torque that a load adds to joint `j` is linear in its ten parameters `d`, and the drive's gain is off by an
+//! unknown factor `s_j` = gain used over true gain ([`super::drive_gain`]):
 //!
 //! ```text
 //! tau_j = w_j phi_j + s_j X_j d + friction of the cycle
 //! ```
 //!
-//! Each joint has arm parameters `phi_j` of its own, since its gain scales them too, so that the error of the empty model is
-//! part of the error of `d`. Products `s_j d` do not change if all gains grow by `c` and the load shrinks by it. The ratios of
-//! the gains follow from the joints that carry the same load; their common factor `c` follows only from the stated bound `u`:
-//! each `s_j` is anywhere within `1 ± u`, with equal probability. With `ŝ_j ± e_j` from the rows:
+//! Each joint has its own arm parameters `phi_j`, since its gain scales them too, so the error of the empty model is
+//! part of the error of `d`. Products `s_j d` do not change if all gains grow by `c` and the load shrinks by it. The
+//! ratios of the gains follow from the joints that carry the same load; their common factor `c` follows only from the
+//! stated bound `u`: each `s_j` is anywhere within `1 ± u`, with equal probability. With `ŝ_j ± e_j` from the rows:
 //!
 //! ```text
 //! p(c) ~ c^(n-1) prod_j [ Phi((1 + u - c ŝ_j) / (c e_j)) - Phi((1 - u - c ŝ_j) / (c e_j)) ]
 //! ```
 //!
-//! Intervals are quantiles of the mixture over `c`. The prior of the ratios is a normal distribution with the
-//! variance of the uniform one, which makes intervals too wide for gains that differ by chance. The gains count as independent,
-//! which makes the interval of the mass too narrow if one error is common to all of them.
+//! Intervals are quantiles of the mixture over `c`. This distribution assumes independent errors of the gains. If the
+//! ratios allow one error in common, an interval also contains the quantiles for any `c` that keeps the mean gain
+//! within its bound. The prior of the ratios is a normal distribution with the variance of the uniform one, which makes
+//! intervals too wide for gains with independent errors.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -30,38 +31,38 @@ use crate::model::base_parameters::BaseParameters;
 use crate::statistics::distributions::{normal_probability, student_quantile};
 use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
 
-/// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². Wide for what an arm of
-/// some ten kilograms carries.
+/// Prior standard deviations of a load: mass, kg, first moments, kg m, and inertia, kg m². They are wide for the load
+/// of an arm of about ten kilograms.
 pub(crate) const LOAD_PRIOR: [f64; LOAD] = [20.0, 5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0];
-/// Parameters of a load.
+/// Number of parameters of a load.
 const LOAD: usize = StandardParameters::COUNT;
 
 /// Probability of the intervals.
 const LEVEL: f64 = 0.95;
-/// Smallest bound of a gain, so that intervals of exact gains stay finite sums.
+/// Smallest bound of a gain; keeps the sums finite for exact gains.
 const LEAST_BOUND: f64 = 1e-4;
-/// Largest bound: gains that are off by more are wrong settings.
+/// Largest bound: gains with a larger error are wrong settings.
 const LARGEST_BOUND: f64 = 0.9;
-/// Factor by which a bound is widened where the joints contradict it.
+/// Factor for widening a bound if the joints contradict it.
 const WIDER: f64 = 1.1;
 /// Logarithm of the agreement of gains with their bounds below which the joints contradict them.
 const LEAST_AGREEMENT: f64 = -8.0;
-/// Bounds that the standard deviation of a ratio without any other information is.
+/// Standard deviation of a ratio without any other information, in bounds.
 const FREE_BOUNDS: f64 = 10.0;
-/// Places at which the common factor of the gains is summed up.
+/// Number of points in sums over the common factor of the gains.
 const PLACES: u32 = 400;
-/// Most steps of the fit; about six are usual.
+/// Largest number of steps of the fit; about six are usual.
 const MAX_STEPS: usize = 60;
-/// Change relative to its scale at which the fit has converged.
+/// Largest change, relative to its scale, of a converged fit.
 const CONVERGED: f64 = 1e-10;
-/// Halvings that find a quantile.
+/// Number of halvings in the search for a quantile.
 const HALVINGS: usize = 60;
-/// Half the width of the interval of a mass, kg, up to which a motion shows even a mass of zero.
+/// Largest half-width of the interval of a mass, kg, that shows even a mass of zero.
 const SHOWN_MASS: f64 = 1.0;
-/// Half the width of the interval of a centre, m, up to which a motion shows it: the size of a hand.
+/// Largest half-width of the interval of a centre, m, that shows it: the size of a hand.
 const SHOWN_CENTRE: f64 = 0.1;
 
-/// A quantity with its 95 % interval.
+/// Quantity with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
     /// Best value.
@@ -70,7 +71,7 @@ pub struct Interval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// Whether the motion shows it.
+    /// True if the motion shows the quantity.
     pub is_shown: bool,
 }
 
@@ -89,19 +90,19 @@ pub struct Payload {
     pub centre: [Interval; 3],
     /// Inertia about the centre of mass, axes of the tool frame, kg m²: `xx`, `xy`, `xz`, `yy`, `yz`, `zz`.
     pub inertia: [Interval; 6],
-    /// Bound of the relative error of each gain that the intervals contain: the stated one, or the smallest that agrees with
-    /// the joints.
+    /// Bound of the relative error of each gain in the intervals: the stated one, or the smallest that agrees with the
+    /// joints.
     pub gain_bound: f64,
-    /// Cycles without and with the load.
+    /// Number of cycles without and with the load.
     pub cycles: [usize; 2],
 }
 
-/// The load in the last recordings that the first ones lack. `gain_bound` is the largest relative error of a drive gain, 0 to
-/// below 1.
+/// Load that the loaded recordings have and the others lack. `gain_bound` is the largest relative error of a drive
+/// gain, 0 to below 1.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] without moving rows of either kind, [`NumericsError::ColumnsDiffer`] if the factors are not
-/// over the base parameters of `robot`, [`NumericsError::NotFinite`] if nothing follows from the rows.
+/// [`NumericsError::TooShort`] without moving rows of either kind, [`NumericsError::ColumnsDiffer`] if the factors are
+/// not over the base parameters of `robot`, [`NumericsError::NotFinite`] if the rows give no finite result.
 pub fn payload(
     robot: &Robot,
     base: &BaseParameters,
@@ -130,19 +131,19 @@ pub fn payload(
     Fit::of(&joints, bound)?.payload(&joints, bound, counts)
 }
 
-/// Rows of one joint as a function of the load, less the part that the arm's own parameters explain.
+/// Rows of one joint as a function of the load, without the part that the arm's own parameters explain.
 struct JointLoad {
-    /// By cycle: place, whether the load was on, `XᵀX` `[10 x 10]` and `Xᵀtau` `[10]` over its rows.
+    /// Cycles: index, true if loaded, `XᵀX` `[10 x 10]` and `Xᵀtau` `[10]` over its rows.
     cycles: Vec<(usize, bool, DMatrix<f64>, DVector<f64>)>,
     /// Sums of these over all cycles.
     gram: DMatrix<f64>,
     score: DVector<f64>,
-    /// One over the variance of a row that counts as independent, 1/Nm².
+    /// Inverse variance of a row that counts as independent, 1/Nm².
     weight: f64,
 }
 
 impl JointLoad {
-    /// `None` for a joint without rows of either kind, or with fewer than unknowns.
+    /// Collects the rows of a joint; `None` for a joint without rows of either kind, or with fewer rows than unknowns.
     fn of(
         columns: &FactorColumns,
         cycles: &[RecordedCycle],
@@ -182,7 +183,7 @@ impl JointLoad {
     }
 }
 
-/// Squares that the load's columns explain, and how many of them are independent.
+/// Squares that the load's columns explain, and the number of independent columns.
 fn explained(gram: &DMatrix<f64>, score: &DVector<f64>) -> (f64, usize) {
     let eigen = gram.clone().symmetric_eigen();
     let least = NEW_SHARE * eigen.eigenvalues.max();
@@ -194,15 +195,15 @@ fn explained(gram: &DMatrix<f64>, score: &DVector<f64>) -> (f64, usize) {
 /// Gains of the joints and the load in units of [`LOAD_PRIOR`], `[joints + 10]`.
 struct Fit {
     at: DVector<f64>,
-    /// Covariances at a fixed common factor of the gains, with their degrees of freedom: of the cycles without and with the
-    /// load, or of all rows; then that of what only the bounds say of the ratios.
+    /// Covariances at a fixed common factor of the gains, with their degrees of freedom: of the cycles without and with
+    /// the load, or of all rows; then the part of the ratios that only the bounds determine.
     covariances: Vec<(DMatrix<f64>, f64)>,
     /// Standard deviations of the gains' ratios from the rows alone.
     ratio_errors: Vec<f64>,
 }
 
 impl Fit {
-    /// Gauss-Newton on the weighted squares of all joints, towards gains of one.
+    /// Gauss-Newton fit of the weighted squares of all joints, with a prior of gains at one.
     fn of(joints: &[JointLoad], bound: f64) -> Result<Self, NumericsError> {
         let n = joints.len();
         let prior = 3.0 / (bound * bound);
@@ -302,7 +303,7 @@ impl Fit {
             let normal = student_quantile(0.5 + 0.5 * LEVEL, f64::INFINITY);
             let wider =
                 if freedom.is_finite() { student_quantile(0.5 + 0.5 * LEVEL, freedom) / normal } else { 1.0 };
-            // a centre is a ratio, which the common factor of the gains leaves alone
+            // a centre is a ratio, which does not depend on the common factor of the gains
             let scales = !(1..4).contains(&which);
             factors.interval(values[which], wider * variance.sqrt(), scales)
         };
@@ -331,7 +332,7 @@ fn score(
     slope
 }
 
-/// Information of all rows, and `prior` of each gain, `[joints + 10]²`.
+/// Information of all rows, plus `prior` for each gain, `[joints + 10]²`.
 fn information(joints: &[JointLoad], at: &DVector<f64>, prior: f64) -> DMatrix<f64> {
     let n = joints.len();
     let load = at.rows(n, LOAD);
@@ -352,8 +353,8 @@ fn information(joints: &[JointLoad], at: &DVector<f64>, prior: f64) -> DMatrix<f
     whole
 }
 
-/// Scatter of the cycles' scores without and with the load, with the degrees of freedom; `None` with too few cycles of either
-/// kind.
+/// Scatter of the cycles' scores without and with the load, with the degrees of freedom; `None` with too few cycles of
+/// either kind.
 fn of_cycles(joints: &[JointLoad], at: &DVector<f64>) -> Option<Vec<(DMatrix<f64>, f64)>> {
     let n = joints.len();
     let of_kind = |loaded: bool| {
@@ -375,7 +376,7 @@ fn of_cycles(joints: &[JointLoad], at: &DVector<f64>) -> Option<Vec<(DMatrix<f64
     Some(vec![of_kind(false)?, of_kind(true)?])
 }
 
-/// Mass, centre and inertia about the centre of the ten parameters of a body.
+/// Mass, centre and inertia about the centre from the ten parameters of a body.
 fn quantities(load: &[f64; LOAD]) -> [f64; LOAD] {
     let body = StandardParameters(*load);
     let centre: Vector3<f64> = body.centre_of_mass();
@@ -383,7 +384,7 @@ fn quantities(load: &[f64; LOAD]) -> [f64; LOAD] {
     [body.mass(), centre.x, centre.y, centre.z, i.m11, i.m12, i.m13, i.m22, i.m23, i.m33]
 }
 
-/// Marks what the motion shows. An inertia is shown where its interval is narrower than the largest moment.
+/// Marks the quantities that the motion shows. An inertia is shown if its interval is narrower than the largest moment.
 fn shown(all: [Interval; LOAD], gain_bound: f64, cycles: [usize; 2]) -> Payload {
     let [mass, x, y, z, inertia @ ..] = all;
     let with = |of: Interval, is_shown: bool| Interval { is_shown, ..of };
@@ -399,10 +400,10 @@ fn shown(all: [Interval; LOAD], gain_bound: f64, cycles: [usize; 2]) -> Payload 
     }
 }
 
-/// Distributions of the common factor `c` of the gains: of gains that are off by errors of their own, and of gains with one
-/// error in common, if their ratios allow it.
+/// Distributions of the common factor `c` of the gains: for gains with independent errors, and for gains with one error
+/// in common if their ratios allow it.
 struct CommonFactor {
-    /// Places with their probabilities, which add up to one.
+    /// Values of `c` with their probabilities, which add up to one.
     distributions: Vec<Vec<(f64, f64)>>,
     /// Largest logarithm of the probability that all gains are within their bounds.
     agreement: f64,
@@ -411,19 +412,19 @@ struct CommonFactor {
 impl CommonFactor {
     fn of(gains: &[f64], errors: &[f64], bound: f64) -> Self {
         let (low, high) = (1.0 - bound, 1.0 + bound);
-        // the share of gains within their bounds at this factor, as a logarithm
+        // log probability that all gains are within their bounds at this factor
         let agreement = |c: f64| -> f64 {
             let within = |(gain, error): (&f64, &f64)| {
                 let error = error.max(LEAST_BOUND * bound);
                 let [from, to] = [low, high].map(|end| (end / c - gain) / error);
-                // where both ends are on one side, the tail keeps its digits
+                // if both ends have the same sign, the negative tail keeps its digits
                 let (from, to) = if from > 0.0 { (-to, -from) } else { (from, to) };
                 (normal_probability(to) - normal_probability(from)).max(f64::MIN_POSITIVE).ln()
             };
             gains.iter().zip(errors).map(within).sum()
         };
         let spread = gains.iter().zip(errors).map(|(gain, error)| (gain.abs(), error.min(bound)));
-        // the factors at which no gain is far outside
+        // range of factors that keeps every gain near its bounds
         let (least, most) = spread.fold((f64::INFINITY, 0.0_f64), |(least, most), (gain, error)| {
             (least.min(gain + 4.0 * error), most.max(gain - 4.0 * error))
         });
@@ -442,7 +443,7 @@ impl CommonFactor {
         Self { distributions, agreement: best }
     }
 
-    /// Any factor that leaves the mean gain within its bounds; `None` if the gains differ by more than their errors.
+    /// All factors that keep the mean gain within its bounds; `None` if the gains differ by more than their errors.
     fn in_common(gains: &[f64], errors: &[f64], bound: f64) -> Option<Vec<(f64, f64)>> {
         let weights = || errors.iter().map(|error| error.max(LEAST_BOUND * bound).powi(-2));
         let mean = gains.iter().zip(weights()).map(|(gain, weight)| weight * gain).sum::<f64>()
@@ -457,8 +458,8 @@ impl CommonFactor {
         })
     }
 
-    /// Interval of a quantity with the value `value` and the error `error` where the factor is one: the one that contains
-    /// those of all distributions.
+    /// Interval of a quantity with the value `value` and the error `error` at a factor of one: it contains the
+    /// intervals of all distributions.
     fn interval(&self, value: f64, error: f64, scales: bool) -> Interval {
         let all = self.distributions.iter().map(|places| Self::interval_of(places, value, error, scales));
         let joined =

@@ -1,4 +1,4 @@
-//! Each joint's rows alone [3.21], from the stored factors of cycles.
+//! Estimates from each joint's rows alone [3.21], from the stored factors of cycles.
 
 use super::cycle_errors::{FEWEST_CYCLES, ProblemColumns, between_cycles};
 use super::estimate::{ErrorBasis, half};
@@ -10,25 +10,24 @@ use crate::least_squares::weighted::per_joint;
 use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// What one joint's rows alone say [3.21].
+/// Parameters from one joint's rows alone [3.21].
 #[derive(Debug, Clone, PartialEq)]
 pub struct PerJointEstimate {
     /// The joint.
     pub joint: JointIndex,
-    /// The parameters that it tells apart; samples are its rows.
+    /// Parameters that the joint's torque distinguishes; samples are its rows.
     pub identification: Identification,
-    /// Half the width of the 95 % interval of each.
+    /// Half the width of the 95 % interval of each parameter.
     pub half_width: Vec<f64>,
-    /// Parameters that it sees only within those before them: their share is in these.
+    /// Parameters that its torque shows only as part of earlier ones, which include their share.
     pub within_others: Vec<ParameterId>,
-    /// Parameters that never changed its torque, by the arm's structure or in this motion.
+    /// Parameters that never changed its torque, due to the arm's structure or this motion.
     pub unseen: Vec<ParameterId>,
-    /// What the standard errors stand on.
+    /// Source of the standard errors.
     pub errors: ErrorBasis,
 }
 
-/// Each joint's view of the parameters [3.21], from its own rows alone; an error in place of a view
-/// where its motion is too poor.
+/// Parameters [3.21] from each joint's own rows alone, or an error if its motion is too poor.
 #[must_use]
 pub fn per_joint_estimates(
     union: &PooledFactors,

@@ -1,4 +1,4 @@
-//! The stored factors of many cycles together (unit identification, thesis 5.1.4).
+//! Stored factors of many cycles together (unit identification, thesis 5.1.4).
 
 use crate::NumericsError;
 use crate::identify::cycle::identify_factors;
@@ -8,7 +8,7 @@ use crate::model::base_parameters::BaseParameters;
 use armwatch_model::analysis::{Estimator, Identification};
 use armwatch_model::robot::{JointIndex, ParameterId};
 
-/// The rows of chosen cycles that serve identification, joined as cycles come in.
+/// Rows of chosen cycles for identification, joined as cycles are added.
 #[derive(Debug, Clone)]
 pub struct PooledFactors {
     columns: FactorColumns,
@@ -16,38 +16,38 @@ pub struct PooledFactors {
     cycles: Vec<CycleParts>,
 }
 
-/// The rows of one cycle that serve identification.
+/// Rows of one cycle for identification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleParts {
-    /// Factor of each joint over its own columns, `[n]`; without rows where the joint has none.
+    /// Factor of each joint over its own columns, `[n]`; without rows if the joint has none.
     pub by_joint: Vec<TriangularFactor>,
     /// Share of each joint's rows that are independent, `[n]`.
     pub independent_shares: Vec<f64>,
 }
 
-/// How much the squares of rows count: of each joint and, for some estimators, of each cycle.
+/// Weights of squared rows, by joint and, for some estimators, by cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RowWeights {
     /// Weight of each joint's squares, `[n]`, 1/Nm².
     pub by_joint: Vec<f64>,
-    /// Share of it that each cycle's joint keeps, `[cycles][n]`; all of it if `None`.
+    /// Share of this weight for each joint in each cycle, `[cycles][n]`; all of it if `None`.
     pub kept: Option<Vec<Vec<f64>>>,
 }
 
 impl RowWeights {
-    /// Every row counts alike.
+    /// Equal weight for all rows.
     #[must_use]
     pub fn equal(joint_count: usize) -> Self {
         Self { by_joint: vec![1.0; joint_count], kept: None }
     }
 
-    /// Each joint by its noise `sigma` `[n]`, Nm.
+    /// Weight of each joint by its noise `sigma` `[n]`, Nm.
     #[must_use]
     pub fn of_noise(sigma: &[f64]) -> Self {
         Self { by_joint: sigma.iter().map(|s| 1.0 / (s * s)).collect(), kept: None }
     }
 
-    /// The weight of the squares of a joint's rows in a cycle.
+    /// Weight of the squares of a joint's rows in a cycle.
     #[must_use]
     pub fn of(&self, cycle: usize, joint: usize) -> f64 {
         self.by_joint[joint] * self.kept.as_ref().map_or(1.0, |kept| kept[cycle][joint])
@@ -55,15 +55,15 @@ impl RowWeights {
 }
 
 impl PooledFactors {
-    /// Of no cycles yet; all must have these columns.
+    /// Creates a pool without cycles; all cycles must have these columns.
     #[must_use]
     pub fn new(columns: FactorColumns) -> Self {
         let by_joint = columns.by_joint().iter().map(|of| TriangularFactor::new(of.len())).collect();
         Self { columns, by_joint, cycles: Vec::new() }
     }
 
-    /// Joins the rows of a cycle in which joints move during excitation; other factors are passed
-    /// over. `independent_shares` `[n]` say for each joint how many of these rows count as independent
+    /// Joins the rows of a cycle with moving joints during excitation, and ignores other factors. `independent_shares`
+    /// `[n]` are the shares of each joint's rows that count as independent
     /// ([`JointResidual::independent_share`](armwatch_model::analysis::JointResidual::independent_share)); a
     /// missing one counts as 1.
     ///
@@ -107,7 +107,7 @@ impl PooledFactors {
         &self.columns
     }
 
-    /// The cycles, in the order in which they came.
+    /// Cycles in the order of addition.
     #[must_use]
     pub fn cycles(&self) -> &[CycleParts] {
         &self.cycles
@@ -178,8 +178,8 @@ impl PooledFactors {
         self.by_joint.iter().zip(self.columns.by_joint().iter()).map(of_joint).collect()
     }
 
-    /// Each joint's factor over all `b` columns, of which each cycle keeps its share, `[n]`; the noise of the
-    /// joints takes no part.
+    /// Each joint's factor over all `b` columns, with the share of each cycle, `[n]`; without the weights from the
+    /// joints' noise.
     #[must_use]
     pub fn embedded_shares(&self, weights: &RowWeights) -> Vec<TriangularFactor> {
         if weights.kept.is_none() {
@@ -204,7 +204,7 @@ impl PooledFactors {
             .collect()
     }
 
-    /// Identifies all joints stacked [3.22], each row of each cycle with the same weight.
+    /// Identifies all joints stacked [3.22], with equal weight for all rows.
     ///
     /// # Errors
     /// Those of [`identify_factors`].

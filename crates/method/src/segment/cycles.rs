@@ -1,8 +1,7 @@
-//! Where cycles begin, and which rows belong to which stage.
+//! Cuts recordings into cycles.
 //!
-//! A cycle begins where the recorded cycle counter changes or, without a counter, where the stage
-//! signal falls back to an earlier stage: excitation, friction and warming follow each other in
-//! this order inside a cycle.
+//! A change of the recorded cycle counter begins a cycle. Without a counter, a cycle begins when the stage signal falls
+//! back to an earlier stage: excitation, friction and warming follow each other in this order within a cycle.
 
 use std::ops::Range;
 
@@ -11,15 +10,15 @@ use serde::{Deserialize, Serialize};
 use crate::buffers::Buffers;
 use armwatch_model::run::{Cycle, Samples, Stage};
 
-/// Most rows of one cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's; its
-/// samples take 160 MB for six joints, which bounds the memory of a run without boundaries.
+/// Largest number of rows per cycle. At 1 kHz this is a cycle of 16 minutes, three times the thesis's. Its samples take
+/// 160 MB for six joints, which bounds the memory of a run without boundaries.
 pub const MAX_CYCLE_ROWS: usize = 1_000_000;
 
-/// Most rows that the first cycle of a recording gets room for beyond twice those already read, since its length is unknown: one of
-/// six minutes at 250 Hz. Channels that grow in small steps leave memory idle.
+/// Largest number of rows reserved for the first cycle of a recording beyond twice those already read: six minutes at
+/// 250 Hz. The length is unknown, and channels that grow in small steps waste memory.
 const GUESSED_ROWS: usize = 100_000;
 
-/// Why a recording has no cycles.
+/// Reason why a recording has no cycles.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SegmentError {
     /// The stage signal never leaves "between stages".
@@ -31,7 +30,7 @@ pub enum SegmentError {
         /// Rows of the recording.
         rows: u64,
     },
-    /// A cycle does not end.
+    /// A cycle has no end.
     #[error(
         "no cycle boundary in {rows} rows from time {start_s} s; record a cycle counter, or the stage signal of \
          every cycle"
@@ -39,23 +38,23 @@ pub enum SegmentError {
     Endless {
         /// Rows since the last boundary.
         rows: usize,
-        /// Time of the first of them, s.
+        /// Time of the first of these rows, s.
         start_s: f64,
     },
-    /// The cycle counter stands at zero inside a cycle.
+    /// The cycle counter is zero inside a cycle.
     #[error(
         "the cycle counter comes back to {counter} at time {time_s} s after it stood at zero; export each test to a \
          file of its own, or leave the counter as it is inside a cycle"
     )]
     CounterReturns {
-        /// Counter before and after.
+        /// Counter before and after the zero.
         counter: u32,
-        /// Row of the recording at which it is back, from 0.
+        /// Row of its return in the recording, from 0.
         row: u64,
         /// Time of that row, s.
         time_s: f64,
     },
-    /// The cycle counter runs backwards.
+    /// The cycle counter decreases.
     #[error(
         "the cycle counter falls from {from} to {to} at time {time_s} s; export each test to a file of its own"
     )]
@@ -64,97 +63,97 @@ pub enum SegmentError {
         from: u32,
         /// Counter after.
         to: u32,
-        /// Row of the recording at which it falls, from 0.
+        /// Row of the decrease in the recording, from 0.
         row: u64,
         /// Time of that row, s.
         time_s: f64,
     },
 }
 
-/// Cuts a stream of rows into cycles, one at a time. Chunks may have any size: the cycles are the same. Each row is copied
-/// once, and memory is reserved for one cycle, however many a chunk holds.
+/// Cuts a stream of rows into cycles, one at a time. The cycles do not depend on the size of the chunks. Each row is
+/// copied once. Memory is reserved for one cycle, even if a chunk holds more.
 #[derive(Debug, Default)]
 pub struct CycleCutter {
-    /// Rows of the cycle that has not ended, those in `chunk` apart.
+    /// Rows of the open cycle, except those in `chunk`.
     open: Samples,
-    /// Rows that were pushed.
+    /// Rows of the last push.
     chunk: Samples,
-    /// Rows of `chunk` that are in `open` or in cycles.
+    /// Number of rows of `chunk` that are in `open` or in cycles.
     taken: usize,
-    /// Rows of `chunk` already searched for a boundary.
+    /// Number of rows of `chunk` already searched for a boundary.
     searched: usize,
     stage_reached: Option<Stage>,
     counter: Option<u32>,
-    /// Largest counter so far; zero, before and after a test, does not count as falling.
+    /// Largest counter so far. Zero, before and after a test, is not a decrease.
     counter_reached: u32,
-    /// Number of the cycle that was cut last; zero before the first.
+    /// Number of the last cycle; zero before the first.
     number_cut: u32,
     cycles_cut: u32,
-    /// Rows before the first one of the cycle that has not ended.
+    /// Number of rows before the open cycle.
     rows_cut: u64,
     rows_seen: u64,
     stage_seen: bool,
-    /// Most rows of a cycle, where it is not [`MAX_CYCLE_ROWS`].
+    /// Largest number of rows per cycle, if not [`MAX_CYCLE_ROWS`].
     most_rows: Option<usize>,
-    /// Rows of the cycle that was cut last: the next one may be as long.
+    /// Rows of the last cycle; the next one may have the same length.
     last_rows: usize,
-    /// Whether a cycle needs no stage.
+    /// True if a cycle needs no stage.
     of_windows: bool,
-    /// Memory of channels.
+    /// Memory for channels.
     buffers: Buffers,
 }
 
-/// Where a cutter stands behind its last cut: with it and the rows from there on, another one goes on.
+/// State of a cutter after its last cut. Another cutter can continue with it and the later rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct CutterState {
-    /// Rows before the first one that is in no cycle yet.
+    /// Number of rows before the first row without a cycle.
     pub rows_cut: u64,
-    /// Cycles cut so far.
+    /// Number of cycles so far.
     pub cycles_cut: u32,
-    /// Number of the last one; zero before the first.
+    /// Number of the last cycle; zero before the first.
     pub number_cut: u32,
     /// Largest cycle counter so far.
     pub counter_reached: u32,
 }
 
 impl CycleCutter {
-    /// A cutter at the start of a recording.
+    /// Creates a cutter at the start of a recording.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The same with another bound on the rows of a cycle than [`MAX_CYCLE_ROWS`].
+    /// Sets a limit on the rows per cycle other than [`MAX_CYCLE_ROWS`].
     #[must_use]
     pub fn with_most_rows(self, rows: usize) -> Self {
         Self { most_rows: Some(rows), ..self }
     }
 
-    /// The same with channels of cycles in memory of `buffers`.
+    /// Uses `buffers` for the channels of cycles.
     #[must_use]
     pub fn with_buffers(self, buffers: Buffers) -> Self {
         Self { buffers, ..self }
     }
 
-    /// A cutter of a recording without stages, whose counter numbers windows.
+    /// Creates a cutter for a recording without stages, whose counter numbers windows.
     #[must_use]
     pub fn of_windows() -> Self {
         Self { of_windows: true, ..Self::default() }
     }
 
-    /// The same as another cutter that stood at `state`; the next row is the one behind its last cut.
+    /// Continues at `state` of another cutter; the next row is the one after its last cut.
     #[must_use]
     pub fn at(self, state: CutterState) -> Self {
         let CutterState { rows_cut, cycles_cut, number_cut, counter_reached } = state;
-        // what was cut as a cycle had a stage
+        // every cycle cut so far had a stage
         let stage_seen = cycles_cut > 0;
         Self { rows_cut, rows_seen: rows_cut, cycles_cut, number_cut, counter_reached, stage_seen, ..self }
     }
 
-    /// Where it stands.
+    /// State after the last cut.
     #[must_use]
     pub fn state(&self) -> CutterState {
-        // rows that are in no cycle yet have one counter, so that it may have reached theirs
+        // all rows after the last cut have one counter, so `counter_reached` may already include it
         CutterState {
             rows_cut: self.rows_cut,
             cycles_cut: self.cycles_cut,
@@ -163,13 +162,13 @@ impl CycleCutter {
         }
     }
 
-    /// Rows of the cycle that has not ended yet.
+    /// Number of rows in the open cycle.
     #[must_use]
     pub fn open_rows(&self) -> usize {
         self.open.rows() + self.chunk.rows() - self.taken
     }
 
-    /// Takes the next rows. [`next_cycle`](Self::next_cycle) gives the cycles that they end.
+    /// Adds rows. [`next_cycle`](Self::next_cycle) returns the cycles that they end.
     pub fn push(&mut self, chunk: Samples) {
         self.rows_seen += chunk.rows() as u64;
         match self.searched < self.chunk.rows() {
@@ -178,7 +177,7 @@ impl CycleCutter {
         }
     }
 
-    /// The next cycle that the pushed rows end; `None` when all of them are searched. After a fault, nothing is to be pushed.
+    /// Next cycle that the pushed rows end; `None` after all rows are searched. After a fault, push nothing more.
     ///
     /// # Errors
     /// [`SegmentError::Endless`], [`SegmentError::CounterFalls`] and [`SegmentError::CounterReturns`], after the cycles
@@ -188,7 +187,7 @@ impl CycleCutter {
         while self.searched < self.chunk.rows() {
             let row = self.searched;
             let cycle = if self.begins_cycle(row)? { self.cut(row) } else { None };
-            // row by row, so that it does not matter in which pieces they come
+            // checked per row, so that the result does not depend on the chunks
             let rows = self.open.rows() + row - self.taken;
             if rows >= most_rows {
                 let start_s = self.open.time.first().copied().unwrap_or(self.chunk.time[self.taken]);
@@ -205,7 +204,7 @@ impl CycleCutter {
         Ok(None)
     }
 
-    /// Ends the recording and returns its last cycle, if the rows left hold a stage. All other cycles are to be taken before.
+    /// Ends the recording and returns its last cycle, if the remaining rows hold a stage. Take all other cycles first.
     ///
     /// # Errors
     /// [`SegmentError::NoStage`] if no row of the whole recording was in a stage.
@@ -243,8 +242,8 @@ impl CycleCutter {
         }
     }
 
-    /// Takes the rows before row `row` of the chunk as a cycle. Rows before the first stage of a test, and a counter
-    /// of zero, are not a cycle.
+    /// Cuts the rows before row `row` of the chunk as a cycle. Rows before the first stage of a test, and rows with a
+    /// counter of zero, are not a cycle.
     fn cut(&mut self, row: usize) -> Option<Cycle> {
         let samples = self.rows_until(row);
         self.last_rows = samples.rows();
@@ -266,7 +265,7 @@ impl CycleCutter {
         Some(Cycle { number, samples })
     }
 
-    /// Takes the rows of the open cycle before row `row` of the chunk.
+    /// Returns the rows of the open cycle before row `row` of the chunk.
     fn rows_until(&mut self, row: usize) -> Samples {
         let mut open = std::mem::take(&mut self.open);
         let rows = self.taken..row;
@@ -280,7 +279,7 @@ impl CycleCutter {
             return std::mem::take(&mut self.chunk);
         }
         if open.is_empty() {
-            // the end of the chunk: cycles of one test are about as long
+            // end of the chunk: cycles of one test have similar lengths
             let room = match row == self.chunk.rows() {
                 true => rows.len().max(self.last_rows + self.last_rows / 64),
                 false => rows.len(),
@@ -296,7 +295,7 @@ impl CycleCutter {
     }
 }
 
-/// Contiguous ranges of `0..rows` in which `holds` is true.
+/// Contiguous ranges of `0..rows` with `holds` true.
 pub(crate) fn ranges_where(rows: usize, holds: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
     let mut ranges = Vec::new();
     let mut start = None;
@@ -337,7 +336,7 @@ mod tests {
         }
     }
 
-    /// Pushes rows and takes the cycles that they end, and the fault behind them.
+    /// Pushes rows and returns the cycles that they end, and the fault after them.
     fn push(cutter: &mut CycleCutter, rows: Samples) -> (Vec<Cycle>, Option<SegmentError>) {
         let mut cycles = Vec::new();
         cutter.push(rows);
@@ -399,7 +398,7 @@ mod tests {
         }
     }
 
-    /// Two cycles of one number were refused by the database, which stopped the program.
+    /// Regression: the database refused two cycles with one number, which stopped the program.
     #[test]
     fn a_counter_that_comes_back_from_zero_is_refused_unless_no_stage_was_before() {
         let mut cutter = CycleCutter::new();
@@ -423,7 +422,8 @@ mod tests {
         assert_eq!(fault(&mut cutter, chunk), SegmentError::Endless { rows, start_s: 0.0 });
     }
 
-    /// Each cycle had room for a whole block, and all cycles of a block were cut before the first was given.
+    /// Regression: each cycle reserved room for a whole block, and all cycles of a block were cut before the first was
+    /// returned.
     #[test]
     fn cycles_of_a_block_take_no_more_than_their_rows_and_come_one_at_a_time() {
         let rows = 10_000;
@@ -455,12 +455,12 @@ mod tests {
             }
         }
         places.dedup();
-        // one place for each of the second and third cycle
+        // one address for each of the second and third cycle
         assert_eq!(places.len(), 2);
     }
 
-    /// The cycles of a recording in pieces of `chunk` rows, each with its rows and where it leaves the cutter, and the
-    /// fault that ends it.
+    /// Cycles of a recording in chunks of `chunk` rows, each with its rows and the state of the cutter, and the fault
+    /// that ends it.
     fn cut_from(
         mut cutter: CycleCutter,
         mut rest: Samples,
@@ -487,7 +487,7 @@ mod tests {
         found.iter().map(|(number, rows, _)| (*number, *rows)).collect()
     }
 
-    /// Counters that rise, fall, come back, and stand at zero.
+    /// Counters that rise, fall, return, and stay at zero.
     fn counters() -> impl Strategy<Value = Vec<u32>> {
         let steps = prop::collection::vec((0_u32..6, 1_usize..12), 1..20);
         steps.prop_map(|steps| {
@@ -507,7 +507,7 @@ mod tests {
     }
 
     proptest! {
-        /// Cycles that end in the same piece as a fault were lost.
+        /// Regression: cycles that end in the same chunk as a fault were lost.
         #[test]
         fn any_chunking_gives_the_same_cycles_and_the_same_fault(
             counters in prop::option::of(counters()),
@@ -537,7 +537,7 @@ mod tests {
                 let mut rest = rows.clone();
                 rest.take_front(usize::try_from(state.rows_cut).expect("few"));
                 let (after, same_fault) = cut_from(CycleCutter::new().at(*state), rest, chunk);
-                // the last cycle ends with the recording, and then nothing was cut behind it
+                // the last cycle ends with the recording, without a cut after it
                 let expected = if state.cycles_cut as usize > place { &whole[place + 1..] } else { &whole[place..] };
                 prop_assert_eq!(without_states(&after), without_states(expected));
                 prop_assert_eq!(&same_fault, &fault);

@@ -1,4 +1,4 @@
-//! Between motors and joints: `theta = R q`, and by virtual power `tau = R' tau_m`.
+//! Conversion from motors to joints: `theta = R q`, and by virtual power `tau = R' tau_m`.
 
 use nalgebra::DMatrix;
 
@@ -7,23 +7,23 @@ use armwatch_model::robot::Robot;
 use armwatch_model::robot::transmission::joint_per_motor;
 use armwatch_model::run::Rows;
 
-/// The error of a transmission that has no inverse.
+/// Error for a transmission without an inverse.
 const NO_INVERSE: NumericsError =
     NumericsError::NotFinite("the inverse of the transmission, in which motors repeat each other,");
 
-/// What turns a recording's channels into those of the joints: motor-side channels through the
-/// transmission, then the position offsets. Made once for a recording.
+/// Conversion of a recording's channels to those of the joints: motor-side channels through the transmission, then the
+/// position offsets. Created once per recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointSide {
-    /// Joint positions and velocities of the motors', where those are recorded.
+    /// Matrix from motor to joint positions and velocities, if the motors' are recorded.
     motion: Option<DMatrix<f64>>,
-    /// Joint torques of the motors', where those are recorded.
+    /// Matrix from motor to joint torques, if the motors' are recorded.
     torque: Option<DMatrix<f64>>,
     offsets: Vec<f64>,
 }
 
 impl JointSide {
-    /// For a recording of `robot` whose positions and velocities, or torques, are the motors'.
+    /// Creates the conversion for a recording of `robot` whose positions and velocities, or torques, are the motors'.
     ///
     /// # Errors
     /// [`NumericsError::NotFinite`] if the transmission has no inverse.
@@ -39,7 +39,7 @@ impl JointSide {
         })
     }
 
-    /// Turns the channels of `samples`, `[n][rows]`, in place.
+    /// Converts the channels of `samples`, `[n][rows]`, in place.
     pub fn apply<S>(&self, samples: &mut Rows<S>) {
         if let Some(map) = &self.motion {
             samples.position = mapped(map, &samples.position);
@@ -76,25 +76,25 @@ mod tests {
     use super::*;
     use armwatch_model::run::Samples;
 
-    /// Joint positions `q` `[n]` in rad of the motor positions `theta` `[n]` in rad: solves
-    /// `theta = R q`. The same for velocities and accelerations, since `R` is constant.
+    /// Joint positions `q` `[n]` in rad from the motor positions `theta` `[n]` in rad: solves `theta = R q`. The same
+    /// for velocities and accelerations, since `R` is constant.
     ///
-    /// To do this for many rows, invert once with [`joint_per_motor`].
+    /// For many rows, invert once with [`joint_per_motor`].
     ///
     /// # Errors
-    /// [`NumericsError::TooShort`] if `theta` is not one value a motor, [`NumericsError::NotFinite`] if `R`
-    /// is singular.
+    /// [`NumericsError::TooShort`] if `theta` does not have one value per motor, [`NumericsError::NotFinite`] if `R` is
+    /// singular.
     fn joint_position_from_motor(r: &DMatrix<f64>, theta: &[f64]) -> Result<Vec<f64>, NumericsError> {
         check_length("the motor positions", r.nrows(), theta)?;
         let q = joint_per_motor(r).ok_or(NO_INVERSE)? * DVector::from_column_slice(theta);
         Ok(q.as_slice().to_vec())
     }
 
-    /// Joint torques `tau = R' tau_m` `[n]` in Nm of the motor torques `tau_m` `[n]` in Nm: what the motors
-    /// do at their shafts they do at the joints.
+    /// Joint torques `tau = R' tau_m` `[n]` in Nm from the motor torques `tau_m` `[n]` in Nm: the work at the motor
+    /// shafts equals that at the joints.
     ///
     /// # Errors
-    /// [`NumericsError::TooShort`] if `tau_m` is not one value a motor.
+    /// [`NumericsError::TooShort`] if `tau_m` does not have one value per motor.
     fn joint_torque_from_motor(r: &DMatrix<f64>, tau_m: &[f64]) -> Result<Vec<f64>, NumericsError> {
         check_length("the motor torques", r.nrows(), tau_m)?;
         Ok((0..r.ncols()).map(|j| r.column(j).iter().zip(tau_m).map(|(r, tau)| r * tau).sum()).collect())
@@ -107,7 +107,7 @@ mod tests {
         }
     }
 
-    /// Six-by-six products of numbers that differ by a factor of a hundred at most.
+    /// Rounding of six-by-six products of numbers that differ by at most a factor of a hundred.
     const ROUNDING: f64 = 1e-12;
 
     fn wrist() -> DMatrix<f64> {
@@ -124,7 +124,7 @@ mod tests {
             qd in proptest::collection::vec(-5.0..5.0_f64, 6),
             tau_m in proptest::collection::vec(-3.0..3.0_f64, 6),
         ) {
-            // Every motor may turn with every joint; the gear ratios prevail.
+            // every motor may turn with every joint; the gear ratios dominate
             let r = wrist() * 4.0 + DMatrix::from_column_slice(6, 6, &couplings) * 0.5;
             let theta_d = &r * DVector::from_column_slice(&qd);
             let back = joint_position_from_motor(&r, theta_d.as_slice())

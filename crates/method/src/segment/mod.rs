@@ -1,4 +1,4 @@
-//! Rows to stages and cycles.
+//! Stages and cycles from the rows of a recording.
 
 pub mod cycles;
 pub mod stages;

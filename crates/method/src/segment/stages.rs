@@ -1,8 +1,8 @@
-//! Stages of rows whose export does not name them: from an analogue signal, from the motion, or from a sequence
-//! that the configuration declares; and windows of a recording that has none.
+//! Stages of rows whose export does not name them: from an analogue signal, from the motion, or from a sequence in the
+//! configuration. Also windows of a recording without stages.
 //!
-//! Rows come in chunks of any size and leave in the same order once their stage is settled; the result
-//! does not depend on the chunks. At most the rows of one debounce time, or of a block of motion, are held back.
+//! Rows arrive in chunks of any size and leave in the same order once their stage is known. The result does not depend
+//! on the chunks. At most the rows of one debounce time, or of one block of motion, are pending.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,11 +10,11 @@ use super::stages_from_motion::{MotionFinder, MotionFinderState};
 use armwatch_model::run::stage_rule::{LevelSettings, StageRule};
 use armwatch_model::run::{RawSamples, Samples, Stage, StageReading};
 
-/// Longest time that an analogue signal may stay outside every range, s: slower than any output switches,
-/// and far below the shortest stage. A longer debounce time counts instead.
+/// Longest time that an analogue signal may stay outside every range, s. Any output switches faster, and every stage is
+/// far longer. A longer debounce time takes precedence.
 const OUTSIDE_S: f64 = 0.5;
 
-/// What an analogue signal says that no stage has.
+/// Error: an analogue signal stays outside the range of every stage.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error, Serialize, Deserialize)]
 #[error(
     "the stage signal stays at {level} from time {start_s} s on, which is in no stage's range; widen the ranges \
@@ -23,75 +23,75 @@ const OUTSIDE_S: f64 = 0.5;
 pub struct OutsideLevels {
     /// The level, in the unit of the export.
     pub level: f64,
-    /// Time of the first such row, s.
+    /// Time of the first row outside, s.
     pub start_s: f64,
 }
 
-/// Gives rows their stage.
+/// Assigns stages to rows.
 #[derive(Debug, Default)]
 pub struct StageFinder {
     rule: StageRule,
     first_time: Option<f64>,
     motion: MotionFinder,
-    /// Rows whose stage an analogue signal has not settled.
+    /// Rows whose stage the analogue signal has not yet decided.
     held: RawSamples,
     signal: SignalState,
 }
 
-/// What is known of an analogue signal before its next row.
+/// State of the analogue signal before the next row.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct SignalState {
-    /// Stage of the last settled row.
+    /// Stage of the last decided row.
     pub present: Option<Stage>,
-    /// Another stage that the signal shows since this time, s: that of the first held row.
+    /// Another stage that the signal shows, and the time of its first held row, s.
     pub candidate: Option<(Stage, f64)>,
-    /// First row of those outside every range: its level and time, s.
+    /// First row outside every range: its level and time, s.
     pub outside: Option<OutsideLevels>,
 }
 
-/// What is known before the next row, but for the rows that are held back: a finder that goes on from it gives all
-/// rows from there on the stages that this one does, and does not give those that were held back.
+/// State before the next row, without the pending rows. A finder that continues from it assigns the same stages to all
+/// later rows. It does not return the rows that were pending.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct FinderState {
     /// Time of the first row of the recording, s.
     pub first_time: Option<f64>,
-    /// Of the analogue signal, where there is one.
+    /// State of the analogue signal, if the layout has one.
     pub signal: SignalState,
-    /// Of the motion, where it is looked at.
+    /// State of the motion, if it determines the stages.
     pub motion: MotionFinderState,
 }
 
 impl StageFinder {
-    /// A finder at the start of a recording; `low_speed` `[n]` is each joint's low-speed threshold, rad/s
+    /// Creates a finder at the start of a recording; `low_speed` `[n]` is the low-speed threshold of each joint, rad/s
     /// (m/s).
     #[must_use]
     pub fn new(rule: StageRule, low_speed: Vec<f64>) -> Self {
         Self { rule, motion: MotionFinder::new(low_speed), ..Self::default() }
     }
 
-    /// The same as another finder that stood at `state`; the next row is the one that was its next.
+    /// Continues at `state`, which another finder had before the next row.
     #[must_use]
     pub fn at(self, state: FinderState) -> Self {
         let FinderState { first_time, signal, motion } = state;
         Self { first_time, signal, motion: self.motion.at(motion), ..self }
     }
 
-    /// What it knows before the next row.
+    /// State before the next row.
     #[must_use]
     pub fn state(&self) -> FinderState {
         FinderState { first_time: self.first_time, signal: self.signal, motion: self.motion.state().clone() }
     }
 
-    /// Rows that are held back until their stage is settled.
+    /// Number of rows that are pending until their stage is known.
     #[must_use]
     pub fn held_rows(&self) -> usize {
         self.held.rows() + self.motion.held_rows()
     }
 
-    /// Takes the next rows and gives those whose stage is settled, also with the fault that is behind them; then
-    /// nothing more is to be pushed.
+    /// Adds rows and returns those whose stage is known, together with the fault that follows them. After a fault, push
+    /// nothing more.
     ///
-    /// The fault is [`OutsideLevels`], of an analogue signal outside every range.
+    /// The fault is [`OutsideLevels`]: an analogue signal outside every range.
     #[must_use]
     pub fn push(&mut self, rows: RawSamples) -> (Samples, Option<OutsideLevels>) {
         let Some(first) = self.first_time.or(rows.time.first().copied()) else {
@@ -127,8 +127,8 @@ impl StageFinder {
         }
     }
 
-    /// Ends the recording and returns the rows that were held back. They belong to the stage before them: the next one
-    /// was not confirmed.
+    /// Ends the recording and returns the pending rows. They belong to the stage before them, because the next one was
+    /// not confirmed.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         if self.rule == StageRule::Motion {
@@ -141,7 +141,7 @@ impl StageFinder {
 
     fn settle(&mut self, settings: &LevelSettings, rows: RawSamples) -> (Samples, Option<OutsideLevels>) {
         let first_new = self.held.rows();
-        // held rows are those of the candidate, so none of them is settled
+        // all held rows belong to the candidate, so none is decided yet
         let mut settled = 0;
         let mut fault = None;
         self.held.append(rows);
@@ -187,7 +187,7 @@ impl StageFinder {
         (self.held.take_front(settled).with_stages(stages), fault)
     }
 
-    /// What is to be said of a signal that stays outside every range.
+    /// Returns the fault if the signal has stayed outside every range too long.
     fn note_outside(
         &mut self,
         settings: &LevelSettings,
@@ -204,7 +204,7 @@ impl StageFinder {
     }
 }
 
-/// Takes away joint and level of rows outside the friction stage, which mean nothing there.
+/// Deletes joint and level of rows outside the friction stage, because they are meaningless there.
 fn without_stray_signals(mut rows: Samples) -> Samples {
     for (signal, stage) in rows.friction_signal.iter_mut().flatten().zip(&rows.stage) {
         if *stage != Stage::Friction {
@@ -326,7 +326,7 @@ mod tests {
         assert_eq!((cycles[0], cycles[99], cycles[101], cycles[249]), (1, 1, 2, 3));
     }
 
-    /// Levels that stay, chatter, lie between ranges and, seldom, far from any.
+    /// Levels that stay, chatter, fall between ranges or, rarely, are far from any range.
     fn levels() -> impl Strategy<Value = Vec<f64>> {
         const LEVELS: [f64; 7] = [0.0, 1.5, 2.5, 3.5, 2.0, 1.0, 5.0];
         let steps = prop::collection::vec((0_usize..7, 1_usize..20), 1..40);
@@ -337,7 +337,7 @@ mod tests {
         })
     }
 
-    /// Settled rows, also those before a fault, and the fault.
+    /// Rows with a known stage, also those before a fault, and the fault.
     fn settled(
         mut finder: StageFinder,
         mut rows: RawSamples,
@@ -356,7 +356,7 @@ mod tests {
     }
 
     proptest! {
-        /// Rows that were settled in the same piece as a fault were lost.
+        /// Regression: rows in the same chunk as a fault were lost.
         #[test]
         fn any_chunking_gives_the_same_rows_and_the_same_fault(levels in levels(), chunk in 1_usize..60) {
             let finder = || StageFinder::new(StageRule::Levels(settings()), Vec::new());
@@ -379,7 +379,7 @@ mod tests {
             prop_assume!(early.is_none());
             let (stages, same_fault) = settled(finder().at(first.state()), rows, chunk);
             prop_assert_eq!(same_fault, fault);
-            // of a recording that ends with a fault, rows may have been held back before it
+            // if a recording ends with a fault, rows before it may still be pending
             prop_assert_eq!(&stages[..], whole.get(skipped..).unwrap_or_default());
         }
 

@@ -1,11 +1,10 @@
 //! Stages from the motion alone, for exports without any signal.
 //!
-//! A joint moves where it is at its low-speed threshold or faster. Rows in which several joints move, one
-//! joint moves, or none does, make blocks; what lasts less than [`SETTLE_S`] belongs to the block around it,
-//! so that brief stops and crossings of the threshold cut nothing. A block of one joint is friction;
-//! the first blocks of several joints are excitation, those after friction warming, and the next after warming
-//! begin another cycle. Shorter blocks are moves between stages. At most the rows of [`BLOCK_S`] and
-//! [`SETTLE_S`] are held back.
+//! A joint moves if it is at its low-speed threshold or faster. A block is a sequence of rows with several moving
+//! joints, with one, or with none. An interruption shorter than [`SETTLE_S`] belongs to the block around it, so brief
+//! stops and crossings of the threshold do not cut a block. A block of one joint is friction. The first blocks of
+//! several joints are excitation, those after friction are warming, and the next after warming begin another cycle.
+//! Shorter blocks are moves between stages. At most the rows of [`BLOCK_S`] and [`SETTLE_S`] are pending.
 
 use std::collections::VecDeque;
 
@@ -13,113 +12,112 @@ use serde::{Deserialize, Serialize};
 
 use armwatch_model::run::{RawSamples, Samples, Stage};
 
-/// Shorter stretches of another kind of motion belong to those around them, s: a turning point takes some
-/// tenths of a second, a rest between cycles longer than this.
+/// Shortest duration of a change of motion, s; shorter ones belong to the motion around them. A turning point takes
+/// some tenths of a second, a rest between cycles takes longer than this.
 pub const SETTLE_S: f64 = 1.0;
 
-/// Shortest block that is a stage, s: moves to the next posture take one to three seconds, and a joint's
-/// friction test or an excitation longer than ten.
+/// Shortest block that is a stage, s. Moves to the next posture take one to three seconds; a joint's friction test or
+/// an excitation takes more than ten.
 pub const BLOCK_S: f64 = 5.0;
 
-/// Time over which positions are differenced where no velocity is recorded, s: long against noise of the
-/// position, short against a ramp.
+/// Time between positions whose difference gives the velocity if none is recorded, s: long relative to noise of the
+/// position, short relative to a ramp.
 const DIFFERENCE_S: f64 = 0.05;
 
-/// Most rows over which positions are differenced: those of [`DIFFERENCE_S`] at 80 kHz. Times that hardly advance would otherwise
-/// collect rows without end.
+/// Largest number of rows between differenced positions: those of [`DIFFERENCE_S`] at 80 kHz. Without it, times that
+/// hardly advance would collect rows without limit.
 const MOST_RECENT: usize = 4096;
 
-/// A joint counts as moving for this long after it moved, s: at a turning point it does not, and then no motion
-/// would last.
+/// Duration of the moving state after a joint moved, s. Without it, each turning point would end the motion.
 const HOLD_S: f64 = 0.3;
 
-/// How many joints move.
+/// Number of joints that move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum MovingJoints {
-    /// None.
+    /// No joint.
     #[default]
     Rest,
-    /// One.
+    /// One joint.
     OneJoint,
-    /// More.
+    /// Several joints.
     Several,
 }
 
-/// How far a cycle has come.
+/// Progress of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum MotionPhase {
-    /// To its start, or to the excitation.
+    /// At its start, or in the excitation.
     #[default]
     Begun,
-    /// To the friction stage.
+    /// In the friction stage.
     Friction,
-    /// To the warming stage.
+    /// In the warming stage.
     Warming,
 }
 
-/// Finds stages in the motion, row by row.
+/// Finds stages from the motion, row by row.
 #[derive(Debug, Default)]
 pub(crate) struct MotionFinder {
-    /// By joint, rad/s (m/s).
+    /// Low-speed thresholds by joint, rad/s (m/s).
     low_speed: Vec<f64>,
-    /// Rows without a stage: those of the present block as long as it is short, and of what may follow it.
+    /// Rows without a stage: those of the present block while it is short, and those of a possible next block.
     held: RawSamples,
-    /// How many of them belong to the present block.
+    /// Number of held rows in the present block.
     in_block: usize,
     state: MotionFinderState,
 }
 
-/// What is known of the motion before the next row, but for the rows that are held back.
+/// State of the motion before the next row, without the pending rows.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionFinderState {
-    /// When each joint moved last, s, `[n]`.
+    /// Time of the last motion of each joint, s, `[n]`.
     pub moved: Vec<Option<f64>>,
     /// Latest times, s, and positions, rad (m), `[n]` each, for speeds that are not recorded.
     pub recent: VecDeque<(f64, Vec<f64>)>,
     /// Motion of the present block.
     pub block: MovingJoints,
-    /// When it began, s.
+    /// Start of the block, s.
     pub block_start: Option<f64>,
-    /// Time of its last row, s.
+    /// Time of the block's last row, s.
     pub block_last: Option<f64>,
-    /// Time of the row before, s.
+    /// Time of the previous row, s.
     pub last: Option<f64>,
-    /// Its stage, once it is long enough.
+    /// Stage of the block, once it is long enough.
     pub stage: Option<Stage>,
-    /// Another motion that goes on since this time, s.
+    /// Another motion, and the time since which it lasts, s.
     pub candidate: Option<(MovingJoints, f64)>,
-    /// How far the cycle has come.
+    /// Progress of the cycle.
     pub phase: MotionPhase,
 }
 
 impl MotionFinder {
-    /// At the start of a recording; `low_speed` `[n]` is each joint's threshold, rad/s (m/s).
+    /// Creates a finder at the start of a recording; `low_speed` `[n]` is the threshold of each joint, rad/s (m/s).
     #[must_use]
     pub fn new(low_speed: Vec<f64>) -> Self {
         let state = MotionFinderState { moved: vec![None; low_speed.len()], ..MotionFinderState::default() };
         Self { low_speed, state, ..Self::default() }
     }
 
-    /// The same as another finder that stood at `state`. What that one held back is not given; rows from here on
-    /// get their stages without.
+    /// Continues at `state` of another finder. Rows that are pending in the other finder are not returned; later rows
+    /// get the same stages without them.
     #[must_use]
     pub fn at(self, state: MotionFinderState) -> Self {
         Self { state, ..self }
     }
 
-    /// What it knows before the next row.
+    /// State before the next row.
     #[must_use]
     pub fn state(&self) -> &MotionFinderState {
         &self.state
     }
 
-    /// Rows that are held back.
+    /// Number of pending rows.
     #[must_use]
     pub fn held_rows(&self) -> usize {
         self.held.rows()
     }
 
-    /// Takes the next rows and gives those whose stage is settled.
+    /// Adds rows and returns those whose stage is known.
     #[must_use]
     pub fn push(&mut self, rows: RawSamples) -> Samples {
         let first_new = self.held.rows();
@@ -141,7 +139,7 @@ impl MotionFinder {
         self.held.take_front(stages.len()).with_stages(stages)
     }
 
-    /// Ends the recording and gives the rows that were held back.
+    /// Ends the recording and returns the pending rows.
     #[must_use]
     pub fn finish(&mut self) -> Samples {
         let rows = std::mem::take(&mut self.held);
@@ -149,7 +147,7 @@ impl MotionFinder {
         rows.with_stages(stages)
     }
 
-    /// Takes note of another motion than the block's in `row`.
+    /// Notes a motion in `row` that differs from the block's.
     fn follow(&mut self, motion: MovingJoints, row: usize, time: f64, stages: &mut Vec<Stage>) {
         match self.state.candidate {
             Some((known, since)) if known == motion => {
@@ -160,7 +158,7 @@ impl MotionFinder {
                     (self.in_block, self.state.block_last) = (row + 1, Some(time));
                 }
             }
-            // what came between was too short
+            // the previous candidate was too short
             _ => {
                 self.state.candidate = Some((motion, time));
                 (self.in_block, self.state.block_last) = (row, self.state.last);
@@ -168,7 +166,7 @@ impl MotionFinder {
         }
     }
 
-    /// Gives the present block its stage, as soon as it is long enough, and its rows with it.
+    /// Assigns the present block its stage as soon as it is long enough, and its rows the same stage.
     fn settle_block(&mut self, stages: &mut Vec<Stage>) {
         if self.state.stage.is_none() {
             let lasted = self.state.block_last.zip(self.state.block_start);
@@ -239,7 +237,7 @@ mod tests {
 
     const RATE: f64 = 50.0;
 
-    /// Rows with these joints moving (one bit each), each for some seconds; speeds turn every second.
+    /// Rows with these joints moving (one bit each), each for some seconds; speeds change sign every second.
     fn recording(parts: &[(u8, f64)], with_velocity: bool) -> RawSamples {
         let mut samples = RawSamples {
             position: vec![Vec::new(); 3],
@@ -277,7 +275,7 @@ mod tests {
         done
     }
 
-    /// Stages in their order with their seconds.
+    /// Stages in order, with their duration in seconds.
     fn runs(stages: &[Stage]) -> Vec<(Stage, f64)> {
         let chunks = stages.chunk_by(|a, b| a == b);
         chunks.map(|rows| (rows[0], (rows.len() as f64 / RATE * 10.0).round() / 10.0)).collect()
@@ -309,7 +307,7 @@ mod tests {
                 let of_stage = runs(&stages).into_iter().filter(|(stage, _)| *stage == wanted);
                 of_stage.map(|(_, seconds)| seconds).sum::<f64>()
             };
-            // three boundaries of friction in each of two cycles come late by the time that joints are held
+            // in each of two cycles, three boundaries of friction are late by the duration of the moving state
             let late = 6.0 * HOLD_S + 0.2;
             let expected = [(Stage::Excitation, 24.0), (Stage::Friction, 48.0), (Stage::Warming, 30.0)];
             for (stage, expected) in expected {
@@ -324,7 +322,7 @@ mod tests {
             found(recording(&[(0, 2.0), (0b011, 3.0), (0, 2.0), (0b001, 4.0), (0, 2.0)], true), 10).stage;
         assert!(stages.iter().all(|stage| *stage == Stage::Between));
         let stages = found(recording(&[(0b011, 8.0), (0, 0.5), (0b011, 8.0)], true), 10).stage;
-        // its very first row stands still
+        // the first row is at rest
         assert_eq!(runs(&stages[1..]), [(Stage::Excitation, 16.5)]);
     }
 

@@ -1,5 +1,5 @@
-//! Rows that a controller samples evenly and a logger stamps when they arrive: several at once, or with a changing delay.
-//! Their times are those of an even grid.
+//! Rows that a controller samples evenly and a logger stamps on arrival: several at once, or with a changing delay.
+//! They get the times of an even grid.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -8,39 +8,39 @@ use super::time_grid::median_step;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingSeverity};
 use armwatch_model::run::Samples;
 
-/// Steps shorter than this part of the mean step are those of rows that came together or late.
+/// Step, as a part of the mean step, below which rows arrived together or late.
 const SHORT: f64 = 0.6;
-/// Share of short steps from which on times are looked at: loggers that drop rows have none.
+/// Smallest share of short steps for an examination of times; loggers that drop rows have none.
 const SHORT_SHARE: f64 = 0.02;
-/// Rows over which the mean step is taken, and over which at least one row comes without delay.
+/// Number of rows in a mean step; among so many, at least one row arrives without delay.
 const WINDOW: usize = 32;
-/// Positions follow the number of a row rather than its time stamp where their deviation from the line between their
-/// neighbours is this many times smaller.
+/// Smallest ratio between the deviations of positions from the line between their neighbours by time stamp and by row
+/// number, if positions follow the row number.
 const BETTER: f64 = 2.0;
-/// A step this many times longer than nearly all others is a pause.
+/// Smallest ratio of a pause to nearly all other steps.
 const PAUSE: f64 = 2.5;
-/// Rows that take this many times longer than usual have a pause among them.
+/// Smallest ratio of the time of a span of rows with a pause to the usual one.
 const PAUSED_SPAN: f64 = 1.5;
-/// Part of the steps that are longer.
+/// Share of the steps that may be longer.
 const LONGEST_SHARE: f64 = 0.01;
-/// By this many steps the least delay may change between two windows; more are rows that are missing.
+/// Largest change of the least delay between two windows, in steps; a larger change shows missing rows.
 const LOST: f64 = 0.7;
-/// Within this many steps of an even grid the least delay of each window must lie: otherwise the rate is not steady.
+/// Largest range of the windows' least delays, in steps of an even grid, at a steady rate.
 const STEADY: f64 = 1.0;
-/// Fewest rows whose rate is judged.
+/// Smallest number of rows for a check of the rate.
 const LEAST_ROWS: usize = 4 * WINDOW;
 
-/// How times of arrival became those of an even grid.
+/// Result of moving times of arrival to an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ArrivalGrid {
-    /// They did, as this remark says.
+    /// Even times, with a remark.
     Even(String),
-    /// Their rate is not steady.
+    /// The rate is not steady.
     Unsteady(Finding),
 }
 
-/// Gives rows that were stamped on arrival the times of an even grid. `None` where times are those of the samples; then they
-/// stay.
+/// Assigns the times of an even grid to rows that were stamped on arrival. `None` if times are those of the samples;
+/// then they do not change.
 pub fn take_arrival(samples: &mut Cow<'_, Samples>) -> Option<ArrivalGrid> {
     let time = &samples.time;
     let mean = mean_step(time)?;
@@ -71,7 +71,7 @@ pub fn take_arrival(samples: &mut Cow<'_, Samples>) -> Option<ArrivalGrid> {
     }
 }
 
-/// The mean step, s, pauses left out.
+/// Mean step, s, without pauses.
 fn mean_step(time: &[f64]) -> Option<f64> {
     if time.len() <= LEAST_ROWS {
         return None;
@@ -79,13 +79,13 @@ fn mean_step(time: &[f64]) -> Option<f64> {
     let mut spans: Vec<f64> = time.windows(4 * WINDOW + 1).map(|rows| rows[4 * WINDOW] - rows[0]).collect();
     let middle = spans.len().checked_sub(1)? / 2;
     let (_, &mut median, _) = spans.select_nth_unstable_by(middle, f64::total_cmp);
-    // the mean of all, since spans are whole bursts; those over a pause are much longer
+    // mean of all spans, because each covers whole bursts; those over a pause are much longer
     let usual = spans.iter().filter(|span| **span < PAUSED_SPAN * median);
     let (count, sum) = usual.fold((0_usize, 0.0), |(count, sum), span| (count + 1, sum + span));
     Some(sum / (count * 4 * WINDOW) as f64).filter(|mean| *mean > 0.0)
 }
 
-/// Whether positions lie on the line between their neighbours over the number of the row rather than over its time stamp.
+/// Returns true if positions are closer to the line between their neighbours by row number than by time stamp.
 fn follow_rows(samples: &Samples, mean: f64) -> bool {
     let time = &samples.time;
     let (mut by_row, mut by_time) = (0.0, 0.0);
@@ -106,7 +106,7 @@ fn follow_rows(samples: &Samples, mean: f64) -> bool {
     BETTER * by_row < by_time
 }
 
-/// A clause about the time stamps.
+/// Clause about the time stamps.
 fn words(steps: &[f64], mean: f64) -> String {
     let mut sizes: Vec<usize> = Vec::new();
     let mut size = 1;
@@ -131,7 +131,7 @@ fn words(steps: &[f64], mean: f64) -> String {
     }
 }
 
-/// Times of an even grid for each stretch without missing rows; `None` where the rate is not steady.
+/// Times of an even grid for each stretch without missing rows; `None` if the rate is not steady.
 fn even_times(time: &[f64], steps: &[f64], mean: f64) -> Option<Vec<f64>> {
     let mut sorted = steps.to_vec();
     let place = (sorted.len() as f64 * (1.0 - LONGEST_SHARE)) as usize;
@@ -152,13 +152,14 @@ fn even_times(time: &[f64], steps: &[f64], mean: f64) -> Option<Vec<f64>> {
     even.windows(2).all(|pair| pair[0] < pair[1]).then_some(even)
 }
 
-/// Least delay of the rows of each window, s, against an even grid of `step`: one row of many comes without delay.
+/// Least delay of the rows of each window, s, relative to an even grid of `step`: one row of many arrives without
+/// delay.
 fn least_delays(time: &[f64], step: f64) -> Vec<f64> {
     let delays: Vec<f64> = time.iter().enumerate().map(|(row, time)| time - step * row as f64).collect();
     delays.chunks_exact(WINDOW).map(|window| window.iter().copied().fold(f64::INFINITY, f64::min)).collect()
 }
 
-/// Cuts rows where some are missing: there, the least delay grows from one window to the next, and stays.
+/// Splits rows at missing ones: there the least delay grows from one window to the next, and stays.
 fn without_missing(time: &[f64], rows: Range<usize>, mean: f64) -> Vec<Range<usize>> {
     let least = least_delays(&time[rows.clone()], mean);
     let mut cuts = vec![rows.start];
@@ -194,7 +195,7 @@ fn line(time: &[f64], mean: f64) -> Option<(f64, f64)> {
     Some((centre - step * middle, step))
 }
 
-/// Median step of rows that may be stamped on arrival, s.
+/// Median step of rows that may have been stamped on arrival, s.
 pub(crate) fn usual_step(time: &[f64]) -> Option<f64> {
     mean_step(time).or_else(|| median_step(time))
 }
@@ -206,7 +207,7 @@ mod tests {
 
     const STEP: f64 = 0.02;
 
-    /// A sine sampled evenly, whose rows have other times.
+    /// Evenly sampled sine whose rows have other times.
     fn stamped(rows: usize, stamp: impl Fn(usize) -> f64) -> Samples {
         let at = |row: usize| (1.3 * STEP * row as f64).sin();
         Samples {
@@ -227,7 +228,7 @@ mod tests {
         (samples.time.clone(), arrival)
     }
 
-    /// Delays with an exponential distribution of this mean, s, in the order of arrival.
+    /// Delays with an exponential distribution of this mean, s, in order of arrival.
     fn delayed(rows: usize, mean: f64) -> Vec<f64> {
         let mut state = 9_u64;
         let mut last = f64::NEG_INFINITY;
@@ -300,7 +301,7 @@ mod tests {
     fn times_of_the_samples_stay() {
         let even = |row: usize| STEP * row as f64;
         let stamps = delayed(3000, 0.004);
-        // the motion follows the stamps here
+        // here the motion follows the time stamps
         let mut uneven = stamped(3000, |row| stamps[row]);
         uneven.position = vec![stamps.iter().map(|time| (1.3 * time).sin()).collect()];
         for samples in [stamped(3000, even), stamped(40, even), uneven] {

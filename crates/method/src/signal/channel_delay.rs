@@ -1,15 +1,15 @@
-//! Channels that a recording has later than the positions beside them, brought back to the time that they belong to.
+//! Correction of channels that are recorded later than the positions.
 
 use super::time_grid::median_step;
 use armwatch_model::run::Samples;
 use armwatch_model::run::channel_delays::ChannelDelays;
 
-/// Steps longer than this many median steps are gaps, over which nothing is interpolated.
+/// Largest step, in median steps, that is interpolated; a longer one is a gap.
 const GAP_STEPS: f64 = 3.0;
 
-/// Applies `delays`: brings the late channels of `samples` to the times of their rows: the value at `t` is that recorded at `t` plus
-/// the delay, by the cubic through the four rows around it at their true times. Within the delay of an end or a gap
-/// the last value before it stands.
+/// Applies `delays`: moves the late channels of `samples` to the times of their rows. The value at `t` is the one
+/// recorded at `t` plus the delay, by the cubic through the four neighbouring rows at their true times. If the delay
+/// reaches beyond an end or a gap, the last value before it is used.
 pub fn take_delays(delays: &ChannelDelays, samples: &mut Samples) {
     if delays.is_none() {
         return;
@@ -27,7 +27,7 @@ pub fn take_delays(delays: &ChannelDelays, samples: &mut Samples) {
     }
 }
 
-/// Values at the times `time + delay`.
+/// Returns the values at the times `time + delay`.
 fn shifted(time: &[f64], values: &[f64], delay: f64, gap: f64) -> Vec<f64> {
     let last = time.len().saturating_sub(1);
     let mut at = 0;
@@ -40,7 +40,7 @@ fn shifted(time: &[f64], values: &[f64], delay: f64, gap: f64) -> Vec<f64> {
         while at > 0 && time[at] > wanted {
             at -= 1;
         }
-        // the stretch of this row: values beyond a gap belong to another motion
+        // only within the stretch of this row: values beyond a gap belong to another motion
         let joined = |from: usize, to: usize| (from..to).all(|k| time[k + 1] - time[k] <= gap);
         let reached = match at >= row {
             true => (row..at).find(|&k| time[k + 1] - time[k] > gap).unwrap_or(at),
@@ -54,8 +54,8 @@ fn shifted(time: &[f64], values: &[f64], delay: f64, gap: f64) -> Vec<f64> {
     out
 }
 
-/// The cubic through the rows `at - 1` to `at + 2` at the time `wanted` between `at` and `at + 1`; the straight line where
-/// one of them is beyond a gap or an end.
+/// Value of the cubic through the rows `at - 1` to `at + 2` at the time `wanted` between `at` and `at + 1`; of the
+/// straight line if one of them is beyond a gap or an end.
 fn interpolated(time: &[f64], values: &[f64], at: usize, wanted: f64, gap: f64) -> f64 {
     let whole = at >= 1
         && at + 2 < time.len()
@@ -72,8 +72,8 @@ fn interpolated(time: &[f64], values: &[f64], at: usize, wanted: f64, gap: f64) 
 mod tests {
     use super::*;
 
-    /// A motion of 2 Hz at 100 Hz whose steps alternate between 8 and 12 ms, as loggers' do, with a torque of its phase
-    /// `delay` later.
+    /// Motion of 2 Hz at 100 Hz with steps that alternate between 8 and 12 ms, as in loggers, and a torque in phase
+    /// with it, `delay` later.
     fn late(delay: f64) -> Samples {
         let time: Vec<f64> =
             (0..400).map(|row| 0.01 * f64::from(row) + if row % 2 == 1 { 0.002 } else { 0.0 }).collect();

@@ -12,16 +12,16 @@ use crate::spare_threads::SpareThreads;
 use armwatch_model::robot::MAX_JOINTS;
 use armwatch_model::run::Samples;
 
-/// Shortest stretch between gaps that is filtered. The odd extension at either end needs 15 rows;
-/// shorter stretches have no inner part.
+/// Shortest stretch between gaps that is filtered. The odd extension at each end needs 15 rows; shorter stretches have
+/// no inner part.
 pub const MIN_STRETCH_ROWS: usize = 32;
 
-/// Periods of the cut-off at either end of a stretch whose rows are discarded: there the low-pass works on
-/// extrapolated samples.
+/// Number of cut-off periods at each end of a stretch whose rows are discarded, because the low-pass uses extrapolated
+/// samples there.
 const EDGE_PERIODS: f64 = 1.0;
 
-/// A cycle's channels after the analysis low-pass, with acceleration. Joint channels are
-/// `[n][rows]`, in rad, rad/s, rad/s², Nm.
+/// Channels of a cycle after the analysis low-pass, with acceleration. Joint channels are `[n][rows]`, in rad, rad/s,
+/// rad/s², Nm.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilteredSignals {
     /// Positions `q`.
@@ -32,8 +32,8 @@ pub struct FilteredSignals {
     pub qdd: Vec<Vec<f64>>,
     /// Torques `tau`.
     pub tau: Vec<Vec<f64>>,
-    /// Rows that may be used: stretches between gaps, without the ends over which the low-pass and the
-    /// differences knew only one side.
+    /// Usable rows: stretches between gaps, without the ends, because the low-pass and the differences have data on one
+    /// side only there.
     pub usable: Vec<Range<usize>>,
     /// Stretches between gaps that were filtered; rows outside hold zeros.
     stretches: Vec<GaplessRows>,
@@ -41,7 +41,7 @@ pub struct FilteredSignals {
     pub sample_rate: f64,
     /// Cut-off of the low-pass, Hz.
     pub cutoff: f64,
-    /// Memory of channels.
+    /// Memory for channels.
     buffers: Buffers,
 }
 
@@ -58,7 +58,7 @@ impl FilteredSignals {
         self.q.len()
     }
 
-    /// The state of one row: `q`, `qd`, `qdd`, `tau`, each `[n]`, written to the given slices.
+    /// Writes the state of one row to the given slices: `q`, `qd`, `qdd`, `tau`, each `[n]`.
     pub fn row(&self, row: usize, q: &mut [f64], qd: &mut [f64], qdd: &mut [f64], tau: &mut [f64]) {
         for j in 0..self.q.len() {
             q[j] = self.q[j][row];
@@ -68,27 +68,27 @@ impl FilteredSignals {
         }
     }
 
-    /// Usable rows at the rate that the low-pass leaves something in: every [`row_step`]-th.
+    /// Usable rows at the rate of the information after the low-pass: every [`row_step`]-th.
     pub fn observed_rows(&self) -> impl Iterator<Item = usize> + '_ {
         let step = row_step(self.cutoff, self.sample_rate);
         self.usable.iter().flat_map(move |stretch| stretch.clone().step_by(step))
     }
 
-    /// Rows that went through the low-pass; channels hold zeros in the others.
+    /// Rows that the low-pass was applied to; channels hold zeros in the others.
     pub fn filtered_rows(&self) -> impl Iterator<Item = usize> + '_ {
         self.stretches.iter().flat_map(|stretch| stretch.rows.clone())
     }
 
-    /// Stretches between gaps in time that were long enough to be filtered, and the rows in them.
+    /// Number of stretches between gaps in time that were long enough to be filtered, and number of their rows.
     #[must_use]
     pub fn filtered(&self) -> (usize, usize) {
         (self.stretches.len(), self.stretches.iter().map(|stretch| stretch.rows.len()).sum())
     }
 
-    /// Each of `series` `[rows]` through the low-pass that the channels went through; zero in unusable rows.
+    /// Applies the channels' low-pass to each of `series` `[rows]`; zero in rows outside the stretches.
     #[must_use]
     pub fn low_passed(&self, series: &[Vec<f64>]) -> Vec<Vec<f64>> {
-        // a cut-off that made this recording fits its sample rate
+        // this cut-off was already accepted for this sample rate
         let Ok(low_pass) = LowPass::new(self.cutoff, self.sample_rate) else { return series.to_vec() };
         let channels: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
         let alone = SpareThreads::default();
@@ -96,8 +96,7 @@ impl FilteredSignals {
         pieces.into_iter().map(|pieces| joined(pieces, &self.stretches, self.rows())).collect()
     }
 
-    /// Derivative over true times of a channel that went through the low-pass, per second; zero in rows that did
-    /// not.
+    /// Derivative over true times of a low-passed channel, per second; zero in rows that were not filtered.
     #[must_use]
     pub fn derivative(&self, channel: &[f64]) -> Vec<f64> {
         let derivative =
@@ -105,8 +104,8 @@ impl FilteredSignals {
         joined(self.stretches.iter().map(derivative).collect(), &self.stretches, channel.len())
     }
 
-    /// As [`derivative`](Self::derivative), at `row` alone, per second; `None` where the row's stretch is not evenly spaced
-    /// in time.
+    /// Same as [`derivative`](Self::derivative), for one `row`, per second; `None` if the row's stretch is not evenly
+    /// spaced in time.
     #[must_use]
     pub fn derivative_at(&self, channel: &[f64], row: usize) -> Option<f64> {
         let of_row = |stretch: &&GaplessRows| stretch.rows.contains(&row);
@@ -116,41 +115,41 @@ impl FilteredSignals {
         stretch.grid.is_none().then(|| difference_at(own, at, stretch.step))
     }
 
-    /// An empty channel with room for all rows of this recording.
+    /// Empty channel with room for all rows of this recording.
     #[must_use]
     pub fn room(&self) -> Vec<f64> {
         self.buffers.room(self.rows())
     }
 
-    /// Gives back the memory of channels of this recording that are not needed any more.
+    /// Returns the memory of channels that are no longer needed.
     pub fn give_back(&self, channels: impl IntoIterator<Item = Vec<f64>>) {
         self.buffers.give_back(channels);
     }
 
-    /// Gives back the memory of its own channels.
+    /// Returns the memory of all channels.
     pub fn end(self) {
         let Self { q, qd, qdd, tau, buffers, .. } = self;
         buffers.give_back([q, qd, qdd, tau].into_iter().flatten());
     }
 
-    /// Whether rows are evenly spaced in time, as far as their time stamps are known.
+    /// Returns true if rows are evenly spaced in time, as far as the resolution of the time stamps shows.
     #[must_use]
     pub fn is_even(&self) -> bool {
         self.stretches.iter().all(|stretch| stretch.grid.is_none())
     }
 
-    /// Fraction of independent rows: a low-pass at `f_c` leaves `2 f_c` independent values a second
-    /// out of `f_s`. Standard errors that ignore this are too small by its square root.
+    /// Fraction of the observed rows that are independent: a low-pass at `f_c` leaves `2 f_c` independent values per
+    /// second. Standard errors that ignore this are too small by its square root.
     #[must_use]
     pub fn independent_fraction(&self) -> f64 {
         self::independent_fraction(self.cutoff, self.sample_rate)
     }
 }
 
-/// The cut-off that rows at `sample_rate` Hz carry: the given one, or a quarter of the rate where that is less.
+/// Cut-off suitable for rows at `sample_rate` Hz: the given one, or a quarter of the rate if that is less.
 ///
-/// A low-pass in time steps bends towards half the rate, differences lose what lies near it, and what the logger
-/// folded down from above comes back: at 30 Hz a cut-off of 12 Hz doubles the errors of parameters against 7 Hz.
+/// Near half the sample rate, a discrete low-pass is distorted, differences lose signal, and aliases from the logger
+/// appear: at 30 Hz a cut-off of 12 Hz doubles the errors of parameters compared with 7 Hz.
 #[must_use]
 pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
     const RATE_SHARE: f64 = 0.25;
@@ -158,21 +157,21 @@ pub fn carried_cutoff(cutoff: f64, sample_rate: f64) -> f64 {
     if cutoff <= most { cutoff } else { ((10.0 * most).floor() / 10.0).max(0.1 * most) }
 }
 
-/// Filters all channels of `samples` with a zero-phase fourth-order Butterworth low-pass at
-/// `cutoff` Hz and differentiates velocity. A missing velocity is the central difference of the
-/// filtered position. Rows that are not evenly spaced go over an even grid and back.
+/// Filters all channels of `samples` with a zero-phase fourth-order Butterworth low-pass at `cutoff` Hz and
+/// differentiates velocity. A missing velocity is the central difference of the filtered position. Rows that are not
+/// evenly spaced are interpolated to an even grid and back.
 ///
 /// # Errors
-/// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate
-/// cannot carry the cut-off, [`NumericsError::NotFinite`] for a time axis without a median step.
+/// [`NumericsError::TooShort`] below 32 rows, [`NumericsError::CutoffTooHigh`] if the sample rate is too low for the
+/// cut-off, [`NumericsError::NotFinite`] for a time axis without a median step.
 pub fn filter_signals(samples: &Samples, cutoff: f64) -> Result<FilteredSignals, NumericsError> {
     filter_signals_into(samples, cutoff, &Buffers::default(), &SpareThreads::default())
 }
 
-/// As [`filter_signals`], with channels in memory of `buffers`, on more threads than one while some are `spare`.
+/// Same as [`filter_signals`], with channels in memory of `buffers`, and on more threads while some are `spare`.
 ///
 /// # Errors
-/// As [`filter_signals`].
+/// Those of [`filter_signals`].
 pub(crate) fn filter_signals_into(
     samples: &Samples,
     cutoff: f64,
@@ -214,21 +213,20 @@ pub(crate) fn filter_signals_into(
     Ok(FilteredSignals { q, qd, qdd, tau, usable, stretches, sample_rate, cutoff, buffers })
 }
 
-/// Every how many rows of a recording at `sample_rate` Hz something new is seen after a low-pass at
-/// `cutoff` Hz. At three times the cut-off the low-pass, run both ways, leaves `1 / (1 + 3⁸)`, less
-/// than 0.0002; rows at twice that rate hold everything below. More of them cost time and say the same
-/// again.
+/// Distance in rows between observed rows of a recording at `sample_rate` Hz after a low-pass at `cutoff` Hz. At three
+/// times the cut-off the low-pass, applied in both directions, leaves `1 / (1 + 3⁸)`, less than 0.0002; rows at twice
+/// that rate hold everything below. More rows take time and add no information.
 #[must_use]
 pub fn row_step(cutoff: f64, sample_rate: f64) -> usize {
     const ROWS_PER_PERIOD: f64 = 6.0;
     ((sample_rate / (ROWS_PER_PERIOD * cutoff)).floor() as usize).max(1)
 }
 
-/// Derivative of `values` over `step` seconds, same length: central differences of sixth order
-/// (Fornberg 1988), of second order in the three rows at either end, one-sided at the very ends.
+/// Derivative of `values` over `step` seconds, same length: central differences of sixth order (Fornberg 1988), of
+/// second order in the three rows at each end, one-sided in the first and last row.
 ///
-/// Second order takes `(2 pi f step)² / 6` of what changes at the frequency `f`: at 100 Hz and 5 Hz 1.6 %,
-/// which the torque beside it has not lost. Sixth order takes 0.001 % there.
+/// Second order loses `(2 pi f step)² / 6` of a signal at the frequency `f`: 1.6 % at 100 Hz and 5 Hz, which the
+/// torque has not lost. Sixth order loses 0.001 % there.
 fn differentiated(values: &[f64], step: f64, buffers: &Buffers) -> Vec<f64> {
     let n = values.len();
     let mut out = buffers.channel(n);
@@ -241,7 +239,7 @@ fn differentiated(values: &[f64], step: f64, buffers: &Buffers) -> Vec<f64> {
     out
 }
 
-/// The difference of `differentiated` at `i`, one of the values.
+/// Difference of `differentiated` at index `i`.
 fn difference_at(values: &[f64], i: usize, step: f64) -> f64 {
     let n = values.len();
     if n < 2 {
@@ -259,13 +257,13 @@ fn difference_at(values: &[f64], i: usize, step: f64) -> f64 {
     }
 }
 
-/// The central difference of sixth order at the middle of seven values.
+/// Central difference of sixth order at the middle of seven values.
 #[inline(always)]
 fn central_difference(at: &[f64; 7], step: f64) -> f64 {
     (45.0 * (at[4] - at[2]) - 9.0 * (at[5] - at[1]) + (at[6] - at[0])) / (60.0 * step)
 }
 
-/// Central differences of sixth order of the values that have three others at either side; `out` is behind the first
+/// Central differences of sixth order for the values with three others on each side; `out` begins after the first
 /// three.
 struct InnerDifferences<'a> {
     values: &'a [f64],
@@ -274,7 +272,7 @@ struct InnerDifferences<'a> {
 }
 
 impl Kernel for InnerDifferences<'_> {
-    /// Without a question in each row, so that the compiler takes several rows at once.
+    /// Has no branch per row, so that the compiler vectorises.
     #[inline(always)]
     fn run(self) {
         let Self { values, step, out } = self;
@@ -284,32 +282,32 @@ impl Kernel for InnerDifferences<'_> {
     }
 }
 
-/// Rows without a gap in time among them.
+/// Rows without a gap in time.
 #[derive(Debug, Clone, PartialEq)]
 struct GaplessRows {
     rows: Range<usize>,
-    /// The even grid that filters and differences work on, where rows are not evenly spaced.
+    /// Even grid for filters and differences, if rows are not evenly spaced.
     grid: Option<EvenGrid>,
-    /// Time between its points, s: the mean step of evenly spaced rows. Time stamps are rounded to what the logger
-    /// prints, and that jitter would enter the acceleration.
+    /// Time between grid points, s: the mean step of evenly spaced rows. Time stamps are rounded by the logger, and
+    /// that jitter would enter the acceleration.
     step: f64,
 }
 
 impl GaplessRows {
-    /// A channel of the whole recording on the stretch's grid.
+    /// Part of a channel on the stretch's grid.
     fn to_grid<'c>(&self, channel: &'c [f64]) -> Cow<'c, [f64]> {
         let own = &channel[self.rows.clone()];
         self.grid.as_ref().map_or(Cow::Borrowed(own), |grid| Cow::Owned(grid.to_grid(own)))
     }
 
-    /// Channels of the whole recording through a low-pass, on the stretch's grid.
+    /// Low-passed parts of channels on the stretch's grid.
     fn low_passed(&self, low_pass: &LowPass, channels: &[&[f64]], buffers: &Buffers) -> Vec<Vec<f64>> {
         let own: Vec<Cow<'_, [f64]>> = channels.iter().map(|channel| self.to_grid(channel)).collect();
         low_pass.over(&own.iter().map(|own| &**own).collect::<Vec<_>>(), buffers)
     }
 }
 
-/// Channels of the whole recording through a low-pass, each as its pieces on the grids of the stretches.
+/// Low-passed channels of the whole recording, each as its pieces on the grids of the stretches.
 fn low_passed(
     channels: &[&[f64]],
     stretches: &[GaplessRows],
@@ -333,7 +331,7 @@ fn low_passed(
     of_groups.into_iter().flatten().collect()
 }
 
-/// Pieces on the grids of the stretches as one channel of the recording; zero between them.
+/// Joins pieces on the grids of the stretches into one channel of the recording; zero between them.
 fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[GaplessRows], rows: usize) -> Vec<f64> {
     if let ([GaplessRows { rows: whole, grid: None, .. }], 1) = (stretches, pieces.len())
         && *whole == (0..rows)
@@ -348,8 +346,8 @@ fn joined(mut pieces: Vec<Vec<f64>>, stretches: &[GaplessRows], rows: usize) -> 
     out
 }
 
-/// Rows between steps longer than `longest_step` s, as far as they are long enough to be filtered. If those of one are
-/// not evenly spaced, all of them have grids, of one rate.
+/// Rows between steps longer than `longest_step` s, if there are enough to be filtered. If one stretch is not evenly
+/// spaced, all have grids, of one rate.
 fn stretches(time: &[f64], longest_step: f64, rate: f64) -> Vec<GaplessRows> {
     let breaks = time.windows(2).enumerate().filter(|(_, w)| w[1] - w[0] > longest_step).map(|(i, _)| i + 1);
     let mut found: Vec<Range<usize>> = Vec::new();
@@ -376,7 +374,7 @@ pub fn independent_fraction(cutoff: f64, sample_rate: f64) -> f64 {
     (2.0 * cutoff * row_step(cutoff, sample_rate) as f64 / sample_rate).min(1.0)
 }
 
-/// Scratch for one sample: `q`, `qd`, `qdd`, `tau`.
+/// Buffers for one sample: `q`, `qd`, `qdd`, `tau`.
 pub(crate) fn state() -> ([f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS], [f64; MAX_JOINTS]) {
     ([0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS], [0.0; MAX_JOINTS])
 }
@@ -404,7 +402,7 @@ mod tests {
         }
     }
 
-    /// Away from the ends the odd extension has died out.
+    /// Rows far enough from the ends for the odd extension to have no effect.
     fn inner_rows(rows: usize) -> Range<usize> {
         200..rows - 200
     }
@@ -419,7 +417,7 @@ mod tests {
         let samples = one_joint(250.0, 2000, |t| (w * t).sin(), |t| w * (w * t).cos());
         let c = filter_signals(&samples, 12.0).expect("conditions");
         assert!(c.tau[0].iter().all(|tau| (tau - 3.5).abs() < 1e-9));
-        // a 0.5 Hz sine under a twice fourth-order low-pass at 12 Hz loses (0.5/12)^8 of itself
+        // a 0.5 Hz sine loses (0.5/12)^8 in two passes of a fourth-order low-pass at 12 Hz
         for (filtered, raw) in inner(&c.q[0]).iter().zip(inner(&samples.position[0])) {
             assert!((filtered - raw).abs() < 1e-6, "{filtered} {raw}");
         }
@@ -490,7 +488,7 @@ mod tests {
             samples.torque[0][i] = -100.0;
         }
         let c = filter_signals(&samples, 12.0).expect("conditions");
-        // 100 Hz and 12 Hz: nine rows at either end
+        // 100 Hz and 12 Hz: nine rows at each end
         assert_eq!(c.usable, vec![9..191, 209..391]);
         assert!(c.tau[0][..200].iter().all(|tau| (tau - 3.5).abs() < 1e-9));
         assert!(c.tau[0][200..].iter().all(|tau| (tau + 100.0).abs() < 1e-9));
@@ -509,14 +507,14 @@ mod tests {
         let c = filter_signals(&samples, 12.0).expect("conditions");
         assert!((c.sample_rate - 1.0 / 0.011).abs() < 1e-6, "{}", c.sample_rate);
         assert_eq!(c.filtered(), (1, 1000));
-        // a millisecond of jitter on a speed of three: what the low-pass leaves of it
+        // remainder of a millisecond of jitter, at a speed of three, after the low-pass
         for row in inner_rows(1000) {
             let exact = w * (w * samples.time[row]).cos();
             assert!((c.qd[0][row] - exact).abs() < 0.01 * w, "{} {exact}", c.qd[0][row]);
         }
     }
 
-    /// A logger of 500 Hz that writes every fifth or sixth row, as it comes.
+    /// Logger of 500 Hz that writes every fifth or sixth row, at random.
     fn uneven(rows: usize) -> Vec<f64> {
         let mut state = 7_u32;
         let mut t = 0.0;
@@ -533,7 +531,7 @@ mod tests {
     fn steps_that_change_are_taken_at_their_true_times() {
         let w = 2.0 * std::f64::consts::PI * 0.5;
         let mut samples = one_joint(90.0, 2000, |_| 0.0, |_| 0.0);
-        // slower in its second half, one row lost in each
+        // slower in its second half, one row lost in each half
         samples.time = uneven(2000);
         let late: Vec<f64> =
             samples.time[1000..].iter().map(|t| t * 1.08 - 0.08 * samples.time[1000]).collect();

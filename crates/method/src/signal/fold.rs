@@ -1,4 +1,5 @@
-//! Angles of turning joints that are folded into one turn: whole turns are added where an angle jumps, so that it goes on.
+//! Unfolding of rotary joints' angles that are folded into one turn: adds whole turns at each jump, so that the angle
+//! is continuous.
 
 use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
@@ -8,17 +9,17 @@ use crate::lanes::{extent, largest_step};
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 use armwatch_model::run::Samples;
 
-/// A joint is nowhere near this many times its largest speed: a larger step from one row to the next is no motion.
+/// Multiple of a joint's largest speed that no joint reaches: a larger step between rows is no motion.
 pub(crate) const LEAP: f64 = 4.0;
 
-/// Angles that are folded lie within one turn, and this part of one for noise.
+/// Largest part of a turn, for noise, between folded angles and one turn.
 const BEYOND_TURN: f64 = 0.01;
 
-/// Unfolds the positions of turning joints, and returns a remark about each joint that was folded.
+/// Unfolds the positions of rotary joints, and returns a remark about each joint whose angle was folded.
 ///
-/// A step of half a turn or more is a fold if the joint can have moved by the remainder beside whole turns. A channel is
-/// unfolded only if all such steps are folds and it lies within one turn: positions in another unit do not. The whole turns of
-/// the first row are those that bring the motion inside the joint's limits.
+/// A step of half a turn or more is a fold if the joint's speed allows the remainder after whole turns. A channel is
+/// unfolded only if all such steps are folds and it stays within one turn, which excludes positions in another unit.
+/// The whole turns of the first row are those that bring the motion inside the joint's limits.
 pub fn unfold(robot: &Robot, samples: &mut Cow<'_, Samples>) -> Vec<String> {
     let mut remarks = Vec::new();
     for joint in robot.joint_indices() {
@@ -39,7 +40,7 @@ fn remark(joint: JointIndex, folds: usize) -> String {
     format!("joint {joint}: its angle is folded into one turn; it is unfolded in {folds} {places}")
 }
 
-/// The unfolded angle and its number of folds; `None` if some jump is no fold.
+/// Unfolded angle and its number of folds; `None` if some jump is no fold.
 fn unfolded(joint: &Joint, channel: &[f64], time: &[f64]) -> Option<(Vec<f64>, usize)> {
     let [low, high] = extent(channel);
     if high - low > TAU * (1.0 + BEYOND_TURN) {
@@ -116,7 +117,7 @@ mod tests {
     fn angles_go_on_at_any_count_rate_and_convention() {
         let limit = er3a().joints[5].limits;
         for rate in [30.0, 50.0, 250.0, 1000.0] {
-            // at its largest speed across a fold, hundreds of times
+            // crosses a fold at its largest speed, hundreds of times
             let amplitude = 0.9 * limit.position_max.min(1.7 * PI);
             let angle = |row: usize| {
                 let t = row as f64 / rate;

@@ -1,8 +1,8 @@
-//! The zero-phase low-pass, over several channels at once: a lane each.
+//! Zero-phase low-pass over several channels at once, one per lane.
 //!
-//! Second-order sections run forwards and backwards over a channel that is continued at either end by its odd
-//! reflection (Gustafsson 1996; as SciPy's `sosfiltfilt`). The order of operations is SciPy's, so that a channel in a lane is
-//! the channel alone to the last bit.
+//! Second-order sections run forwards and backwards over a channel that is extended at each end by its odd reflection
+//! (Gustafsson 1996; as SciPy's `sosfiltfilt`). The order of operations is SciPy's, so that a channel in a lane gives
+//! the same bits as a single channel.
 
 use std::f64::consts::PI;
 
@@ -18,33 +18,33 @@ const FILTER_ORDER: usize = 4;
 
 const SECTIONS: usize = FILTER_ORDER / 2;
 
-/// Most channels that go through the low-pass at once.
+/// Largest number of channels that are filtered at once.
 pub(super) const MOST_AT_ONCE: usize = 8;
 
-/// Rows by which a channel is continued at either end: three for each coefficient of the whole filter.
+/// Number of rows of the extension at each end: three for each coefficient of the whole filter.
 const EDGE: usize = 3 * (2 * SECTIONS + 1);
 
-/// A zero-phase low-pass in second-order sections; the transfer-function form loses all digits at
-/// low cut-offs.
+/// Zero-phase low-pass in second-order sections; the transfer-function form loses all digits at low cut-offs.
 pub(super) struct LowPass {
     sections: [FilterSection; SECTIONS],
 }
 
-/// A section `(b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²)` with `a0 = 1`.
+/// Section `(b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²)` with `a0 = 1`.
 #[derive(Debug, Clone, Copy)]
 struct FilterSection {
     b: [f64; 3],
     a: [f64; 3],
-    /// The two states in which the section is left by an input of all sections that was always 1.
+    /// States of the section for a constant input of 1 to the whole filter.
     settled: [f64; 2],
 }
 
 impl LowPass {
-    /// Poles of the analog low-pass lie on the left half of a circle, at `s_i = W exp(jπ(2i + N + 1)/2N)`; the bilinear
-    /// transform `z = (4 + s)/(4 - s)` of a rate of 2 moves them into the unit circle and all zeros to -1. The warped
-    /// radius `W = 4 tan(π cutoff/rate)` keeps the gain of 1/√2 at the cut-off (Oppenheim and Schafer, Discrete-Time Signal
-    /// Processing, 7.2 and 7.3). The poles nearest to the unit circle come last, the gain `Re W^N / Π(4 - s_i)` first. This
-    /// is `butter(4, cutoff, fs=rate, output="sos")` of SciPy.
+    /// Designs the filter. Poles of the analog low-pass are on the left half of a circle, at
+    /// `s_i = W exp(jπ(2i + N + 1)/2N)`; the bilinear transform `z = (4 + s)/(4 - s)` of a rate of 2 moves them into
+    /// the unit circle and all zeros to -1. The warped radius `W = 4 tan(π cutoff/rate)` keeps the gain of 1/√2 at
+    /// the cut-off (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.2 and 7.3). The poles nearest to the
+    /// unit circle come last, the gain `Re W^N / Π(4 - s_i)` first. This is
+    /// `butter(4, cutoff, fs=rate, output="sos")` of SciPy.
     pub(super) fn new(cutoff: f64, sample_rate: f64) -> Result<Self, NumericsError> {
         if !(cutoff > 0.0 && cutoff < 0.5 * sample_rate) {
             return Err(NumericsError::CutoffTooHigh { sample_rate_hz: sample_rate, cutoff_hz: cutoff });
@@ -54,13 +54,13 @@ impl LowPass {
             [-3.0, -1.0, 1.0, 3.0].map(|i| -Complex::cis(PI * i / (2 * FILTER_ORDER) as f64) * radius);
         let from_four = analog.iter().map(|s| 4.0 - s).product::<Complex<f64>>();
         let gain = radius.powi(4) * from_four.inv().re;
-        // of each pair of poles the upper one
+        // the upper pole of each pair
         let [near, far, ..] = analog.map(|s| (4.0 + s) / (4.0 - s));
         let mut level = 1.0;
         let sections = [(far, gain), (near, 1.0)].map(|(pole, gain)| {
             let b = [gain, 2.0 * gain, gain];
             let a = [1.0, -2.0 * pole.re, pole.re * pole.re + pole.im * pole.im];
-            // what a constant leaves behind in the transposed direct form II, as SciPy's `sosfilt_zi`
+            // states of the transposed direct form II for a constant input, as SciPy's `sosfilt_zi`
             let rest = [b[1] - a[1] * b[0], b[2] - a[2] * b[0]];
             let first = (rest[0] + rest[1]) / (a[0] + a[1] + a[2]);
             let second = (a[0] + a[1]) * first - rest[0];
@@ -71,9 +71,9 @@ impl LowPass {
         Ok(Self { sections })
     }
 
-    /// The low-pass over each of several channels of one length, of more than [`EDGE`] rows.
+    /// Applies the low-pass to each of several channels of equal length, longer than [`EDGE`] rows.
     pub(super) fn over(&self, channels: &[&[f64]], buffers: &Buffers) -> Vec<Vec<f64>> {
-        // each number of them is written
+        // every number is overwritten
         let mut found: Vec<Vec<f64>> =
             channels.iter().map(|channel| buffers.channel(channel.len())).collect();
         let mut passed = 0;
@@ -90,8 +90,8 @@ impl LowPass {
         found
     }
 
-    /// The first `N` channels, a lane of `GROUPS` each; returns how many they were. Each step waits for the one before, so
-    /// that two groups take hardly longer than one.
+    /// Filters the first `N` channels in `GROUPS` groups of lanes and returns their number. Each step waits for the
+    /// previous one, so two groups take hardly longer than a single group.
     fn pass<const N: usize, const GROUPS: usize>(
         &self,
         channels: &[&[f64]],
@@ -105,7 +105,7 @@ impl LowPass {
     }
 }
 
-/// `N` channels of one length there and back, in `GROUPS` lanes.
+/// Forward and backward pass over `N` channels of equal length, in `GROUPS` groups of lanes.
 struct ThereAndBack<'a, const N: usize, const GROUPS: usize> {
     sections: &'a [FilterSection; SECTIONS],
     channels: &'a [&'a [f64]; N],
@@ -113,7 +113,8 @@ struct ThereAndBack<'a, const N: usize, const GROUPS: usize> {
 }
 
 impl<const N: usize, const GROUPS: usize> Kernel for ThereAndBack<'_, N, GROUPS> {
-    /// A row goes into lanes, through the sections and back into channels while the sections of the next one wait for it.
+    /// Each row passes from the channels into lanes, through the sections and back, because the next row needs the
+    /// states.
     #[inline(always)]
     fn run(self) {
         let Self { sections, channels, found } = self;
@@ -125,7 +126,7 @@ impl<const N: usize, const GROUPS: usize> Kernel for ThereAndBack<'_, N, GROUPS>
         for n in 0..N {
             let (channel, first, last) = (channels[n], channels[n][0], channels[n][length - 1]);
             for k in 0..EDGE {
-                // the reflection at a point: twice its value less what lies on the other side
+                // odd reflection at a point: twice its value minus the value on the other side
                 front[k][n / LANES].0[n % LANES] = first + first - channel[EDGE - k];
                 behind[k][n / LANES].0[n % LANES] = last + last - channel[length - 2 - k];
             }
@@ -150,7 +151,7 @@ impl<const N: usize, const GROUPS: usize> Kernel for ThereAndBack<'_, N, GROUPS>
         for row in behind.iter_mut().rev() {
             filter(sections, &mut states, row);
         }
-        // what comes out before the first row is not asked for
+        // the output before the first row is not needed
         for at in (0..length).rev() {
             for n in 0..N {
                 row[n / LANES].0[n % LANES] = found[n][at];
@@ -166,7 +167,7 @@ impl<const N: usize, const GROUPS: usize> Kernel for ThereAndBack<'_, N, GROUPS>
 /// Both states of each section.
 type States<const GROUPS: usize> = [[[Lanes; GROUPS]; 2]; SECTIONS];
 
-/// The states that channels leave which always had their `first` value.
+/// States after channels that have always had their `first` value.
 #[inline(always)]
 fn start<const GROUPS: usize>(
     sections: &[FilterSection; SECTIONS],
@@ -182,7 +183,7 @@ fn start<const GROUPS: usize>(
     states
 }
 
-/// All sections over one row.
+/// Applies all sections to one row.
 #[inline(always)]
 fn filter<const GROUPS: usize>(
     sections: &[FilterSection; SECTIONS],
@@ -232,7 +233,7 @@ mod tests {
     #[test]
     fn each_channel_is_what_it_is_alone() {
         let buffers = Buffers::going_round();
-        // what memory holds that was given back
+        // stale contents of returned memory
         buffers.give_back((0..30).map(|_| vec![f64::NAN; 50]));
         for (rate, cutoff) in [(250.0, 12.0), (50.0, 12.0), (1000.0, 2.0)] {
             let low_pass = LowPass::new(cutoff, rate).expect("a cut-off below half the rate");
@@ -252,8 +253,8 @@ mod tests {
         assert!(LowPass::new(12.0, 250.0).expect("fits").over(&[], &buffers).is_empty());
     }
 
-    /// SciPy 1.17.1 gives these values: `b[0]` of the first section and both `a[1:]` of `butter(4, cutoff, fs=rate,
-    /// output="sos")`, and `sosfilt_zi`.
+    /// Values of SciPy 1.17.1: `b[0]` of the first section and both `a[1:]` of
+    /// `butter(4, cutoff, fs=rate, output="sos")`, and `sosfilt_zi`.
     #[test]
     fn sections_are_those_of_scipy() {
         let expected = [
@@ -286,7 +287,7 @@ mod tests {
                 for (found, expected) in found.iter().zip(&expected) {
                     assert!((found / expected - 1.0).abs() < 1e-14, "{cutoff} {rate}: {found} {expected}");
                 }
-                // differences of sums near 1, whose rounding the gain of the sections before divides
+                // differences of sums near 1; the gain of the earlier sections amplifies their rounding
                 for (found, expected) in section.settled.iter().zip(settled) {
                     assert!((found / expected - 1.0).abs() < 1e-8, "{cutoff} {rate}: {found} {expected}");
                 }
@@ -294,7 +295,7 @@ mod tests {
         }
     }
 
-    /// SciPy 1.17.1 gives these values: `sosfiltfilt(butter(4, 12, fs=50, output="sos"), arange(40) ** 2 % 17)`, every eighth.
+    /// Values of SciPy 1.17.1: `sosfiltfilt(butter(4, 12, fs=50, output="sos"), arange(40) ** 2 % 17)`, every eighth.
     #[test]
     fn a_channel_passes_as_in_scipy() {
         let channel: Vec<f64> = (0..40).map(|k| f64::from(k * k % 17)).collect();
@@ -328,7 +329,7 @@ mod tests {
             assert!((gain(cutoff) - 0.5f64.sqrt()).abs() < 1e-7, "{cutoff} {rate}: {}", gain(cutoff));
             assert!(gain(0.5 * rate) < 1e-12);
             for section in &low_pass.sections {
-                // the triangle of Jury
+                // stability triangle of Jury
                 assert!(section.a[2] < 1.0 && section.a[1].abs() < 1.0 + section.a[2], "{section:?}");
             }
         }

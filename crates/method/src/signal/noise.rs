@@ -1,17 +1,17 @@
-//! Noise of a recorded channel: what differs from row to row as no motion does.
+//! Noise of a recorded channel: differences between rows that no motion causes.
 
-/// Most rows that are looked at: the median of so many is known to 2 %.
+/// Largest number of rows in use: their median is accurate to 2 %.
 const MOST_ROWS: usize = 4096;
-/// Fewest rows that say something.
+/// Smallest number of rows for a result.
 const FEWEST_ROWS: usize = 50;
 /// Median of the magnitude of a standard normal value.
 const MEDIAN_MAGNITUDE: f64 = 0.674_489_750_196_081_7;
 /// Variance of a second difference of independent values of variance one.
 const SECOND_DIFFERENCE: f64 = 6.0;
 
-/// Standard deviation of white noise of a channel, in its unit: from second differences of what the low-pass took away,
-/// `raw - smooth`, over `rows` that rise. Their median magnitude counts, so that blows and jumps, which are rare, do not; nor
-/// do oscillations that are slow beside the rows. `None` of too few rows.
+/// Standard deviation of white noise of a channel, in its unit. It follows from second differences of the part that the
+/// low-pass removed, `raw - smooth`, over ascending `rows`. Their median magnitude is not affected by blows and jumps,
+/// which are rare, or by oscillations that are slow relative to the row rate. `None` with too few rows.
 #[must_use]
 pub fn white_noise(raw: &[f64], smooth: &[f64], rows: &[usize]) -> Option<f64> {
     let step = rows.len().div_ceil(MOST_ROWS).max(1);
@@ -27,7 +27,8 @@ pub fn white_noise(raw: &[f64], smooth: &[f64], rows: &[usize]) -> Option<f64> {
     Some(*median / MEDIAN_MAGNITUDE / SECOND_DIFFERENCE.sqrt())
 }
 
-/// Part of the standard deviation of white noise that a low-pass with a cut-off, Hz, leaves at so many rows a second.
+/// Part of the standard deviation of white noise that remains after a low-pass with a cut-off, Hz, at a sample rate,
+/// Hz.
 #[must_use]
 pub fn passed(cutoff: f64, sample_rate: f64) -> f64 {
     (2.0 * cutoff / sample_rate).clamp(0.0, 1.0).sqrt()
@@ -41,7 +42,7 @@ mod tests {
 
     use super::*;
 
-    /// A slow motion with noise of `sigma`, at `rate` Hz for a minute.
+    /// Slow motion with noise of `sigma`, at `rate` Hz for a minute.
     fn recorded(sigma: f64, rate: f64) -> (Vec<f64>, Vec<f64>) {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let smooth: Vec<f64> = (0..(60.0 * rate) as usize).map(|row| (row as f64 / rate).sin()).collect();
@@ -53,7 +54,7 @@ mod tests {
     fn noise_is_measured_beside_blows_and_gaps() {
         for rate in [50.0, 250.0] {
             let (mut raw, smooth) = recorded(0.3, rate);
-            // a blow a second that rings at 15 Hz for a tenth of a second
+            // one blow per second that rings at 15 Hz for a tenth of a second
             for (row, of) in raw.iter_mut().enumerate() {
                 let since = (row as f64 / rate).fract();
                 *of += 5.0 * (-since / 0.05).exp() * (std::f64::consts::TAU * 15.0 * since).sin();

@@ -13,12 +13,12 @@ use armwatch_model::run::Samples;
 pub struct Restored {
     /// One sentence for each repair.
     pub remarks: Vec<String>,
-    /// The reason why the times of samples are not known.
+    /// Reason why the times of samples are unknown.
     pub unsteady: Option<Finding>,
 }
 
-/// Gives rows that were stamped on arrival the times of an even grid, and unfolds the angles of turning joints. Rows that
-/// need neither are not copied.
+/// Assigns the times of an even grid to rows that were stamped on arrival, and unfolds the angles of rotary joints.
+/// Rows that need neither are not copied.
 pub fn restore(robot: &Robot, samples: &mut Cow<'_, Samples>) -> Restored {
     let mut restored = Restored::default();
     match take_arrival(samples) {

@@ -1,11 +1,11 @@
-//! Values of slower channels in the rows that have none.
+//! Values of slower channels in the rows without one.
 
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Samples;
 use armwatch_model::run::slower::{Slower, SlowerChannels};
 
-/// Gives each row of slower channels a value. Before the first row with a value and, if resampled, behind the last one, the
-/// nearest value stands.
+/// Gives each row of slower channels a value. Before the first value and, if resampled, after the last one, the nearest
+/// value is used.
 ///
 /// # Errors
 /// The quantity and the joint of a channel without any value.
@@ -23,7 +23,7 @@ pub fn fill_slower(slower: SlowerChannels, samples: &mut Samples) -> Result<(), 
     Ok(())
 }
 
-/// `None` if no row has a value.
+/// Fills the rows of one channel; `None` if no row has a value.
 fn fill(how: Slower, time: &[f64], values: &mut [f64]) -> Option<()> {
     if values.is_empty() {
         return Some(());

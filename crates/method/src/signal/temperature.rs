@@ -1,30 +1,29 @@
-//! Mean temperatures of a cycle, without what no sensor that works says.
+//! Mean temperatures of a cycle, without values that a working sensor cannot report.
 
 use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::run::Samples;
 use armwatch_model::run::temperature::{TemperatureTrack, ZERO_CELSIUS};
 
-/// Temperatures of a motor that are believed, K: -40 degC, colder than any arm is specified for, to 200 degC, where
-/// the best insulation fails. Codes of open or broken sensors lie beyond: -273, -200, 850, 1372, 3276.7 degC.
+/// Accepted temperatures of a motor, K: -40 degC, colder than the specification of any arm, to 200 degC, the limit of
+/// the best insulation. Codes of open or broken sensors are outside: -273, -200, 850, 1372, 3276.7 degC.
 const MOTOR: [f64; 2] = [ZERO_CELSIUS - 40.0, ZERO_CELSIUS + 200.0];
 
-/// Temperatures of a hall that are believed, K: -40 to 70 degC.
+/// Accepted ambient temperatures, K: -40 to 70 degC.
 const AMBIENT: [f64; 2] = [ZERO_CELSIUS - 40.0, ZERO_CELSIUS + 70.0];
 
-/// Zero of the scales of Celsius and Fahrenheit, K. A sensor that is nowhere connected reads nothing but zero.
+/// Zero of the Celsius and Fahrenheit scales, K. An unconnected sensor reads only zero.
 const ZEROS: [f64; 2] = [ZERO_CELSIUS, ZERO_CELSIUS - 32.0 / 1.8];
 
-/// Values nearer to a zero are that zero, K: tracks are kept to 0.01 K.
+/// Distance from a zero below which a value equals it, K: tracks have a resolution of 0.01 K.
 const SAME: f64 = 0.006;
 
-/// Least part of measured rows that must be believed for a mean to be: a contact that fails now and then gives
-/// false values also between its codes.
+/// Smallest share of measured rows with accepted values for a valid mean: a bad contact also gives false values between
+/// its codes.
 const LEAST_BELIEVED: f64 = 0.9;
 
-/// Mean temperatures over the rows of a cycle that have one, K, and what is wrong with those that are not used, in
-/// sentences.
+/// Mean temperatures over the rows of a cycle that have one, K, and remarks about temperatures that are not used.
 ///
-/// A row counts where its cell holds a number; each of its temperatures stands for itself.
+/// A row counts if its cell holds a number. Each of its temperatures counts separately.
 #[must_use]
 pub fn cycle_temperatures(samples: &Samples) -> (CycleTemperatures, Vec<String>) {
     let Some(recorded) = &samples.temperatures else { return Default::default() };
@@ -41,7 +40,7 @@ pub fn cycle_temperatures(samples: &Samples) -> (CycleTemperatures, Vec<String>)
     (CycleTemperatures { motor, ambient }, remarks)
 }
 
-/// Mean of the values inside the limits, K, unless too many are outside, and what is to be said.
+/// Mean of the values inside the limits, K, unless too many are outside, and a remark.
 fn believed_mean(track: &TemperatureTrack, [low, high]: [f64; 2]) -> (Option<f64>, Option<String>) {
     let (mut rows, mut believed, mut sum) = (0.0, 0.0, 0.0);
     let mut odd = None;
@@ -81,7 +80,7 @@ mod tests {
     use super::*;
     use armwatch_model::run::temperature::Temperatures;
 
-    /// Tracks are kept to 0.01 K.
+    /// Tolerance: tracks have a resolution of 0.01 K.
     const STEP: f64 = 0.006;
 
     fn track(celsius: &[(usize, Option<f64>)]) -> Option<TemperatureTrack> {
@@ -130,7 +129,7 @@ mod tests {
     fn a_code_now_and_then_is_left_out_and_many_are_no_measurement() {
         let few = track(&[(95, Some(40.0)), (5, Some(850.0))]);
         let many = track(&[(80, Some(40.0)), (20, Some(850.0))]);
-        // a hall may be at zero for a while
+        // the air may be at zero for some time
         let winter = track(&[(50, Some(0.0)), (50, Some(0.5))]);
         let (found, remarks) = cycle_temperatures(&samples(vec![few, many], winter));
         assert!(

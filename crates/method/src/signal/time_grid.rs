@@ -1,29 +1,29 @@
-//! Recordings whose rows are not evenly spaced in time: whether they are, their rate, and channels brought to an
-//! even grid and back, so that a digital filter and central differences see true times.
+//! Recordings with uneven times: their detection, their rate, and interpolation of channels to an even grid and back,
+//! so that a digital filter and central differences use true times.
 
-/// A step longer than this many median steps is a gap: a filter must not run across it. One row that a logger
-/// dropped makes a step of two, which interpolation bridges.
+/// Largest step, in median steps, that a filter may cross; a longer one is a gap. One row that a logger dropped makes a
+/// step of two, which interpolation bridges.
 const GAP_STEPS: f64 = 2.5;
-/// A gap is bridged only where it is shorter than this part of a period of the cut-off: what the low-pass keeps
-/// must be seen twice a period, with a margin.
+/// Longest gap that is bridged, in periods of the cut-off: signals that the low-pass keeps need two rows per period,
+/// with a margin.
 const BRIDGED_PERIODS: f64 = 0.35;
-/// Without a bridge, a step longer than this many median steps is a gap.
+/// Largest step, in median steps, that needs no bridge.
 const UNBRIDGED_STEPS: f64 = 1.5;
-/// Deviation from evenly spaced rows that has no effect, relative to a step: a speed of full range in 50 rows enters
-/// the position with less than its noise.
+/// Deviation from evenly spaced rows that has no effect, relative to a step: a speed of full range in 50 rows changes
+/// the position by less than its noise.
 const EVEN: f64 = 0.01;
-/// Time stamps that deviate from evenly spaced rows by their last digit, and rounding, are rounded ones.
+/// Largest deviation of rounded time stamps from evenly spaced rows, in units of their last digit, with rounding.
 const ROUNDED: f64 = 1.05;
-/// Relative difference between the mean and the median step from which on the mean is the step.
+/// Smallest relative difference between the mean and the median step that requires the mean.
 const MEDIAN_HOLDS: f64 = 1e-3;
-/// Points of a Lagrange polynomial.
+/// Number of points of a Lagrange polynomial.
 pub(crate) const POINTS: usize = 6;
-/// Spacing of neighbouring points, relative to the mean step, within which a polynomial through six of them is not
-/// swayed by their noise.
+/// Spacing of neighbouring points, relative to the mean step, within which a polynomial through six of them does not
+/// amplify their noise.
 const SPACING: [f64; 2] = [0.4, 2.6];
 
-/// Median time step, s; `None` for fewer than two rows or a time that does not grow. Taken over pairs
-/// of steps, halved: loggers whose clock does not divide their rate alternate, say, 10 and 12 ms.
+/// Median time step, s; `None` for fewer than two rows or a time that does not grow. It uses half the time of pairs of
+/// steps, because loggers whose clock does not divide their rate alternate, for example between 10 and 12 ms.
 #[must_use]
 pub fn median_step(time: &[f64]) -> Option<f64> {
     let mut steps: Vec<f64> = match time.len() {
@@ -38,8 +38,8 @@ pub fn median_step(time: &[f64]) -> Option<f64> {
     (median.is_finite() && *median > 0.0).then_some(*median)
 }
 
-/// Rows per second, Hz: of evenly spaced rows one over the median step, of others rows over the time between them,
-/// gaps left out. `None` as [`median_step`].
+/// Rows per second, Hz: for evenly spaced rows the inverse of the median step, otherwise the number of steps over their
+/// time, without gaps. `None` like [`median_step`].
 #[must_use]
 pub fn sample_rate(time: &[f64]) -> Option<f64> {
     let median = median_step(time)?;
@@ -50,12 +50,12 @@ pub fn sample_rate(time: &[f64]) -> Option<f64> {
     Some(if even { 1.0 / median } else { 1.0 / mean })
 }
 
-/// The longest step that is no gap for a low-pass at `cutoff` Hz, s, where `median` is the median step.
+/// Longest step that is no gap for a low-pass at `cutoff` Hz, s; `median` is the median step.
 pub(super) fn longest_step(median: f64, cutoff: f64) -> f64 {
     (GAP_STEPS * median).min((UNBRIDGED_STEPS * median).max(BRIDGED_PERIODS / cutoff))
 }
 
-/// Whether rows at `time` are evenly spaced by `step` s, as far as their time stamps are known.
+/// Returns true if rows at `time` are evenly spaced by `step` s, as far as the resolution of the time stamps shows.
 pub(super) fn is_even(time: &[f64], step: f64) -> bool {
     let rows = time.len() as f64;
     let middle = 0.5 * (rows - 1.0);
@@ -78,7 +78,7 @@ pub(super) fn is_even(time: &[f64], step: f64) -> bool {
     stamped && (drift <= step || (slope / step - 1.0).abs() < MEDIAN_HOLDS)
 }
 
-/// The decimal place that all times since the first are whole multiples of, s; zero where there is none.
+/// Decimal place such that all times since the first are multiples of it, s; zero if there is none.
 fn last_digit(time: &[f64], span: f64) -> f64 {
     let first = time.first().copied().unwrap_or(0.0);
     let rounding = 8.0 * f64::EPSILON * (first.abs() + span.abs());
@@ -93,15 +93,15 @@ fn last_digit(time: &[f64], span: f64) -> f64 {
     (1..=7).map(|digits| 10.0_f64.powi(-digits)).find(|unit| whole(*unit)).unwrap_or(0.0)
 }
 
-/// Weights of neighbouring values, for each point that is asked for.
+/// Weights of neighbouring values for each interpolated point.
 #[derive(Debug, Clone, PartialEq)]
 struct Interpolation {
-    /// First of the values, and their weights.
+    /// Index of the first value, and weights.
     points: Vec<(usize, [f64; POINTS])>,
 }
 
 impl Interpolation {
-    /// From values at `nodes`, rising, to the points `wanted`, rising.
+    /// Interpolates from values at `nodes`, ascending, to the points `wanted`, ascending.
     fn new(nodes: &[f64], wanted: impl Iterator<Item = f64>, step: f64) -> Self {
         let last = nodes.len() - POINTS;
         let mut behind = 0;
@@ -129,8 +129,7 @@ impl Interpolation {
     }
 }
 
-/// Weights of evenly spaced values at the places -2 to 3 that give the value at `part` of the way from place 0 to
-/// place 1.
+/// Weights of evenly spaced values at the places -2 to 3 for the value at the fraction `part` between places 0 and 1.
 pub(crate) fn between(part: f64) -> [f64; POINTS] {
     lagrange(&[-2.0, -1.0, 0.0, 1.0, 2.0, 3.0], part)
 }
@@ -142,8 +141,8 @@ fn lagrange(nodes: &[f64], x: f64) -> [f64; POINTS] {
     })
 }
 
-/// A cubic between two neighbours whose slopes are those of parabolas through three points: points that lie close
-/// together do not make it swing.
+/// Weights of a cubic between two neighbours, with slopes of parabolas through three points. Points that are close
+/// together do not make it oscillate.
 fn hermite(nodes: &[f64], behind: usize, x: f64) -> [f64; POINTS] {
     let i = behind.min(POINTS - 2);
     let mut weights = [0.0; POINTS];
@@ -158,7 +157,7 @@ fn hermite(nodes: &[f64], behind: usize, x: f64) -> [f64; POINTS] {
     for (at, factor) in [(i, h * u * (1.0 - u) * (1.0 - u)), (i + 1, -h * u * u * (1.0 - u))] {
         let (before, after) = (at.saturating_sub(1), (at + 1).min(POINTS - 1));
         let [h0, h1] = [nodes[at] - nodes[before], nodes[after] - nodes[at]];
-        // a slope over next to no time is noise
+        // a slope over a very short time is noise
         let mut slope = |from: usize, to: usize, part: f64| {
             let over = factor * part / (nodes[to] - nodes[from]);
             weights[to] += over;
@@ -174,17 +173,17 @@ fn hermite(nodes: &[f64], behind: usize, x: f64) -> [f64; POINTS] {
     weights
 }
 
-/// An even grid over rows that are not evenly spaced.
+/// Even grid over rows that are not evenly spaced.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct EvenGrid {
-    /// Time between its points, s.
+    /// Time between grid points, s.
     pub step: f64,
     to_grid: Interpolation,
     to_rows: Interpolation,
 }
 
 impl EvenGrid {
-    /// Over the rows at `time`, six or more, at about `rate` points per second.
+    /// Creates a grid over the rows at `time`, six or more, with about `rate` points per second.
     pub fn new(time: &[f64], rate: f64) -> Self {
         let (first, last) = (time[0], time[time.len() - 1]);
         let steps = ((last - first) * rate).round().max(POINTS as f64);
@@ -197,12 +196,12 @@ impl EvenGrid {
         }
     }
 
-    /// Values at the rows as values on the grid.
+    /// Interpolates values from the rows to the grid.
     pub fn to_grid(&self, values: &[f64]) -> Vec<f64> {
         self.to_grid.apply(values)
     }
 
-    /// Values on the grid as values at the rows.
+    /// Interpolates values from the grid to the rows.
     pub fn to_rows(&self, values: &[f64]) -> Vec<f64> {
         self.to_rows.apply(values)
     }
@@ -216,7 +215,7 @@ mod tests {
         (0..rows).map(|row| (row as f64 * step / unit).round() * unit).collect()
     }
 
-    /// Steps of 10, 10 and 12 ms in turn.
+    /// Repeated steps of 10, 10 and 12 ms.
     fn mixed(rows: usize) -> Vec<f64> {
         (0..rows).map(|row| 0.032 * (row / 3) as f64 + 0.010 * (row % 3) as f64).collect()
     }
@@ -253,7 +252,7 @@ mod tests {
             let on_grid = grid.to_grid(&values);
             for (k, value) in on_grid.iter().enumerate() {
                 let exact = (w * (time[0] + grid.step * k as f64)).sin();
-                // cubics where points crowd: the third power of a quarter radian a step
+                // cubics where points are dense: the third power of a quarter radian per step
                 assert!((value - exact).abs() < 6e-3, "{value} {exact}");
             }
             for (value, back) in values.iter().zip(grid.to_rows(&on_grid)) {

@@ -5,12 +5,11 @@ pub use armwatch_model::analysis::median::median;
 use armwatch_model::analysis::{ParameterStatistics, RmsdSwing, StatisticsWindow};
 use armwatch_model::robot::ParameterId;
 
-/// Cycles in which the arm warms up; the thesis gives its statistics with and without them.
+/// Number of warm-up cycles; the thesis gives its statistics with and without them.
 const WARM_UP_CYCLES: u32 = 5;
 
-/// Statistics of one parameter over the cycles of a run, given as `(cycle, value)` in the order of
-/// the cycles: once over all of them and, where there are cycles after the fifth, once over those
-/// (Appendix H). Empty without values.
+/// Statistics of one parameter over the cycles of a run, given as `(cycle, value)` in the order of the cycles: over all
+/// of them and, if there are cycles after the fifth, also over those (Appendix H). Empty without values.
 ///
 /// `D/MM = (max - min) / |max|`, `D/SE = |last - first| / |first|`.
 #[must_use]
@@ -49,7 +48,7 @@ fn ratio(numerator: f64, denominator: f64) -> Option<f64> {
     (denominator > 0.0).then(|| numerator / denominator)
 }
 
-/// Arithmetic mean; `None` of nothing.
+/// Arithmetic mean; `None` without values.
 #[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
@@ -66,8 +65,8 @@ pub fn standard_deviation(values: &[f64]) -> Option<f64> {
     Some((squares / (values.len() - 1) as f64).sqrt())
 }
 
-/// Median absolute deviation times 1.4826, the factor that makes it the standard deviation of a
-/// normal sample (Rousseeuw & Croux 1993); `None` of nothing.
+/// Median absolute deviation times 1.4826, the factor that makes it the standard deviation of a normal sample
+/// (Rousseeuw & Croux 1993); `None` without values.
 #[must_use]
 pub(crate) fn robust_deviation(values: &[f64]) -> Option<f64> {
     let centre = median(values)?;
@@ -75,12 +74,11 @@ pub(crate) fn robust_deviation(values: &[f64]) -> Option<f64> {
     median(&deviations).map(|mad| 1.4826 * mad)
 }
 
-/// How much a series swings from one value to the next: `sqrt(sum (x[i+1] - x[i])² / (2 (n-1)))`.
-/// A slow trend, such as warming up, hardly counts (von Neumann 1941). `None` below four values,
-/// where chance decides.
+/// Variation of a series from one value to the next: `sqrt(sum (x[i+1] - x[i])² / (2 (n-1)))`. A slow trend, such as
+/// warming up, has little effect (von Neumann 1941). `None` below four values, where chance decides.
 ///
-/// One odd value is no swing: the value without which the series swings by less than half is left out. The first one
-/// counts always, since it may be that of a cold arm.
+/// A single outlier has no effect: a value is omitted if the series without it varies by less than half. The first
+/// value always counts, since it may be that of a cold arm.
 #[must_use]
 pub fn swing(series: &[f64]) -> Option<RmsdSwing> {
     const FEWEST: usize = 4;
@@ -148,7 +146,7 @@ mod tests {
             let found = of(&[odd]);
             assert!(found.cycles == 7 && found.value < 1.5 * quiet.value, "{odd}: {found:?}");
         }
-        // a cold first cycle, and more odd ones than one
+        // a cold first cycle, and several outliers
         assert!(of(&[0]).value > 10.0 * quiet.value && of(&[2, 5]).value > 10.0 * quiet.value);
         assert_eq!(of(&[2, 5]).cycles, 8);
     }

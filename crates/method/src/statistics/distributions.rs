@@ -1,4 +1,4 @@
-//! Quantiles and tails of the distributions that intervals and tests stand on.
+//! Quantiles and tails of the distributions for intervals and tests.
 
 use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Normal, StudentsT};
 
@@ -6,12 +6,12 @@ use armwatch_model::analysis::interval::is_probability;
 
 pub use armwatch_model::analysis::interval::{normal_quantile, student_quantile};
 
-/// Degrees of freedom from which on probabilities and densities of Student's distribution are those of the normal one: at
-/// four standard deviations they differ by less than a hundredth.
+/// Smallest degrees of freedom that use the normal distribution for probabilities and densities of Student's: at four
+/// standard deviations they differ by less than a hundredth.
 const NEARLY_NORMAL_FROM: f64 = 1e4;
 
-/// Probability that Student's distribution with `freedom` degrees of freedom, above 0, is below `x`. Not a number for
-/// another `freedom`.
+/// Probability that Student's distribution with `freedom` degrees of freedom, above 0, is below `x`. NaN for another
+/// `freedom`.
 #[must_use]
 pub(crate) fn student_probability(x: f64, freedom: f64) -> f64 {
     if freedom >= NEARLY_NORMAL_FROM {
@@ -20,7 +20,7 @@ pub(crate) fn student_probability(x: f64, freedom: f64) -> f64 {
     StudentsT::new(0.0, 1.0, freedom).map_or(f64::NAN, |student| student.cdf(x))
 }
 
-/// Logarithm of the density of Student's distribution with `freedom` degrees of freedom, above 0, at `x`. Not a number for
+/// Logarithm of the density of Student's distribution with `freedom` degrees of freedom, above 0, at `x`. NaN for
 /// another `freedom`.
 #[must_use]
 pub(crate) fn student_log_density(x: f64, freedom: f64) -> f64 {
@@ -30,14 +30,14 @@ pub(crate) fn student_log_density(x: f64, freedom: f64) -> f64 {
     StudentsT::new(0.0, 1.0, freedom).map_or(f64::NAN, |student| student.ln_pdf(x))
 }
 
-/// Probability that a standard normal variable is below `x`; not a number for one that is none.
+/// Probability that a standard normal variable is below `x`; NaN for NaN.
 #[must_use]
 pub fn normal_probability(x: f64) -> f64 {
     Normal::standard().cdf(x)
 }
 
-/// Quantile of the F distribution with `above` and `below` degrees of freedom at `probability` in (0, 1). Not a
-/// number for another probability, or unless both are above 0.
+/// Quantile of the F distribution with `above` and `below` degrees of freedom at `probability` in (0, 1). NaN for
+/// another probability, or unless both are above 0.
 #[must_use]
 pub(crate) fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
     match FisherSnedecor::new(above, below) {
@@ -46,7 +46,7 @@ pub(crate) fn f_quantile(probability: f64, above: f64, below: f64) -> f64 {
     }
 }
 
-/// Probability that chi-square with `freedom` degrees of freedom exceeds `x`. Not a number unless `freedom` is above 0.
+/// Probability that chi-square with `freedom` degrees of freedom exceeds `x`. NaN unless `freedom` is above 0.
 #[must_use]
 pub fn chi_square_tail(x: f64, freedom: f64) -> f64 {
     ChiSquared::new(freedom).map_or(f64::NAN, |chi_square| chi_square.sf(x))
@@ -83,7 +83,7 @@ mod tests {
         }
     }
 
-    /// With one degree of freedom it is Cauchy's distribution, with two there is a closed form.
+    /// Comparison with Cauchy's distribution for one degree of freedom, and with the closed form for two.
     #[test]
     fn few_degrees_of_freedom_are_taken_as_they_are() {
         for probability in [0.6_f64, 0.9, 0.975, 0.999] {
@@ -96,7 +96,7 @@ mod tests {
         assert!(4.303 < between && between < 12.706, "{between}");
     }
 
-    /// Probability and quantile, density and the difference of probabilities, are two roads to the same.
+    /// Consistency of probabilities with quantiles, and of densities with differences of probabilities.
     #[test]
     fn student_probabilities_and_densities_agree_with_quantiles() {
         for freedom in [2.2, 5.0, 40.0, 9000.0] {

@@ -1,7 +1,7 @@
-//! Information criteria: which of several models of the same points says most with fewest parameters.
+//! Information criteria, for the choice among several models of the same points.
 
-/// The corrected Akaike criterion of a model of `points` points with `parameters` parameters, `deviance` being -2 times
-/// the logarithm of its likelihood; infinite where there are too few points. The smallest is best (Hurvich & Tsai 1989).
+/// Corrected Akaike criterion of a model of `points` points with `parameters` parameters; `deviance` is -2 times the
+/// logarithm of its likelihood. Infinite with too few points. The smallest is best (Hurvich & Tsai 1989).
 #[must_use]
 pub fn corrected_akaike(deviance: f64, parameters: f64, points: f64) -> f64 {
     let room = points - parameters - 1.0;

@@ -1,4 +1,4 @@
-//! Statistics of a few numbers: means and medians, quantiles, information criteria, slopes, whether a series is white noise.
+//! Statistics of small samples: means and medians, quantiles, information criteria, slopes, a test for white noise.
 
 pub mod descriptive;
 pub mod distributions;

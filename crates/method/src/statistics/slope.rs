@@ -1,8 +1,8 @@
-//! Where a noisy series is going, by a slope that a few wild values do not move.
+//! Trend of a noisy series, as a slope that is robust to a few outliers.
 
 use super::distributions::normal_quantile;
 
-/// Fewest points whose slope has an interval.
+/// Smallest number of points for an interval of the slope.
 const FEWEST_POINTS: usize = 8;
 
 /// Median slope of a series, with its interval.
@@ -10,14 +10,14 @@ const FEWEST_POINTS: usize = 8;
 pub struct MedianSlope {
     /// Median of the slopes between all pairs of points.
     pub value: f64,
-    /// Ends of the interval that holds the true slope with the probability asked for.
+    /// Ends of the interval that contains the true slope with the requested probability.
     pub interval: [f64; 2],
 }
 
-/// Median of the slopes between all pairs of points `(x, y)` (Theil 1950), with the interval that follows from the
-/// variance of Kendall's statistic (Sen 1968): `C = z sqrt(n (n - 1) (2 n + 5) / 18)` pairs around the middle. `level` is the
-/// probability of the interval, such as 0.95. `None` with fewer than eight points, or where fewer than two `x` differ. The
-/// interval is right for points that scatter independently of each other.
+/// Median of the slopes between all pairs of points `(x, y)` (Theil 1950), with the interval from the variance of
+/// Kendall's statistic (Sen 1968): `C = z sqrt(n (n - 1) (2 n + 5) / 18)` pairs around the middle. `level` is the
+/// probability of the interval, such as 0.95. `None` with fewer than eight points, or if all `x` are equal. The
+/// interval is valid for points with independent scatter.
 #[must_use]
 pub fn median_slope(points: &[(f64, f64)], level: f64) -> Option<MedianSlope> {
     if points.len() < FEWEST_POINTS {
@@ -45,7 +45,7 @@ pub fn median_slope(points: &[(f64, f64)], level: f64) -> Option<MedianSlope> {
 mod tests {
     use super::*;
 
-    /// Numbers between -0.5 and 0.5 that look drawn (van der Corput's sequence).
+    /// Pseudo-random numbers between -0.5 and 0.5 (van der Corput's sequence).
     fn scatter(place: usize) -> f64 {
         let bits = |place: usize| {
             (0..16).map(|bit| ((place >> bit) & 1) as f64 / f64::from(2u32 << bit)).sum::<f64>()

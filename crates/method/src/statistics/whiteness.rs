@@ -1,53 +1,53 @@
-//! Whether a series from run to run is white, as control charts assume.
+//! Test that a series of runs is white, as control charts assume.
 //!
-//! `r_k = sum (x_t - m)(x_{t+k} - m) / sum (x_t - m)^2`, `Q = n (n + 2) sum_k r_k^2 / (n - k)` (Ljung & Box 1978):
-//! under white noise, `Q` of `h` lags is chi-square with `h` degrees of freedom.
+//! `r_k = sum (x_t - m)(x_{t+k} - m) / sum (x_t - m)^2`, `Q = n (n + 2) sum_k r_k^2 / (n - k)` (Ljung & Box 1978): for
+//! white noise, `Q` of `h` lags is chi-square with `h` degrees of freedom.
 
 use super::descriptive::{mean, standard_deviation};
 use super::distributions::chi_square_tail;
 use armwatch_model::analysis::Estimate;
 
-/// Fewest values of which memory can be told from chance.
+/// Smallest number of values that distinguishes memory from chance.
 pub const MIN_VALUES: usize = 8;
 
-/// Largest lag-1 autocorrelation that control charts put up with: beyond it, false alarms of an exponentially
+/// Largest lag-1 autocorrelation that is acceptable for control charts: beyond it, false alarms of an exponentially
 /// weighted mean more than double.
 pub const LARGEST_LAG: f64 = 0.2;
 
-/// Probability below which memory is no chance.
+/// Probability below which memory is not due to chance.
 const SIGNIFICANCE: f64 = 0.05;
 
-/// Most lags of the portmanteau test.
+/// Largest number of lags of the portmanteau test.
 const MOST_LAGS: usize = 10;
 
-/// What a series says of its memory.
+/// Result of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Whiteness {
-    /// Values.
+    /// Number of values.
     pub count: usize,
-    /// Mean, about which the series is judged.
+    /// Mean of the series.
     pub mean: f64,
-    /// Standard deviation about it.
+    /// Standard deviation about the mean.
     pub std: f64,
-    /// Autocorrelation of neighbours, with the standard error that white noise would have. Its expectation
-    /// for white noise is `-1/count`.
+    /// Autocorrelation of neighbours, with the standard error for white noise. Its expectation for white noise is
+    /// `-1/count`.
     pub lag_1: Estimate,
-    /// Lags of the portmanteau test.
+    /// Number of lags of the portmanteau test.
     pub lags: usize,
-    /// Its statistic `Q`.
+    /// Statistic `Q` of the test.
     pub ljung_box: f64,
     /// Probability that white noise has this `Q` or more.
     pub p_value: f64,
 }
 
-/// In words.
+/// Verdict of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WhitenessVerdict {
     /// White enough for control charts.
     White,
-    /// The lag-1 autocorrelation is too large, but no larger than chance may make it.
+    /// The lag-1 autocorrelation is too large, but may be due to chance.
     Undecided,
-    /// The series remembers.
+    /// The series has memory.
     Memory,
 }
 
@@ -64,7 +64,7 @@ impl WhitenessVerdict {
 }
 
 impl Whiteness {
-    /// Whether the series is white enough for control charts.
+    /// Verdict on the use of the series in control charts.
     #[must_use]
     pub fn verdict(&self) -> WhitenessVerdict {
         if self.p_value < SIGNIFICANCE {
@@ -77,7 +77,7 @@ impl Whiteness {
     }
 }
 
-/// Judges a series, in the order of time; `None` below [`MIN_VALUES`] values, or if they are all the same.
+/// Tests a series in order of time; `None` below [`MIN_VALUES`] values, or if they are all equal.
 #[must_use]
 pub fn whiteness(values: &[f64]) -> Option<Whiteness> {
     let n = values.len() as f64;
@@ -85,7 +85,7 @@ pub fn whiteness(values: &[f64]) -> Option<Whiteness> {
     if values.len() < MIN_VALUES || !std.is_finite() || std <= 0.0 {
         return None;
     }
-    // an even number, whose chi-square has a closed form
+    // an even number, because chi-square then has a closed form
     let lags = (values.len() / 10 * 2).clamp(2, MOST_LAGS);
     let squares: f64 = values.iter().map(|x| (x - mean).powi(2)).sum();
     let correlation = |lag: usize| products(values, mean, lag) / squares;
@@ -102,15 +102,15 @@ pub fn whiteness(values: &[f64]) -> Option<Whiteness> {
     })
 }
 
-/// Lag-1 autocorrelation of several series together, each about its own mean; `None` without any of
-/// [`MIN_VALUES`] values. The standard error holds for series that do not depend on each other.
+/// Lag-1 autocorrelation of several series together, each about its own mean; `None` if none has [`MIN_VALUES`] values.
+/// The standard error is valid for independent series.
 #[must_use]
 pub fn common_lag_1(series: &[Vec<f64>]) -> Option<Estimate> {
     let (mut shared, mut squares, mut count) = (0.0, 0.0, 0.0);
     for values in series.iter().filter(|values| values.len() >= MIN_VALUES) {
         let (mean, std) = (mean(values)?, standard_deviation(values)?);
         if std > 0.0 {
-            // each series counts by its length, however much it scatters
+            // the weight of a series is its length, independent of its scatter
             shared += products(values, mean, 1) / (std * std);
             squares += values.len() as f64 - 1.0;
             count += values.len() as f64;
@@ -131,7 +131,7 @@ mod tests {
 
     use super::*;
 
-    /// First-order memory `phi`.
+    /// Series with first-order memory `phi`.
     fn remembering(phi: f64, n: usize, seed: u64) -> Vec<f64> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut state = rng.sample::<f64, _>(StandardNormal) / (1.0 - phi * phi).sqrt();
@@ -160,7 +160,7 @@ mod tests {
         assert_eq!(found.verdict(), WhitenessVerdict::Memory);
         let series: Vec<Vec<f64>> = (0..200).map(|seed| remembering(0.4, 40, seed)).collect();
         let together = common_lag_1(&series).expect("enough");
-        // of series about their own mean, a phi of 0.4 comes out less by about (1 + 3 phi) / n
+        // for series about their own mean, the estimate of a phi of 0.4 is too small by about (1 + 3 phi) / n
         assert!((together.value - (0.4 - 2.2 / 40.0)).abs() < 4.0 * together.std_error, "{together:?}");
         assert_eq!(whiteness(&[1.0; 20]), None);
         assert_eq!(whiteness(&remembering(0.0, MIN_VALUES - 1, 2)), None);

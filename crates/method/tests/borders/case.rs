@@ -1,4 +1,4 @@
-//! Drawn arms with bodies, and how they are recorded.
+//! Random arms with bodies, and their recordings.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -16,7 +16,7 @@ use rand_distr::StandardNormal;
 
 pub(crate) const G: f64 = 9.81;
 
-/// A drawn arm with bodies, and how it is recorded.
+/// Random arm with bodies, and the properties of its recording.
 pub(crate) struct Case {
     pub(crate) robot: Robot,
     pub(crate) rng: ChaCha8Rng,
@@ -28,7 +28,7 @@ pub(crate) struct Case {
     pub(crate) friction: f64,
     pub(crate) rate_hz: f64,
     pub(crate) seconds: f64,
-    /// Amplitudes of the motion, rad, at least and at most.
+    /// Smallest and largest amplitude of the motion, rad.
     pub(crate) swing: [f64; 2],
     pub(crate) with_velocity: bool,
 }
@@ -50,13 +50,13 @@ impl Case {
         }
     }
 
-    /// Heavy arms that move little and ripple much.
+    /// Heavy arm with little motion and much ripple.
     pub(crate) fn heavy(seed: u64) -> Self {
         let case = Self::drawn(seed, 6);
         Self { ripple: 0.05, seconds: 10.0, rate_hz: 100.0, swing: [0.26, 0.63], ..case }
     }
 
-    /// The description, which has no bodies.
+    /// Description, without bodies.
     pub(crate) fn described(&self) -> Robot {
         let mut robot = self.robot.clone();
         robot.joints.iter_mut().for_each(|joint| joint.nominal = None);
@@ -118,12 +118,12 @@ impl Case {
         (states, torque)
     }
 
-    /// The recording, sound.
+    /// Sound recording.
     pub(crate) fn recorded(&mut self) -> Samples {
         self.recorded_with_motion().0
     }
 
-    /// The same with its motion and the torque of its bodies.
+    /// Sound recording with its motion and the torque of its bodies.
     pub(crate) fn recorded_with_motion(&mut self) -> (Samples, Vec<MotionState>, Vec<Vec<f64>>) {
         let (states, rigid) = self.motion();
         let n = self.robot.joint_count();
@@ -178,7 +178,7 @@ pub(crate) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|x| x * x).sum::<f64>() / values.len() as f64).sqrt()
 }
 
-/// A serial arm of 4 to 7 joints: shoulder, elbow and wrists, in rows of modified Denavit-Hartenberg or as a URDF.
+/// Serial arm of 4 to 7 joints: shoulder, elbow and wrists, in rows of modified Denavit-Hartenberg or as a URDF.
 fn drawn_arm(rng: &mut ChaCha8Rng, joints: usize) -> Robot {
     let mut long = |low: f64, high: f64| rng.random_range(low..high);
     let q = FRAC_PI_2;

@@ -1,5 +1,5 @@
-//! Descriptions that differ from the given one in one respect, as people get them wrong, and how much
-//! better the torques fit: a doubt with a remedy.
+//! Alternative descriptions with one typical mistake corrected, and the improvement of the torque fit: a doubt with a
+//! remedy.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -12,39 +12,39 @@ use armwatch_model::robot::{
     DhParameters, GeometrySource, JointGeometry, JointIndex, JointKind, Robot, Transform,
 };
 
-/// Instants that alternatives are compared on: which of them fits best needs no more.
+/// Number of instants for the comparison of alternatives, enough to find the best one.
 const INSTANTS: usize = 250;
-/// Part of the squares that a tilt of the base may leave to be looked beside.
+/// Largest part of the squares that may remain with a tilted base for the tilt to be kept.
 const TILTED: f64 = 0.97;
-/// Factor by which a change must leave less than a likelier one.
+/// Smallest ratio of the residuals of a likely and an unlikely change for the unlikely one to win.
 const HARDLY_MORE: f64 = 1.15;
-/// Single numbers that are tried with the change that the torques ask for.
+/// Number of single numbers that are tried with the change that fits the torques.
 const NUMBERS_TRIED: usize = 4;
-/// Parabolas that a number is settled by.
+/// Number of parabolas in the search for a number.
 const PARABOLAS: usize = 3;
-/// Lengths below this, m, are no lengths whose sign somebody could turn.
+/// Shortest length, m, whose sign may be wrong.
 const LEAST_LENGTH: f64 = 0.02;
 
-/// A description that explains the torques better.
+/// Alternative description that explains the torques better.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DescriptionAlternative {
-    /// What is different, to be read after "with".
+    /// Difference from the description, to be read after "with".
     pub words: String,
-    /// Its residual sum of squares, relative to that of the description.
+    /// Residual sum of squares, relative to that of the description.
     pub residual_ratio: f64,
-    /// Torque error of each joint that it would take away `[n]`, RMS, relative to the joint's whole error.
+    /// Torque error of each joint that the alternative removes `[n]`, RMS, relative to the joint's whole error.
     pub gained: Vec<f64>,
-    /// Torque error of each joint that it leaves `[n]`, in the same unit.
+    /// Torque error of each joint that remains `[n]`, in the same unit.
     pub left: Vec<f64>,
-    /// Whether it is another value of one number, and no mistake of sign, convention or mounting.
+    /// True for another value of one number, false for a mistake of sign, convention or mounting.
     pub is_number: bool,
-    /// Whether it is the scale of one joint's torque.
+    /// True if the number is the scale of one joint's torque.
     pub is_gain: bool,
-    /// Angle by which it tilts the base, rad; zero for any other change.
+    /// Tilt of the base, rad; zero for any other change.
     pub tilt: f64,
 }
 
-/// A description that is tried.
+/// Candidate description.
 struct Tried {
     words: String,
     robot: Robot,
@@ -54,19 +54,19 @@ struct Tried {
     is_gain: bool,
 }
 
-/// Descriptions that explain the torques better: the base tilted, and the one change beside it.
+/// Descriptions that explain the torques better: a tilted base, and one further change.
 #[derive(Debug, Clone, Default)]
 pub struct Alternatives {
-    /// The base tilted by a small angle, where that explains a part.
+    /// Base tilted by a small angle, if that explains a part.
     pub tilt: Option<DescriptionAlternative>,
-    /// The change of the description in one respect that leaves least of what is left.
+    /// Change of one item of the description that leaves the smallest residual.
     pub change: Option<DescriptionAlternative>,
 }
 
-/// The tilt of the base, and the change of the description in one respect that leaves least of the torques unexplained
-/// beside it. A floor is hardly level, and its tilt looks like wrong angles, lengths and scales.
+/// Tilt of the base, and the change of one item of the description that, in addition to it, leaves the least of the
+/// torques unexplained. Floors are rarely level, and a tilt resembles wrong angles, lengths and scales.
 ///
-/// `test` has the numbers with what they would have to be, the most telling first.
+/// `test` has the numbers with their best-fitting values, the most significant first.
 #[must_use]
 pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &DescriptionTest) -> Alternatives {
     let judged_rows = &judged_rows.thinned(INSTANTS);
@@ -85,7 +85,7 @@ pub fn alternatives(robot: &Robot, judged_rows: &JudgedRows<'_>, test: &Descript
     let least = |one: &Tried, other: &Tried| one.residual.total_cmp(&other.residual);
     let mounted = mountings(&base.robot).into_iter().map(judged).min_by(least);
     let other = mistakes(&base.robot).into_iter().map(judged).chain(numbers).min_by(least);
-    // of two that explain as much, gravity is the likelier
+    // of two changes that explain equally much, gravity is more likely wrong
     let least = match (mounted, other) {
         (Some(mounted), Some(other)) if other.residual * HARDLY_MORE < mounted.residual => Some(other),
         (None, other) => other,
@@ -114,7 +114,7 @@ fn compared(
     }
 }
 
-/// The base tilted as the torques ask for.
+/// Base with the tilt that fits the torques.
 fn tilted(robot: &Robot, test: &DescriptionTest) -> Option<((String, Robot), f64)> {
     let g = robot.gravity.norm();
     let towards = (robot.gravity + test.gravity_change).try_normalize(f64::MIN_POSITIVE)?;
@@ -124,14 +124,14 @@ fn tilted(robot: &Robot, test: &DescriptionTest) -> Option<((String, Robot), f64
     (tilt > 0.0 && tilt < MOUNTING).then(|| ((words, Robot { gravity, ..robot.clone() }), tilt))
 }
 
-/// The key of a description with a vector of gravity.
+/// Text of the description's key for gravity.
 pub(super) fn gravity_text(gravity: &Vector3<f64>) -> String {
-    // adding 0 makes a zero of a negative one, which would read as -0.00
+    // adding 0 turns a negative zero, printed as -0.00, into a positive one
     let g = gravity.map(|x| (100.0 * x).round() / 100.0).add_scalar(0.0);
     format!("gravity_m_s2 = [{:.2}, {:.2}, {:.2}]", g.x, g.y, g.z)
 }
 
-/// Changes of a description that are mistakes of sign, convention or zero.
+/// Changes of a description that correct mistakes of sign, convention or zero.
 pub(super) fn mistakes(robot: &Robot) -> Vec<(String, Robot)> {
     let mut found: Vec<(String, Robot)> = other_convention(robot).into_iter().collect();
     for (joint, described) in robot.joint_indices().zip(&robot.joints) {
@@ -153,7 +153,7 @@ pub(super) fn mistakes(robot: &Robot) -> Vec<(String, Robot)> {
                 found.push((words, with_placements(robot, j, placement, None)));
             }
         }
-        // the joint's axis turned over: everything it carries stays where it was
+        // the joint's axis reversed: everything it carries keeps its place
         let over = Transform::about_x(PI);
         let placement = described.geometry.placement().then(&over);
         let next = robot.joints.get(j + 1).map(|next| over.then(next.geometry.placement()));
@@ -165,7 +165,7 @@ pub(super) fn mistakes(robot: &Robot) -> Vec<(String, Robot)> {
     found
 }
 
-/// Lengths of a joint's place, each with the other sign.
+/// Lengths of a joint's placement, each with the opposite sign.
 fn turned_lengths(robot: &Robot, joint: JointIndex) -> impl Iterator<Item = (String, Robot)> + '_ {
     let lengths: &[PlaceNumber] = match robot.joints[joint.index()].geometry.source() {
         GeometrySource::Urdf(_) => &[PlaceNumber::Origin(0), PlaceNumber::Origin(1), PlaceNumber::Origin(2)],
@@ -209,7 +209,7 @@ fn mountings(robot: &Robot) -> Vec<(String, Robot)> {
         .collect()
 }
 
-/// The robot with a joint at another place, and the next one too.
+/// Robot with another placement of a joint, and of the next one if given.
 fn with_placements(robot: &Robot, joint: usize, placement: Transform, next: Option<Transform>) -> Robot {
     let mut other = robot.clone();
     let moved = |geometry: &JointGeometry, placement: Transform| {
@@ -227,7 +227,7 @@ fn with_placements(robot: &Robot, joint: usize, placement: Transform, next: Opti
     other
 }
 
-/// One number changed as far as the torques ask for, by a parabola through three residuals.
+/// Changes one number to the value that fits the torques, by parabolas through three residuals.
 fn settled(
     robot: &Robot,
     judged_rows: &JudgedRows<'_>,
@@ -246,7 +246,7 @@ fn settled(
     };
     let at = |change: f64| judged_rows.residual(&score.number.changed(robot, change), &gains(change));
     let (change, residual) = lowest(at, described, score.change);
-    // a turned sign is seen by friction that drives; as a scale it only frees a joint from the others' inertias
+    // a wrong sign shows as friction that drives; as a scale it would only decouple a joint from the others' inertias
     let turned = matches!(score.number, DescribedNumber::TorqueGain(_)) && 1.0 + change <= 0.0;
     (!turned).then(|| Tried {
         words: words(robot, score.number, change),
@@ -258,8 +258,9 @@ fn settled(
     })
 }
 
-/// The change of a number with the least squares, and these squares. The first parabola passes through the squares without
-/// the change, with the given `change` and with twice that; later ones through the least and its neighbours.
+/// Change of a number with the smallest squares, and these squares. The first parabola passes through the squares
+/// without the change, with the given `change` and with twice that; later ones pass through the smallest and its
+/// neighbours.
 pub(super) fn lowest(at: impl Fn(f64) -> f64, described: f64, change: f64) -> (f64, f64) {
     let mut known = vec![(0.0, described), (change, at(change)), (2.0 * change, at(2.0 * change))];
     for _parabola in 0..PARABOLAS {
@@ -269,7 +270,7 @@ pub(super) fn lowest(at: impl Fn(f64) -> f64, described: f64, change: f64) -> (f
         let [(a, at_a), (b, at_b), (c, at_c)] = [known[first], known[first + 1], known[first + 2]];
         let (left, right) = ((at_b - at_a) / (b - a), (at_c - at_b) / (c - b));
         let bend = (right - left) / (c - a);
-        // beyond the outermost one, no further than as far again
+        // beyond the outermost point, by at most the distance between the outer points
         let lowest = 0.5 * (a + b - left / bend);
         let next = match bend > 0.0 {
             true => lowest.clamp(2.0 * a - c, 2.0 * c - a),
@@ -284,7 +285,7 @@ pub(super) fn lowest(at: impl Fn(f64) -> f64, described: f64, change: f64) -> (f
     known.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0.0, described))
 }
 
-/// The number with its value as described and as the torques have it.
+/// Number with its described value and the value that fits the torques.
 pub(super) fn words(robot: &Robot, number: DescribedNumber, change: f64) -> String {
     let (scale, unit) = if number.is_angle() { (180.0 / PI, " deg") } else { (1.0, "") };
     let sentence = match number.value(robot) {
@@ -296,8 +297,8 @@ pub(super) fn words(robot: &Robot, number: DescribedNumber, change: f64) -> Stri
     sentence + &time_text(robot, number, change).unwrap_or_default()
 }
 
-/// Gravity that comes out larger or smaller is what a clock of the wrong rate makes of it: accelerations
-/// go with the square of time, gravity does not.
+/// Hint at a clock with the wrong rate, which makes gravity appear larger or smaller: accelerations scale with the
+/// square of time, gravity does not.
 fn time_text(robot: &Robot, number: DescribedNumber, change: f64) -> Option<String> {
     let DescribedNumber::Gravity(axis) = number else { return None };
     let described = robot.gravity[axis];

@@ -1,8 +1,9 @@
-//! Which torque is which joint's, with which sign, how the arm is mounted and which length is wrong: decided together, by
-//! the fit of all joints.
+//! Assignment of torques to joints, their signs, the mounting of the arm and its lengths: decided together, by the fit
+//! of all joints.
 //!
-//! A joint's own fit cannot decide: it knows the noise of its torque and not the errors of its model, and a wrong mounting
-//! looks like a wrong sign there. The one change that explains most of the torques of all joints is the finding.
+//! A joint's own fit cannot decide: it contains the noise of its torque but not the errors of its model, and a wrong
+//! mounting resembles a wrong sign there. The finding is the single change that explains most of the torques of all
+//! joints.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -18,38 +19,42 @@ use crate::least_squares::factor::TriangularFactor;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
 
-/// Mean weighted square that a scale of one torque may leave: own fits leave about 1, ripple some more.
+/// Largest mean weighted square that may remain after a scale of one torque: own fits leave about 1, ripple slightly
+/// more.
 const WELL: f64 = 10.0;
-/// Part of the misfit that a change may leave to be the cause. Fits of single joints leave less than any change, so no
-/// change is tried if the description leaves at most 1.5 times their squares.
+/// Largest part of the misfit that may remain after a change that is the cause. Fits of single joints leave less than
+/// any change, so no change is tried if the description leaves at most 1.5 times their squares.
 const CAUSE: f64 = 2.0 / 3.0;
-/// Error of a joint's own fit, relative to its RMS torque, from which on its torque may be another joint's.
+/// Smallest error of a joint's own fit, relative to its RMS torque, for a torque that may be another joint's.
 const FOREIGN: f64 = 0.2;
-/// By how much more a change of one more joint must explain.
+/// Largest ratio of the misfits after and before a change of one more joint for that joint to count.
 const ONE_MORE: f64 = 0.9;
-/// Channels and the mounting are likelier causes than a number of the description, which must leave less by this factor.
+/// Factor on the misfit of a changed number of the description, because channels and the mounting are more likely
+/// causes.
 const HARDLY_MORE: f64 = 1.15;
-/// Mean weighted square that a number of the description must cost: 3 % of a torque whose error is the least one.
+/// Smallest mean weighted square that a wrong number of the description must cost: 3 % of a torque whose error is the
+/// smallest.
 const COST: f64 = 2.25;
-/// Single numbers that are settled.
+/// Number of single numbers that are optimised.
 const NUMBERS_TRIED: usize = 4;
-/// Changes that are settled with a tilt of their own.
+/// Number of changes that are optimised with their own tilt.
 const SETTLED: usize = 5;
-/// Scales of a torque that are tried, evenly in their logarithm.
+/// Scales of a torque to try, evenly spaced in their logarithm.
 const SCALES: [f64; 8] = [0.01, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 100.0];
-/// Rounds over the scales of all torques.
+/// Number of sweeps over the scales of all torques.
 const SCALE_SWEEPS: usize = 3;
-/// Factor from which on a scale is another unit or gear: gains of catalogues are good to some ten per cent.
+/// Smallest factor of another unit or gear: gains of catalogues are accurate to some ten per cent.
 const OTHER_UNIT: f64 = 1.5;
-/// Factor of the misfit up to which another arm explains the torques as well: ripple with the posture looks like gravity.
+/// Largest ratio of misfits of an arm that explains the torques equally well: ripple that depends on the posture
+/// resembles gravity.
 const AS_WELL: f64 = 2.0;
 /// Smallest step, rad, of the search for directions of gravity.
 const LEAST_STEP: f64 = 0.05;
-/// Part by which the misfit may be larger with gravity along an axis or half-way between two than with the best one.
+/// Largest ratio of the misfit with gravity along an axis, or half-way between two, to that with the best direction.
 const ROUNDED: f64 = 1.3;
 
-/// The change that explains the torques of all joints, if there is one: findings about signs, order, mounting or a length.
-/// `level` receives the tilt of the base if it was estimated.
+/// Findings about signs, order, mounting or a length, if one change explains the torques of all joints. `level`
+/// receives the tilt of the base if it was estimated.
 pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<BaseTilt>) -> Vec<Finding> {
     let fits = channels.own_fits();
     if fits.iter().all(Option::is_none) || channels.excitation.is_empty() {
@@ -72,7 +77,7 @@ pub(crate) fn assign(channels: &Channels<'_>, level: &mut Option<BaseTilt>) -> V
     }
 }
 
-/// The change with the least squares, and these squares.
+/// Change with the smallest squares, and these squares.
 fn likeliest(channels: &Channels<'_>, level: &BaseTilt) -> Option<(ModelChange, f64)> {
     let compared = level.compared(channels);
     let coarse = compared.thinned(COARSE_INSTANTS);
@@ -80,18 +85,18 @@ fn likeliest(channels: &Channels<'_>, level: &BaseTilt) -> Option<(ModelChange, 
     let mut changes = channel_changes(channels, &compared);
     changes.extend(channel_changes(&compared.channels, &compared));
     changes.extend(described_changes(&coarse, &level.reading));
-    // each with the tilt as it is first: most are far behind
+    // first with the present tilt, because most changes are far from the best
     let mut tried: Vec<(f64, ModelChange)> =
         changes.into_iter().map(|change| (coarse.misfit(&change.reading(level.robot())), change)).collect();
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     tried.truncate(SETTLED);
     let settle = |(_, change)| settled(&compared, &coarse, level, change);
     let mut found: Vec<(ModelChange, f64)> = tried.into_iter().map(settle).collect();
-    // a scale frees a joint from the inertias of the others, and explains a part of anything
+    // a scale decouples a joint from the inertias of the others, and so explains part of any error
     let is_scale =
         |change: &ModelChange| matches!(change, ModelChange::Scaled(..) | ModelChange::Rescaled(_));
     found.retain(|(change, misfit)| !is_scale(change) || *misfit <= WELL * count);
-    // a length that costs no torque is no cause
+    // a length without an effect on the torque is no cause
     let costs = |misfit: f64| level.misfit - misfit >= COST * compared.rows.len() as f64;
     found.retain(|(change, misfit)| !matches!(change, ModelChange::Described(..)) || costs(*misfit));
     if channels.robot.gravity.norm() > 0.0 {
@@ -107,8 +112,8 @@ fn likeliest(channels: &Channels<'_>, level: &BaseTilt) -> Option<(ModelChange, 
     found.into_iter().min_by(|a, b| price(a).total_cmp(&price(b)))
 }
 
-/// Findings of turned signs, for joints that friction would drive if the arm with their torques turned explains more. The
-/// friction is independent evidence, so a smaller gain suffices.
+/// Findings of reversed signs. The candidates are joints that friction would drive; a finding needs a better fit of the
+/// arm with their torques reversed. The friction is independent evidence, so a smaller gain is enough.
 pub(crate) fn turned_by_friction(
     channels: &Channels<'_>,
     level: &BaseTilt,
@@ -127,7 +132,7 @@ pub(crate) fn turned_by_friction(
     if misfit <= ONE_MORE * level.misfit { change.findings(misfit / level.misfit) } else { Vec::new() }
 }
 
-/// A change with the tilt and the scale that suit it best, and the squares that it leaves.
+/// Change with its best tilt and scale, and the squares that remain.
 fn settled(
     compared: &ReadingComparison<'_>,
     coarse: &ReadingComparison<'_>,
@@ -144,7 +149,7 @@ fn settled(
         tried.scales[joint] = scale * change.exp();
         coarse.misfit(&tried)
     };
-    // the tilt was settled with the scale that the search came upon
+    // the tilt was optimised with the scale of the first search
     let (change, _) = lowest(at, left, 0.05);
     let scale = scale * change.exp();
     reading.scales[joint] = scale;
@@ -152,7 +157,7 @@ fn settled(
     (ModelChange::Scaled(joint, scale), compared.misfit(&reading))
 }
 
-/// The best change of signs, of order and of one scale, for the gravity of the `channels`.
+/// Best change of signs, of order and of one scale, for the gravity of the `channels`.
 fn channel_changes(channels: &Channels<'_>, compared: &ReadingComparison<'_>) -> Vec<ModelChange> {
     let n = channels.robot.joint_count();
     let factors = channels.factors(&compared.rows);
@@ -168,7 +173,7 @@ fn channel_changes(channels: &Channels<'_>, compared: &ReadingComparison<'_>) ->
 /// Channels, factors, errors of the torques, bounds.
 type AssignmentCase<'a> = (&'a Channels<'a>, &'a [TriangularFactor], &'a [f64], &'a [Vec<f64>]);
 
-/// The set of turned torques that explains most; a further joint counts if it explains a good part more.
+/// Set of reversed torques that explains most; a further joint counts only if it explains much more.
 fn turned(fit: &JointFit, n: usize) -> Option<ModelChange> {
     let sign = |set: u32, joint: usize| if set & (1 << joint) == 0 { 1.0 } else { -1.0 };
     let price = |set: u32| fit.misfit(|joint| sign(set, joint)) * ONE_MORE.powi(-(set.count_ones() as i32));
@@ -176,7 +181,7 @@ fn turned(fit: &JointFit, n: usize) -> Option<ModelChange> {
     Some(ModelChange::Turned((0..n).filter(|j| best & (1 << j) != 0).collect()))
 }
 
-/// The two torques that explain most when they are swapped, among those that the other joint's columns explain better.
+/// Swap of two torques that explains most, among those that the other joint's columns explain better.
 fn swapped(
     (channels, factors, sigma, bounds): AssignmentCase<'_>,
     errors: &FitErrors,
@@ -192,7 +197,7 @@ fn swapped(
     judged.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(change, _)| change)
 }
 
-/// The scale of one torque that explains most, if it is large enough for another unit.
+/// Scale of one torque that explains most, if it is large enough for another unit.
 fn scaled(judged: AssignmentCase<'_>) -> Option<ModelChange> {
     let n = judged.1.len();
     let tried = (0..n).map(|joint| (joint, best_scale(judged, &vec![1.0; n], joint)));
@@ -213,7 +218,7 @@ fn rescaled(judged: AssignmentCase<'_>) -> Option<ModelChange> {
             break;
         }
     }
-    // one factor for all torques changes nothing but the parameters
+    // a common factor of all torques changes only the parameters
     let mut sorted = scales.clone();
     sorted.sort_unstable_by(f64::total_cmp);
     let common = sorted[n / 2];
@@ -222,7 +227,7 @@ fn rescaled(judged: AssignmentCase<'_>) -> Option<ModelChange> {
         .then_some(ModelChange::Rescaled(scales))
 }
 
-/// The scale of one torque with the least squares for given scales of the others, and these squares.
+/// Scale of one torque with the smallest squares for given scales of the others, and these squares.
 fn best_scale(
     (channels, factors, sigma, bounds): AssignmentCase<'_>,
     scales: &[f64],
@@ -252,7 +257,7 @@ fn is_other_unit(scale: f64) -> bool {
     scale.max(1.0 / scale) > OTHER_UNIT
 }
 
-/// The mistake of a description with the least squares, and the best change of one number.
+/// Mistake in a description with the smallest squares, and the best change of one number.
 fn described_changes(compared: &ReadingComparison<'_>, level: &ChannelReading) -> Vec<ModelChange> {
     let robot = &level.robot;
     let misfit = |robot: &Robot| compared.misfit(&ChannelReading::of(robot));
@@ -269,7 +274,7 @@ fn described_changes(compared: &ReadingComparison<'_>, level: &ChannelReading) -
     [mistaken.min_by(least), numbers.min_by(least)].into_iter().flatten().map(|(_, change)| change).collect()
 }
 
-/// The best direction of gravity, if it is another mounting.
+/// Best direction of gravity, if it is another mounting.
 fn mounted(
     compared: &ReadingComparison<'_>,
     coarse: &ReadingComparison<'_>,
@@ -298,12 +303,12 @@ fn mounted(
         true => (rounded, at_rounded),
         false => (settled.robot.gravity, least),
     };
-    // first moments that turn with gravity may make a floor off level look like a wall
+    // first moments that turn with gravity may make a tilted floor resemble a wall
     let is_floor = level.misfit <= ROUNDED * least;
     (described.angle(&gravity) > MOUNTING && !is_floor).then_some((ModelChange::Mounted(gravity), found))
 }
 
-/// Checks if an arm without gravity explains the torques as well as the description.
+/// Returns true if an arm without gravity explains the torques as well as the description.
 pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     let rows = channels.rows(INSTANTS);
     let sigma = channels.errors(&channels.factors(&rows)).least();
@@ -314,7 +319,7 @@ pub(crate) fn is_weightless(channels: &Channels<'_>) -> bool {
     weightless <= AS_WELL * described
 }
 
-/// The axes of the base and the directions half-way between two of them, 18 in all.
+/// Axes of the base and directions half-way between two of them, 18 in all.
 fn directions() -> Vec<Vector3<f64>> {
     let steps = [-1.0, 0.0, 1.0];
     let all =

@@ -1,17 +1,17 @@
-//! One cause, one sentence: findings that are one fault at several joints are told together, the likeliest cause
-//! first, and what follows from a cause is not told beside it.
+//! Combination of findings: one sentence per cause. A fault at several joints is one sentence, the most likely cause
+//! comes first, and consequences of a cause are not reported.
 
 use super::nominal::InertiaRatio;
 use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingKinds, FindingSeverity};
 use armwatch_model::robot::{JointIndex, Robot};
 
-/// Most sentences of a reason: a cause, and what shows it.
+/// Largest number of sentences of a reason: a cause, and its evidence.
 const SENTENCES: usize = 3;
-/// Most by which the ratio of a joint's inertia may differ from what its gear makes of it, as a factor: nominal
-/// parameters are no better.
+/// Largest factor between the ratio of a joint's inertia and the value expected from its gear: nominal parameters are
+/// no more accurate.
 const GEAR_FACTOR: f64 = 4.0;
 
-/// Kinds that a wrong channel, unit, sign or description makes of a model.
+/// Kinds that a wrong channel, unit, sign or description causes in a model.
 const CONSEQUENCES: [FindingKind; 5] = [
     FindingKind::FarFromNominal,
     FindingKind::NegativeFriction,
@@ -20,7 +20,7 @@ const CONSEQUENCES: [FindingKind; 5] = [
     FindingKind::TooFast,
 ];
 
-/// Joints as people name them: "joint 3", "joints 1, 2 and 4", "all 6 joints" is left to the caller.
+/// Joints in words: "joint 3", "joints 1, 2 and 4". The caller writes "all 6 joints".
 #[must_use]
 pub fn named(joints: &[JointIndex]) -> String {
     let mut numbers: Vec<usize> = joints.iter().map(|joint| joint.number()).collect();
@@ -34,8 +34,8 @@ pub fn named(joints: &[JointIndex]) -> String {
     }
 }
 
-/// Why a cycle is refused: the likeliest cause first, and how to take it anyway. `findings` are those of severity
-/// refuse, one at least.
+/// Reason for refusing a cycle, with the most likely cause first, and the setting that accepts it. `findings` are those
+/// of severity refuse, at least one.
 #[must_use]
 pub fn reason(robot: &Robot, findings: &[Finding]) -> String {
     let mut sentences = sentences(robot, findings);
@@ -50,7 +50,7 @@ pub fn reason(robot: &Robot, findings: &[Finding]) -> String {
     format!("{}; to take it anyway: [analysis] accept = [{}]", sentences.join("; "), names.join(", "))
 }
 
-/// One sentence for each kind of finding, the likeliest cause first.
+/// One sentence per kind of finding, the most likely cause first.
 #[must_use]
 pub fn sentences(robot: &Robot, findings: &[Finding]) -> Vec<String> {
     let causes = without_consequences(findings.to_vec());
@@ -60,8 +60,8 @@ pub fn sentences(robot: &Robot, findings: &[Finding]) -> Vec<String> {
     FindingKind::ALL.into_iter().flat_map(|kind| together(robot, &of_kind(kind))).collect()
 }
 
-/// The findings without those that follow from a refused or an accepted one, the likeliest cause first. A wrong channel,
-/// unit, sign or description makes a model that no arm has: that is no second fault.
+/// Findings without consequences of a refused or accepted one, the most likely cause first. A wrong channel, unit, sign
+/// or description causes an impossible model, which is no second fault.
 #[must_use]
 pub fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
     let refused = |kinds: &dyn Fn(FindingKind) -> bool| {
@@ -100,8 +100,8 @@ fn together(robot: &Robot, findings: &[&Finding]) -> Vec<String> {
     told
 }
 
-/// Torques of the motors read as the joints': inertias are smaller by the gear ratios where positions are the joints',
-/// by their squares where positions are the motors' too.
+/// Finding that motor torques were recorded as joint torques: inertias are smaller by the gear ratios if positions are
+/// the joints', and by their squares if positions are the motors' too.
 #[must_use]
 pub fn motor_torques(robot: &Robot, ratios: &[InertiaRatio]) -> Option<Finding> {
     let geared: Vec<(f64, f64)> = ratios

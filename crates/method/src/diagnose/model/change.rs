@@ -12,15 +12,15 @@ use armwatch_model::robot::{JointIndex, Robot};
 /// One change of channels, mounting or description.
 #[derive(Debug, Clone)]
 pub(super) enum ModelChange {
-    /// Torques of the other sign.
+    /// Torques with the opposite sign.
     Turned(Vec<usize>),
     /// Two torques exchanged.
     Swapped(usize, usize),
-    /// One torque recorded so many times as large as it is.
+    /// One torque recorded too large, with the factor.
     Scaled(usize, f64),
-    /// Torques recorded so many times as large as they are, relative to each other.
+    /// Torques recorded too large, with their relative factors.
     Rescaled(Vec<f64>),
-    /// Gravity, m/s².
+    /// Gravity in another direction, m/s².
     Mounted(Vector3<f64>),
     /// No gravity.
     Weightless,
@@ -29,7 +29,7 @@ pub(super) enum ModelChange {
 }
 
 impl ModelChange {
-    /// The recording of a robot with this change.
+    /// Reading of a robot's recording with this change.
     pub(super) fn reading(&self, robot: &Robot) -> ChannelReading {
         let mut reading = ChannelReading::of(robot);
         match self {

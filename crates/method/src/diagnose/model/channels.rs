@@ -8,29 +8,29 @@ use crate::model::regressor::{Regressor, joint_torque_regressor};
 use crate::signal::filter::FilteredSignals;
 use armwatch_model::robot::{FrictionTerm, JointIndex, MAX_JOINTS, ParameterId, ParameterKind, Robot};
 
-/// The least standard deviation of a torque's error, relative to its RMS: no model is better.
+/// Smallest standard deviation of a torque's error, relative to its RMS: no model is more accurate.
 const LEAST_ERROR: f64 = 0.02;
 /// The same for a joint with too few rows for a separate fit.
 const UNKNOWN_ERROR: f64 = 0.1;
 /// Instants for the search of directions and changes.
 pub(super) const COARSE_INSTANTS: usize = 100;
-/// Postures that inertias are averaged over.
+/// Number of postures for mean inertias.
 const POSTURES: usize = 6;
-/// Rows needed for each column of a fit of one joint.
+/// Smallest number of rows per column in a fit of one joint.
 const ROWS_PER_COLUMN: usize = 2;
 
-/// A cycle as torques are assigned to joints.
+/// Data of a cycle for the assignment of torques to joints.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Channels<'a> {
     /// The description.
     pub robot: &'a Robot,
     /// Columns of each joint's factor.
     pub columns: &'a FactorColumns,
-    /// Columns `[b]` of the regressor that are identified.
+    /// Columns `[b]` of the regressor to be identified.
     pub kept_columns: &'a [usize],
-    /// The cycle after the low-pass.
+    /// Signals of the cycle after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Columns of the regressor that jump, low-passed.
+    /// Low-passed columns of the regressor with jumps.
     pub filtered_coulomb_columns: &'a [FilteredColumn],
     /// Factors of the cycle.
     pub factored: &'a Factored,
@@ -38,18 +38,18 @@ pub(crate) struct Channels<'a> {
     pub excitation: &'a [usize],
 }
 
-/// The fit of one joint to one torque.
+/// Fit of one joint to one torque.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OwnFit {
     /// Standard deviation of the error, Nm (N).
     pub(super) sigma: f64,
-    /// The same relative to the RMS torque.
+    /// Standard deviation relative to the RMS torque.
     pub(super) relative: f64,
-    /// Weighted squares that are left.
+    /// Weighted squares that remain.
     pub(super) misfit: f64,
 }
 
-/// A fit of one joint: `left` squares of `rows` rows after `columns` columns, of `all` squares of the torque.
+/// Fit of one joint: `left` squares of `rows` rows remain after `columns` columns, of `all` squares of the torque.
 fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
     let rms = (all / rows).sqrt();
     let judged = rows >= (ROWS_PER_COLUMN * columns) as f64;
@@ -66,11 +66,11 @@ fn own_fit(left: f64, all: f64, rows: f64, columns: usize) -> Option<OwnFit> {
 /// Rows of one joint in a fit of all.
 struct JointFitRows<'a> {
     factor: &'a TriangularFactor,
-    /// Column of its torque.
+    /// Column of the joint's torque.
     torque: usize,
     /// Standard deviation of the torque's error, Nm (N), as recorded.
     sigma: f64,
-    /// How many times as large as it is the torque was recorded.
+    /// Ratio of the recorded to the true torque.
     scale: f64,
 }
 
@@ -78,7 +78,7 @@ struct JointFitRows<'a> {
 pub(super) struct FitErrors(Vec<Vec<Option<OwnFit>>>);
 
 impl FitErrors {
-    /// The error of each torque in the fit of the joint that explains it best.
+    /// Error of each torque in the fit of the joint that explains it best.
     pub(super) fn least(&self) -> Vec<f64> {
         let n = self.0.len();
         let sigma = |of: &Vec<Option<OwnFit>>, torque: usize| of[torque].map_or(f64::INFINITY, |of| of.sigma);
@@ -86,12 +86,12 @@ impl FitErrors {
         (0..n).map(least).collect()
     }
 
-    /// The fit of each joint to its own torque; `None` if one shows nothing.
+    /// Fit of each joint to its own torque; `None` if one is not possible.
     pub(super) fn own(&self) -> Option<Vec<OwnFit>> {
         self.0.iter().enumerate().map(|(joint, of)| of[joint]).collect()
     }
 
-    /// Checks if each of two joints explains the torque of the other better.
+    /// Returns true if each of two joints explains the torque of the other better.
     pub(super) fn are_swapped(&self, a: usize, b: usize) -> bool {
         let of = |joint: usize, torque: usize| self.0[joint][torque].map_or(f64::INFINITY, |of| of.sigma);
         of(a, b) * of(b, a) < of(a, a) * of(b, b)
@@ -121,7 +121,7 @@ impl Channels<'_> {
         self.robot.joint_indices().map(fit).collect()
     }
 
-    /// The fit of all joints to their own torques, from stored factors.
+    /// Fit of all joints to their own torques, from stored factors.
     pub(super) fn stored_fit(&self, fits: &[Option<OwnFit>], bounds: &[Vec<f64>]) -> JointFit {
         let own = |joint: JointIndex| {
             let factor = self.factor(joint)?;
@@ -135,7 +135,8 @@ impl Channels<'_> {
         self.stacked(&self.robot.joint_indices().map(own).collect::<Vec<_>>(), bounds)
     }
 
-    /// The fit of all joints, to each the torque that `order` gives it, recorded `scales` times as large as it is.
+    /// Fit of all joints to the torques that `order` assigns to them. `scales` are the ratios of the recorded to the
+    /// true torques.
     pub(super) fn ordered_fit(
         &self,
         factors: &[TriangularFactor],
@@ -157,7 +158,8 @@ impl Channels<'_> {
         self.stacked(&parts, bounds)
     }
 
-    /// Factors of single joints together, each with the column of its torque and the standard deviation of the error.
+    /// Fit of all joints from factors of single joints, each with the column of its torque and the standard deviation
+    /// of the error.
     fn stacked(&self, parts: &[Option<JointFitRows<'_>>], bounds: &[Vec<f64>]) -> JointFit {
         let (b, n) = (self.kept_columns.len(), parts.len());
         let mut builder = FactorBuilder::new(b + n - 1);
@@ -175,15 +177,15 @@ impl Channels<'_> {
         JointFit::new(&builder.take(), b, n, bounds)
     }
 
-    /// Rows of the excitation, so many at most.
+    /// Rows of the excitation, at most `instants`.
     pub(super) fn rows(&self, instants: usize) -> Vec<usize> {
         let apart = (self.filtered.sample_rate / (2.0 * self.filtered.cutoff)).ceil().max(1.0) as usize;
         let stride = apart.max(self.excitation.len().div_ceil(instants));
         self.excitation.iter().copied().step_by(stride).collect()
     }
 
-    /// Mean power of friction and mean inertia of each joint as sums of the parameters of `columns`, which no arm has below
-    /// zero.
+    /// Mean power of friction and mean inertia of each joint as sums of the parameters of `columns`, which are never
+    /// negative.
     pub(super) fn bounds(&self, robot: &Robot, columns: &[usize]) -> Vec<Vec<f64>> {
         [self.friction_bounds(columns), self.inertia_bounds(robot, columns)].concat()
     }
@@ -287,7 +289,7 @@ impl Channels<'_> {
     }
 }
 
-/// One instant of all joints.
+/// State of all joints at one instant.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ChannelInstant {
     pub(super) row: usize,

@@ -1,14 +1,14 @@
-//! Sums of identified parameters with their errors, and from where on such a sum is not believed.
+//! Sums of identified parameters with their errors, and the thresholds beyond which they are not plausible.
 
-/// From where on a model is not believed.
+/// Thresholds of plausibility.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlausibleSettings {
-    /// Relative RMSD of the moving excitation rows that is said, and that is refused. Healthy arms
-    /// stay below 0.13 (thesis, chapter 5).
+    /// Smallest relative RMSD of the moving excitation rows that is reported, and that is refused. Healthy arms stay
+    /// below 0.13 (thesis, chapter 5).
     pub relative_rmsd: [f64; 2],
-    /// Standard errors by which a number must be negative.
+    /// Smallest distance of a negative number from zero, in standard errors, for a finding.
     pub standard_errors: f64,
-    /// Factor between identified and nominal inertia of a joint that is said, and that is refused.
+    /// Smallest factor between identified and nominal inertia of a joint that is reported, and that is refused.
     pub nominal_factors: [f64; 2],
 }
 
@@ -18,7 +18,7 @@ impl Default for PlausibleSettings {
     }
 }
 
-/// A linear function of the parameters and its standard error, correlations left out.
+/// Linear function of the parameters, with its variance from uncorrelated errors.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Combination {
     pub(super) value: f64,
@@ -28,7 +28,7 @@ pub(super) struct Combination {
 impl Combination {
     pub(super) fn add(&mut self, coefficient: f64, value: f64, sigma: f64) {
         self.value += coefficient * value;
-        // a parameter that the motion does not show has no error, and sums with it are not known
+        // a parameter that the motion does not show has no error, so sums with it are unknown
         if coefficient != 0.0 {
             self.variance += if sigma.is_finite() { (coefficient * sigma).powi(2) } else { f64::INFINITY };
         }

@@ -1,5 +1,5 @@
-//! Whether torques are late against positions: the model is fitted to torques of earlier and later rows, all joints
-//! at once, with friction of any shape.
+//! Search for a delay between torques and positions: the model is fitted to torques of earlier and later rows, all
+//! joints together, with friction of any shape.
 
 use super::friction_shapes::SHAPES;
 use crate::identify::filtered_columns::FilteredColumn;
@@ -11,45 +11,44 @@ use crate::signal::filter::FilteredSignals;
 use crate::signal::time_grid::{POINTS, between};
 use armwatch_model::robot::{JointIndex, Robot};
 
-/// Largest delay looked for, s. Beyond it torque and motion have nothing to do with each other, which
-/// other checks see.
+/// Largest delay of the search, s. Beyond it torque and motion are unrelated, which other checks find.
 const LONGEST_S: f64 = 0.16;
-/// The same where no delay within it is the best, with steps that much wider.
+/// Factor on the largest delay and on the steps, if no delay within the usual range is the best.
 const FURTHER: f64 = 2.0;
-/// Distance between the delays tried, s; a parabola finds what is between them.
+/// Distance between the tried delays, s; a parabola interpolates.
 const STEP_S: f64 = 0.01;
 
-/// When the torque of a joint fits its motion best.
+/// Best delay between the torque of a joint and its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TorqueDelay {
     /// The joint.
     pub joint: JointIndex,
-    /// Time by which the torque is late, s; negative where it is early.
+    /// Delay of the torque, s; negative if it is early.
     pub delay: f64,
-    /// Residual sum of squares at that delay, relative to that of the torque as recorded.
+    /// Residual sum of squares at that delay, relative to that without a delay.
     pub residual_ratio: f64,
 }
 
-/// When the torques of all joints together fit the motion best.
+/// Best common delay between the torques of all joints and the motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointDelay {
-    /// Each joint for itself, where a delay inside the range fits best.
+    /// Delays of single joints, if the best one is inside the range.
     pub joints: Vec<TorqueDelay>,
-    /// Joints with rows enough to judge.
+    /// Number of joints with enough rows.
     pub judged: usize,
-    /// Time by which all torques are late, s; negative where they are early.
+    /// Delay of all torques, s; negative if they are early.
     pub delay: f64,
     /// Geometric mean over the judged joints, weighted by rows, of the residual sum of squares at that delay,
     /// relative to that of the torques as recorded.
     pub residual_ratio: f64,
 }
 
-/// The delay of all torques together at which the joints' own columns explain them best, by the likelihood of
-/// each joint's residual with a variance of its own.
+/// Common delay with which the joints' own columns explain all torques best, by the likelihood of each joint's residual
+/// with a separate variance.
 ///
-/// `filtered_coulomb_columns` are the low-passed columns of the robot that jump, `excitation` usable rows in their order,
-/// `shapes` `[n][SHAPES][rows]` more columns of each joint, or nothing. `None` where no joint has rows enough, or
-/// the outermost delay is the best.
+/// `filtered_coulomb_columns` are the low-passed columns of the robot that have jumps, `excitation` are usable rows in
+/// order, and `shapes` `[n][SHAPES][rows]` are further columns of each joint, or empty. `None` if no joint has enough
+/// rows, or if the outermost delay is the best.
 #[must_use]
 pub fn torque_delays(
     robot: &Robot,
@@ -72,7 +71,7 @@ pub fn torque_delays(
     within(1.0).or_else(|| within(FURTHER))
 }
 
-/// The same with delays `wider` than usual.
+/// Searches delays up to `wider` times the usual range.
 fn delays_within(
     robot: &Robot,
     columns: &FactorColumns,
@@ -108,20 +107,20 @@ fn delays_within(
     Some(JointDelay { joints, judged: judged.len(), delay, residual_ratio })
 }
 
-/// A channel some time later, by a polynomial through the rows around it: what the low-pass leaves is smooth, so that
-/// delays of less than a row are seen too.
+/// Channel at a later time, by a polynomial through the neighbouring rows. Signals after the low-pass are smooth, so
+/// delays of less than a row are measurable.
 struct Shift {
     first: isize,
     weights: [f64; POINTS],
 }
 
 impl Shift {
-    /// From [`LONGEST_S`] earlier to as much later in steps of `step` [`STEP_S`], and as many wider ones, s.
+    /// Shifts from [`LONGEST_S`] earlier to [`LONGEST_S`] later in steps of `step` s; wider steps extend the range.
     fn all(sample_rate: f64, step: f64) -> Vec<Self> {
         let steps = (LONGEST_S / STEP_S).round() as i32;
         let shift = |k: i32| {
             let rows = f64::from(k) * step * sample_rate;
-            // whole rows are what they are, to the last bit
+            // shifts by whole rows reproduce the channel exactly
             let rows = if (rows - rows.round()).abs() < 1e-6 { rows.round() } else { rows };
             let before = rows.floor();
             Self { first: before as isize - 2, weights: between(rows - before) }
@@ -142,13 +141,13 @@ impl Shift {
     }
 }
 
-/// Residual sums of squares of a joint over the shifts, earliest first, and the rows that stand behind them.
+/// Residual sums of squares of a joint over the shifts, earliest first, and the degrees of freedom.
 struct Profile {
     squares: Vec<f64>,
     freedom: f64,
 }
 
-/// Profiles of the joints that have twice as many rows as columns.
+/// Profiles of the joints with at least twice as many rows as columns.
 fn profiles(
     robot: &Robot,
     columns: &FactorColumns,
@@ -190,8 +189,8 @@ fn profiles(
     folders.iter_mut().zip(&of_joint).map(profile).collect()
 }
 
-/// Delay, s, and residual relative to that without a delay at the lowest point of the parabola through the least
-/// residual and its neighbours; `None` where the least is at either end.
+/// Delay, s, and residual relative to that without a delay, at the minimum of the parabola through the smallest
+/// residual and its neighbours; `None` if the smallest is at either end.
 fn best(profile: &[f64], step: f64) -> Option<[f64; 2]> {
     let middle = profile.len() / 2;
     let least = (0..profile.len()).min_by(|&a, &b| profile[a].total_cmp(&profile[b]))?;

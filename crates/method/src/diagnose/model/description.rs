@@ -1,10 +1,9 @@
-//! Whether torques contradict the description: a test of lack of fit in the direction of its numbers.
+//! Test that torques agree with the description: a test of lack of fit in the direction of its numbers.
 //!
-//! Base parameters bend: a model of the wrong geometry may explain torques nearly as well as the right
-//! one. What it leaves is no noise, though. To first order the residual of a description whose numbers
-//! are off by `dp` is `S dp` with `S = d(w theta)/dp`; the part of `S` that the base parameters do not
-//! take up themselves is held against the residual (Lagrange multiplier test; Rao 1948, Large sample
-//! tests of statistical hypotheses concerning several parameters).
+//! Base parameters adapt: a model with wrong geometry may explain torques nearly as well as the right one, but its
+//! residual is not noise. To first order the residual of a description whose numbers are off by `dp` is `S dp` with
+//! `S = d(w theta)/dp`. The part of `S` that the base parameters do not absorb is compared with the residual (Lagrange
+//! multiplier test; Rao 1948, Large sample tests of statistical hypotheses concerning several parameters).
 
 use nalgebra::Vector3;
 
@@ -23,64 +22,64 @@ use crate::signal::filter::FilteredSignals;
 use armwatch_model::analysis::Identification;
 use armwatch_model::robot::{MAX_JOINTS, ParameterId, Robot};
 
-/// Most instants looked at, evenly over the excitation: a yes or no needs no more.
+/// Largest number of instants, evenly spaced over the excitation; enough for a yes or no.
 const MOST_INSTANTS: usize = 1500;
-/// Step of the numeric derivative, m, rad, m/s²: eight digits are left of doubles.
+/// Step of the numeric derivative, m, rad, m/s²: eight digits of a double remain.
 const STEP: f64 = 1e-6;
-/// A number whose effect the base parameters take up to this part of it shows nothing.
+/// Remaining part of a number's effect below which the base parameters absorb it.
 const ABSORBED: f64 = 1e-3;
-/// A column of the regressor of which no more than this part is new is dependent on those before it.
+/// New part of a regressor column below which it depends on those before it.
 const DEPENDENT: f64 = 1e-7;
 
-/// What the torques say of the description's numbers.
+/// Result of the test of the description's numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DescriptionTest {
-    /// Part of the weighted residual that changes of all numbers together explain, less what noise
-    /// alone would give them.
+    /// Part of the weighted residual that changes of all numbers together explain, minus the part expected from noise
+    /// alone.
     pub share: f64,
-    /// F statistic of the same.
+    /// F statistic of the test.
     pub f: f64,
-    /// Its degrees of freedom: numbers, and independent rows left.
+    /// Degrees of freedom: numbers, and remaining independent rows.
     pub freedom: [usize; 2],
-    /// Each number that shows, the one that explains most first.
+    /// Scores of the numbers that have a visible effect, the largest share first.
     pub scores: Vec<NumberScore>,
-    /// Numbers whose effect the base parameters take up: torques say nothing of them.
+    /// Numbers whose effect the base parameters absorb, so that torques do not test them.
     pub absorbed: Vec<DescribedNumber>,
-    /// Change of gravity, m/s², were its direction the only wrong number.
+    /// Change of gravity, m/s², if its direction were the only wrong number.
     pub gravity_change: Vector3<f64>,
 }
 
-/// What one number of the description would have to be, were it the only wrong one.
+/// Best-fitting change of one number of the description, if it were the only wrong one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NumberScore {
     /// The number.
     pub number: DescribedNumber,
     /// Change to first order: m, rad, m/s², s.
     pub change: f64,
-    /// Its standard error.
+    /// Standard error of the change.
     pub std_error: f64,
-    /// Part of the weighted residual that it explains.
+    /// Part of the weighted residual that the change explains.
     pub share: f64,
 }
 
-/// Rows that a description is judged on.
+/// Rows for the test of a description.
 #[derive(Debug, Clone)]
 pub struct JudgedRows<'a> {
-    /// The cycle after the low-pass.
+    /// Signals of the cycle after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Rows as far apart as the low-pass leaves them independent.
+    /// Rows far enough apart to be independent after the low-pass.
     pub rows: Vec<usize>,
-    /// Standard deviation of each joint's residual `[n]`, Nm (N): rows are weighted by one over it.
+    /// Standard deviation of each joint's residual `[n]`, Nm (N). The weight of a row is the inverse.
     pub noise: Vec<f64>,
-    /// Friction of other shapes `[n][SHAPES][rows of the recording]`, which every description may have
+    /// Friction of other shapes `[n][SHAPES][rows of the recording]`, allowed for every description
     /// ([`friction_shapes`](super::friction_shapes::friction_shapes)); empty for none.
     pub shapes: &'a [Vec<Vec<f64>>],
-    /// Columns of friction under load, low-passed, which another description shares.
+    /// Low-passed columns of friction under load, which other descriptions share.
     pub of_load: Vec<&'a FilteredColumn>,
 }
 
 impl<'a> JudgedRows<'a> {
-    /// From the rows of the excitation in their order, thinned to independent ones.
+    /// Thins the rows of the excitation, given in order, to independent ones.
     #[must_use]
     pub fn new(
         filtered: &'a FilteredSignals,
@@ -96,19 +95,19 @@ impl<'a> JudgedRows<'a> {
         Self { filtered, rows, noise, shapes, of_load }
     }
 
-    /// The same with at most so many instants.
+    /// Thins to at most this number of instants.
     #[must_use]
     pub fn thinned(&self, instants: usize) -> Self {
         let stride = self.rows.len().div_ceil(instants.max(1)).max(1);
         Self { rows: self.rows.iter().copied().step_by(stride).collect(), ..self.clone() }
     }
 
-    /// Columns that the shapes of friction take.
+    /// Number of columns for the shapes of friction.
     fn shape_columns(&self) -> usize {
         SHAPES * self.shapes.len()
     }
 
-    /// Entries of a joint's row in these columns, each times `weight`.
+    /// Entries of a joint's row in these columns, times `weight`.
     fn shaped(&self, joint: usize, row: usize, weight: f64) -> impl Iterator<Item = f64> + '_ {
         let own = move |of: usize, k: usize| {
             if of == joint { weight * self.shapes[of][k][row] } else { 0.0 }
@@ -116,8 +115,8 @@ impl<'a> JudgedRows<'a> {
         (0..self.shapes.len()).flat_map(move |of| (0..SHAPES).map(move |k| own(of, k)))
     }
 
-    /// Weighted residual sum of squares of a description with parameters of its own, by its
-    /// whole regressor, its torques times `gains` `[n]`.
+    /// Weighted residual sum of squares of a description with refitted parameters, from its whole regressor, with
+    /// torques times `gains` `[n]`.
     pub(super) fn residual(&self, robot: &Robot, gains: &[f64]) -> f64 {
         let factor = self.whole_factor(robot, gains);
         let columns = factor.columns();
@@ -129,7 +128,7 @@ impl<'a> JudgedRows<'a> {
         dot(&rest, &rest)
     }
 
-    /// Mean weighted squares of the same residual in the rows of each joint `[n]`.
+    /// Mean weighted squares of the same residual over the rows of each joint `[n]`.
     pub(super) fn residual_by_joint(&self, robot: &Robot, gains: &[f64]) -> Vec<f64> {
         let factor = self.whole_factor(robot, gains);
         let theta = factor.basic_solution(DEPENDENT);
@@ -150,7 +149,7 @@ impl<'a> JudgedRows<'a> {
         folder.take()
     }
 
-    /// Calls `take(joint, entries)` with the weighted row of the whole regressor, the shapes of friction and the torque.
+    /// Calls `take(joint, entries)` with the weighted row: whole regressor, shapes of friction, torque.
     fn each_entry(&self, robot: &Robot, gains: &[f64], mut take: impl FnMut(usize, &[f64])) {
         let mut filtered_coulomb_columns = filtered_coulomb_columns(robot, self.filtered);
         filtered_coulomb_columns.extend(self.of_load.iter().copied().cloned());
@@ -166,7 +165,7 @@ impl<'a> JudgedRows<'a> {
         });
     }
 
-    /// Calls `take(row, joint, regressor, state)` for each joint that moves in each row.
+    /// Calls `take(row, joint, regressor, state)` for each moving joint in each row.
     fn each(
         &self,
         robot: &Robot,
@@ -190,7 +189,7 @@ impl<'a> JudgedRows<'a> {
     }
 }
 
-/// One instant of all joints.
+/// State of all joints at one instant.
 #[derive(Debug, Clone, Copy, Default)]
 struct DescribedInstant {
     q: [f64; MAX_JOINTS],
@@ -199,11 +198,10 @@ struct DescribedInstant {
     tau: [f64; MAX_JOINTS],
 }
 
-/// Holds the residual of the identified parameters against the description's numbers.
+/// Compares the residual of the identified parameters with the effects of the description's numbers.
 ///
-/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `filtered_coulomb_columns` the low-passed columns of
-/// the robot that jump. `None` with too few
-/// rows to say anything.
+/// `kept_columns` `[b]` are the regressor's columns of the identified parameters, `filtered_coulomb_columns` the
+/// low-passed columns of the robot that have jumps. `None` if there are too few rows.
 #[must_use]
 pub fn test_description(
     robot: &Robot,
@@ -255,7 +253,7 @@ fn judged(numbers: &[DescribedNumber], factor: &TriangularFactor, b: usize, rows
     let upper = factor.upper();
     let m = numbers.len();
     let end = b + m;
-    // below the base parameters' rows stands what they leave: of the slopes, and of the torque
+    // rows below the base parameters' contain the unexplained part of the slopes and of the torque
     let left =
         |k: usize| -> Vec<f64> { (b..=end).map(|i| if i <= k { upper[(i, k)] } else { 0.0 }).collect() };
     let residual = left(end);
@@ -298,7 +296,7 @@ fn judged(numbers: &[DescribedNumber], factor: &TriangularFactor, b: usize, rows
     }
 }
 
-/// The components of gravity that together explain most of a residual, from the `slope` of each number.
+/// Components of gravity that together explain most of a residual, from the `slope` of each number.
 fn gravity_change(
     numbers: &[DescribedNumber],
     slope: impl Fn(usize) -> Vec<f64>,
@@ -312,20 +310,20 @@ fn gravity_change(
     inverse.map_or_else(|_| Vector3::zeros(), |inverse| inverse * right)
 }
 
-/// Derivatives of the torques by the description's numbers.
+/// Derivatives of the torques with respect to the description's numbers.
 struct TorqueSlopes<'a> {
     robot: &'a Robot,
     model: &'a DynamicModel,
-    /// The robot with each number a step larger; `None` where the torque itself is changed.
+    /// Robot with each number larger by one step; `None` for a change of the torque itself.
     changed: Vec<Option<Robot>>,
     filtered: &'a FilteredSignals,
-    /// Rows that are asked for, rising.
+    /// Rows in use, ascending.
     rows: &'a [usize],
-    /// Place among the rows of the first one of those at hand, a lane each.
+    /// Index in `rows` of the first of the loaded rows, one per lane.
     first: Option<usize>,
-    /// For each changed robot the slopes in the rows at hand.
+    /// Slopes in the loaded rows, for each changed robot.
     slopes: Vec<JointLanes>,
-    /// The rate of each measured torque `[n][rows]`, where rows are not evenly spaced.
+    /// Derivative of each measured torque over time `[n][rows]`, if rows are not evenly spaced.
     rates: Vec<Vec<f64>>,
 }
 
@@ -354,13 +352,13 @@ impl<'a> TorqueSlopes<'a> {
         }
     }
 
-    /// Minus the rate of a measured torque, Nm/s (N/s).
+    /// Minus the derivative of a measured torque over time, Nm/s (N/s).
     fn late(&self, joint: usize, row: usize) -> f64 {
         let at_row = self.filtered.derivative_at(&self.filtered.tau[joint], row);
         -at_row.unwrap_or_else(|| self.rates[joint][row])
     }
 
-    /// The slopes in a row, `[numbers][n]`.
+    /// Writes the slopes in a row, `[numbers][n]`.
     fn write(&mut self, row: usize, slope: &mut [[f64; MAX_JOINTS]]) {
         let n = self.robot.joint_count();
         let place = self.rows.partition_point(|of| *of < row);
@@ -380,7 +378,7 @@ impl<'a> TorqueSlopes<'a> {
         }
     }
 
-    /// Works out the slopes in the rows from `first` on.
+    /// Computes the slopes in the rows from `first` on.
     fn take_up(&mut self, first: usize) -> usize {
         let mut states = LaneStates::default();
         for lane in 0..LANES {

@@ -1,4 +1,4 @@
-//! Findings about the description as a whole: wrong numbers, a wrong mounting, torques out of time.
+//! Findings about the description as a whole: wrong numbers, a wrong mounting, delayed torques.
 
 use std::cell::OnceCell;
 
@@ -16,37 +16,38 @@ use armwatch_model::analysis::{Identification, Rmsd, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::Stage;
 
-/// From where on a description, or the time of the torques, is doubted.
+/// Thresholds for doubt about a description or about the time of the torques.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubtSettings {
-    /// Part of the residual that changed numbers of the description explain, from which on another
-    /// description is looked for.
+    /// Smallest share of the residual explained by changed numbers of the description that starts a search for another
+    /// description.
     pub looked_share: f64,
-    /// The same part from which on it is said, and refused, though none is found, where the model leaves more of a
-    /// torque than `healthy` unexplained.
+    /// Smallest such share that is reported, and that is refused, even without a better description, if the model
+    /// leaves more than `healthy` of a torque unexplained.
     pub description_shares: [f64; 2],
-    /// Moving relative RMSD that models of healthy arms stay below (thesis, chapter 5), and above which a contradiction
-    /// without a remedy is refused.
+    /// Moving relative RMSD: an upper limit for models of healthy arms (thesis, chapter 5), and the smallest value for
+    /// refusing a contradiction without a remedy.
     pub healthy: [f64; 2],
-    /// Torque error, relative to the joint's RMS torque, that a wrong description must cost some joint to be refused.
+    /// Torque error, relative to a joint's RMS torque, that a wrong description must cause at some joint to be refused.
     pub cost: f64,
-    /// Part of the joint's rated torque, or of the largest RMS torque of the arm, below which no error counts.
+    /// Smallest error that counts, as a share of the joint's rated torque or of the largest RMS torque of the arm.
     pub least_share: f64,
-    /// Weighted residual sum of squares that another description may leave, relative to the given
-    /// one's, to be named as the likely one.
+    /// Largest weighted residual sum of squares of another description, relative to the given one's, for naming it as
+    /// the likely one.
     pub alternative: f64,
-    /// Cut-off of the low-pass, Hz, below which a contradiction is said and never refused. Excitation moves with up to
-    /// some 3 Hz: below, the low-pass takes away part of the motion, and as filtered torques are no function of filtered
-    /// positions then, what is left goes with the geometry.
+    /// Cut-off of the low-pass, Hz, below which a contradiction is reported and never refused. Excitation moves with up
+    /// to about 3 Hz. A lower cut-off removes part of the motion; filtered torques are then no function of filtered
+    /// positions, and the remainder correlates with the geometry.
     pub least_cutoff: f64,
-    /// Excitation, s, below which the same holds: joints reverse so few times then that friction of a shape nobody thought
-    /// of looks like another arm.
+    /// Duration of excitation, s, below which a contradiction is also never refused. Joints then reverse so rarely that
+    /// friction of an unexpected shape resembles another arm.
     pub least_excitation: f64,
-    /// Delay of the torques that is said, and that is refused, s.
+    /// Smallest delay of the torques that is reported, and that is refused, s.
     pub delays: [f64; 2],
-    /// Residual sum of squares that the best delay must reach, relative to that without one.
+    /// Largest residual sum of squares with the best delay, relative to that without a delay.
     pub delay_residual: f64,
-    /// Joints that must agree on a delay, or all of an arm with fewer; more than half of those that move in any case.
+    /// Number of joints that must agree on a delay, or all joints of an arm with fewer; always more than half of those
+    /// that move.
     pub delay_quorum: usize,
 }
 
@@ -68,7 +69,7 @@ impl Default for DoubtSettings {
     }
 }
 
-/// What a cycle's description is judged by.
+/// Cycle and model for judging a description.
 #[derive(Debug, Clone, Copy)]
 pub struct JudgedCycle<'a> {
     /// The description.
@@ -77,22 +78,22 @@ pub struct JudgedCycle<'a> {
     pub columns: &'a FactorColumns,
     /// Columns `[b]` of the regressor that were identified.
     pub kept_columns: &'a [usize],
-    /// The cycle after the low-pass.
+    /// Signals of the cycle after the low-pass.
     pub filtered: &'a FilteredSignals,
-    /// Columns of the description's regressor that jump, low-passed.
+    /// Low-passed columns of the description's regressor that have jumps.
     pub filtered_coulomb_columns: &'a [FilteredColumn],
     /// Usable rows of the excitation, in order.
     pub excitation: &'a [usize],
-    /// The parameters.
+    /// Identified parameters.
     pub identified: &'a Identification,
-    /// Their self-verification.
+    /// Verification of the parameters on the same cycle.
     pub verification: &'a [TorqueRmsd],
 }
 
-/// Findings about the description: torques out of time, numbers that the torques contradict.
+/// Findings about the description: delayed torques, and numbers that the torques contradict.
 ///
-/// `known` are the findings about the same model so far; where there is one, the description that
-/// explains the torques better is looked for all the same, as the remedy.
+/// `known` are the findings about the same model so far. If there is one, the search for a better description runs in
+/// any case, to find a remedy.
 #[must_use]
 pub fn diagnose_description(
     judged: &JudgedCycle<'_>,
@@ -116,7 +117,7 @@ pub fn diagnose_description(
     found
 }
 
-/// Torques out of time, whatever else a recording's channels have.
+/// Finding of delayed torques, independent of the other findings about a recording's channels.
 pub(crate) fn late_torques(channels: &Channels<'_>) -> Option<Finding> {
     let Channels { robot, columns, kept_columns, filtered, filtered_coulomb_columns, excitation, .. } =
         *channels;
@@ -129,8 +130,8 @@ pub(crate) fn late_torques(channels: &Channels<'_>) -> Option<Finding> {
     late_finding(delays, &shapes, moving, &DoubtSettings::default()).0
 }
 
-/// A delay that friction of the description's law shows, which is the quicker to try, and friction of any shape too; and
-/// the former.
+/// Finding of a delay that appears both with the description's friction law (faster, so tried first) and with friction
+/// of any shape, and the delay found with the law.
 fn late_finding<'s>(
     delays: impl Fn(&[Vec<Vec<f64>>]) -> Option<JointDelay>,
     shapes: MakeShapes<'_, 's>,
@@ -142,10 +143,11 @@ fn late_finding<'s>(
     (suspected.and_then(|_| delays(shapes())).and_then(|delay| late(&delay, moving, settings)), first)
 }
 
-/// Makes columns of friction of any shape, by joint, once.
+/// Creates columns of friction of any shape, by joint, once.
 type MakeShapes<'a, 's> = &'a dyn Fn() -> &'s Vec<Vec<Vec<f64>>>;
 
-/// What the torques say against the numbers of the description. `shapes` makes columns of friction of any shape.
+/// Contradiction between the torques and the numbers of the description. `shapes` creates columns of friction of any
+/// shape.
 fn contradicted<'s>(
     judged: &JudgedCycle<'_>,
     known: &[Finding],
@@ -169,7 +171,7 @@ fn contradicted<'s>(
     }
     let of_law = test.share >= settings.description_shares[0];
     let judged_rows = JudgedRows { shapes: shapes(), ..judged_rows };
-    // too few rows for friction of any shape say nothing of the description
+    // with too few rows for friction of any shape, no statement about the description is possible
     let test = tested(&judged_rows)?;
     if test.share < settings.looked_share && known.is_empty() {
         return of_law.then(|| perhaps_contradicted(&test));
@@ -179,7 +181,7 @@ fn contradicted<'s>(
     let Alternatives { tilt, change } = alternatives(judged.robot, &judged_rows, &test);
     let change = change.filter(|change| tells && change.residual_ratio <= settings.alternative);
     if change.as_ref().is_some_and(|change| change.is_gain) && far_joints(known) > 1 {
-        // torques of several joints are in another unit: the scale of one of them is a part of that
+        // torques of several joints are in another unit, so the scale of one of them is no separate cause
         return None;
     }
     if let Some(change) = change {
@@ -199,14 +201,15 @@ fn contradicted<'s>(
     Some(doubted(&test, None, matters))
 }
 
-/// Joints that are refused because their inertia is far from the nominal one.
+/// Number of joints that are refused because their inertia is far from the nominal one.
 fn far_joints(known: &[Finding]) -> usize {
     let is_far =
         |of: &&Finding| of.kind == FindingKind::FarFromNominal && of.severity == FindingSeverity::Refuse;
     known.iter().filter(is_far).count()
 }
 
-/// Whether a tilt is worth telling: it explains a good part of all errors, or most of a joint's that would be refused.
+/// Returns true if a tilt is worth reporting: it explains a large part of all errors, or most of the error of a joint
+/// that would be refused.
 fn is_told(judged: &JudgedCycle<'_>, tilt: &DescriptionAlternative, settings: &DoubtSettings) -> bool {
     let of_joint = |of: &TorqueRmsd| {
         let [gained, left] =
@@ -218,7 +221,8 @@ fn is_told(judged: &JudgedCycle<'_>, tilt: &DescriptionAlternative, settings: &D
     tilt.residual_ratio <= settings.alternative || judged.verification.iter().any(of_joint)
 }
 
-/// Excitation of the joints whose torque counts beside the arm's largest or their own rated one.
+/// Excitation results of the joints whose torque is significant relative to the arm's largest or to their own rated
+/// torque.
 fn weighty<'a>(
     judged: &'a JudgedCycle<'_>,
     settings: &'a DoubtSettings,
@@ -235,13 +239,13 @@ fn weighty<'a>(
     })
 }
 
-/// The largest relative torque error of a joint, among errors that count.
+/// Largest relative torque error of a joint, among errors that count.
 fn poorest(judged: &JudgedCycle<'_>, settings: &DoubtSettings) -> f64 {
     let counts = weighty(judged, settings).filter(|(_, rmsd, least)| rmsd.value > *least);
     counts.map(|(_, rmsd, _)| rmsd.relative).fold(0.0, f64::max)
 }
 
-/// Whether a wrong description costs some joint torque that matters.
+/// Returns true if a wrong description causes a significant torque error at some joint.
 fn costs(judged: &JudgedCycle<'_>, better: &DescriptionAlternative, settings: &DoubtSettings) -> bool {
     weighty(judged, settings).any(|(joint, rmsd, least)| {
         let gained = better.gained.get(joint.index()).copied().unwrap_or(0.0);
@@ -249,8 +253,8 @@ fn costs(judged: &JudgedCycle<'_>, better: &DescriptionAlternative, settings: &D
     })
 }
 
-/// A remark where friction of another shape than the description's law explains the torques as well as another
-/// description does.
+/// Remark that friction of another shape than the description's law explains the torques as well as another
+/// description.
 fn perhaps_contradicted(test: &DescriptionTest) -> Finding {
     Finding {
         kind: FindingKind::Description,
@@ -263,8 +267,8 @@ fn perhaps_contradicted(test: &DescriptionTest) -> Finding {
     }
 }
 
-/// A remark where most joints, each for itself, explain their torques better some time later, and late torques are not
-/// told from friction that turns over late.
+/// Remark that most joints, each fitted separately, explain their torques better with a delay, while delayed torques
+/// are not distinguishable from friction that changes sign late.
 fn perhaps_late(found: &JointDelay, settings: &DoubtSettings) -> Option<Finding> {
     let mut sorted: Vec<f64> = found.joints.iter().map(|of| of.delay).collect();
     sorted.sort_unstable_by(f64::total_cmp);
@@ -294,7 +298,7 @@ fn perhaps_late(found: &JointDelay, settings: &DoubtSettings) -> Option<Finding>
     })
 }
 
-/// Root mean square of each joint's residual; a hundredth of its torque at least.
+/// Root mean square of each joint's residual, at least a hundredth of its torque.
 fn noise(judged: &JudgedCycle<'_>) -> Vec<f64> {
     let of_joint = |joint| {
         let excitation = judged
@@ -316,7 +320,7 @@ fn delays(judged: &JudgedCycle<'_>, shapes: &[Vec<Vec<f64>>]) -> Option<JointDel
     torque_delays(robot, columns, kept_columns, (filtered, filtered_coulomb_columns), excitation, shapes)
 }
 
-/// A delay on which the joint fit and enough of the `moving` joints for themselves agree.
+/// Finding of a delay that the joint fit shows and enough of the `moving` joints confirm in their own fits.
 fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<Finding> {
     let delay = found.delay;
     let gained = |of: &&TorqueDelay| {
@@ -328,7 +332,7 @@ fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<F
     if delay.abs() < settings.delays[0] || !gains {
         return None;
     }
-    // one joint alone cannot tell a delay from friction that it has at no other arm
+    // a single joint cannot distinguish a delay from friction of an unusual shape
     let severity = match delay.abs() >= settings.delays[1] && moving > 1 {
         true => FindingSeverity::Refuse,
         false => FindingSeverity::Warn,
@@ -352,7 +356,7 @@ fn late(found: &JointDelay, moving: usize, settings: &DoubtSettings) -> Option<F
     })
 }
 
-/// The finding: a refusal where the error `matters`, and else a remark.
+/// Finding: a refusal if the error `matters`, otherwise a remark.
 fn doubted(test: &DescriptionTest, better: Option<DescriptionAlternative>, matters: bool) -> Finding {
     let severity = if matters { FindingSeverity::Refuse } else { FindingSeverity::Warn };
     let remedy = match &better {

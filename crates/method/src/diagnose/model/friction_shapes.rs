@@ -1,24 +1,24 @@
-//! Friction of other shapes than the description's law: what a doubt about geometry, units or time must leave
-//! unexplained before it counts.
+//! Friction of other shapes than the description's law, which must not explain the evidence for a doubt about geometry,
+//! units or time.
 //!
-//! Friction that turns over late after a reversal looks like a torque that comes late, and one that turns over
-//! smoothly like a wrong length. Each joint gets columns that depend on its own motion alone, so that they cannot
-//! stand for gravity or inertia: smooth signs, a bump at low speed (Stribeck 1902) and the bristle that bends before
-//! a surface slips (Dahl 1968), which is late by a distance.
+//! Friction that changes sign late after a reversal resembles a delayed torque, and friction that changes sign smoothly
+//! resembles a wrong length. Each joint gets columns that depend only on the motion of this joint, so they cannot
+//! represent gravity or inertia: smooth signs, a bump at low speed (Stribeck 1902) and the bristle that bends before a
+//! surface slips (Dahl 1968), which is late by a distance.
 
 use crate::signal::filter::FilteredSignals;
 
-/// Speeds at which a smooth sign turns over, and of the bump, relative to the joint's RMS speed.
+/// Speeds of the change of a smooth sign, and of the bump, relative to the joint's RMS speed.
 const SMOOTH: [f64; 2] = [0.05, 0.3];
 const BUMP: f64 = 0.15;
-/// Distances over which friction turns over after a reversal, relative to the range that the joint moves over: from the
-/// minutes of arc of a stiff gearbox on.
+/// Distances of the change of friction's sign after a reversal, relative to the joint's range of motion; the smallest
+/// is that of a stiff gearbox, minutes of arc.
 const BRISTLE: [f64; 3] = [0.001, 0.006, 0.04];
 
-/// Columns of a joint.
+/// Number of columns per joint.
 pub const SHAPES: usize = SMOOTH.len() + 1 + BRISTLE.len() + 1;
 
-/// Torques of unit friction of each shape, low-passed as the torque is, `[n][SHAPES][rows]`; the last is a constant.
+/// Torques of unit friction of each shape, low-passed like the torque, `[n][SHAPES][rows]`; the last is a constant.
 #[must_use]
 pub fn friction_shapes(filtered: &FilteredSignals) -> Vec<Vec<Vec<f64>>> {
     (0..filtered.joint_count()).map(|joint| of_joint(filtered, joint)).collect()
@@ -68,7 +68,7 @@ mod tests {
             up.chain(down).collect()
         };
         let ends = [0.05, 0.01].map(|step| bristle(&path(step), 0.1));
-        // one distance behind the reversal, 2/e of the turn-over is left
+        // one distance after the reversal, 2/e of the change remains
         let exact = -1.0 + 2.0 * (-1.0_f64).exp();
         for z in &ends {
             assert!((z[z.len() - 1] - exact).abs() < 1e-4, "{}", z[z.len() - 1]);

@@ -1,22 +1,22 @@
-//! All joints fitted together to torques of any sign, among bodies and frictions that can exist.
+//! Fit of all joints together to torques of any sign, among possible bodies and frictions.
 //!
-//! One factor of `[w | tau]`, with a right-hand side for the torque of each joint, answers for every set of signs at once:
-//! for torques `T s` least squares leaves `|R22 s|²`. Least squares alone would follow a turned torque with
-//! negative friction and inertia. Every joint's mean power of friction and mean inertia are therefore held at zero or more,
-//! by the dual of the least distance problem (Lawson and Hanson 1974, chapter 23).
+//! One factor of `[w | tau]`, with a right-hand side for the torque of each joint, is enough for every set of signs:
+//! for torques `T s` least squares leave `|R22 s|²`. Least squares alone would fit a reversed torque with negative
+//! friction and inertia. Every joint's mean power of friction and mean inertia are therefore kept at zero or more, by
+//! the dual of the least distance problem (Lawson and Hanson 1974, chapter 23).
 
 use crate::least_squares::factor::{FactorBuilder, TriangularFactor};
 use crate::least_squares::orthonormal::dot;
 
-/// A column of which no more than this part is new is dependent on those before it.
+/// New part of a column below which it depends on those before it.
 const DEPENDENT: f64 = 1e-7;
-/// Sweeps over the bounds: there are two for each joint, and each sweep divides the error.
+/// Number of sweeps over the bounds: there are two for each joint, and each sweep divides the error.
 const SWEEPS: usize = 60;
 
-/// The fit of all joints, each row over the standard deviation of its torque.
+/// Fit of all joints, with each row divided by the standard deviation of its torque.
 #[derive(Debug, Clone)]
 pub(super) struct JointFit {
-    /// What least squares leaves of each joint's torque, `[n]` columns.
+    /// Residual of each joint's torque, `[n]` columns.
     left: Vec<Vec<f64>>,
     /// Values of the bounded sums for each joint's torque, `[n][bounds]`.
     bounded: Vec<Vec<f64>>,
@@ -25,8 +25,8 @@ pub(super) struct JointFit {
 }
 
 impl JointFit {
-    /// From a factor of `b` columns and the torques of `n` joints behind them, each in the rows of its joint alone.
-    /// `bounds` are sums of parameters, `[b]` each, that no arm has below zero.
+    /// Creates the fit from a factor of `b` columns followed by the torques of `n` joints, each only in the rows of its
+    /// joint. `bounds` are sums of parameters, `[b]` each, that are never negative.
     pub(super) fn new(factor: &TriangularFactor, b: usize, n: usize, bounds: &[Vec<f64>]) -> Self {
         let kept = factor.independent_columns(b, DEPENDENT);
         let k = kept.len();
@@ -70,7 +70,7 @@ impl JointFit {
         dot(&left, &left) + self.cost_of_bounds(&bounded)
     }
 
-    /// Least squares of a change that brings all bounded sums to zero or more.
+    /// Squares of the smallest change that makes all bounded sums zero or more.
     fn cost_of_bounds(&self, bounded: &[f64]) -> f64 {
         if bounded.iter().all(|value| *value >= 0.0) {
             return 0.0;

@@ -1,5 +1,4 @@
-//! The tilt of the base. Hardly any floor is level, and the error that this causes is no fault of a channel, a length or a
-//! joint.
+//! Tilt of the base. Floors are rarely level, and the resulting error is no fault of a channel, a length or a joint.
 
 use nalgebra::Vector3;
 
@@ -13,28 +12,28 @@ use armwatch_model::robot::Robot;
 
 /// Evidence of a tilt of the base, rad.
 pub(crate) const TILT: &str = "tilt_rad";
-/// Evidence of a change that explains more: the part of the squares that it leaves.
+/// Evidence of a change that explains more: the part of the squares that remains.
 pub(crate) const RESIDUAL_RATIO: &str = "residual_ratio";
 /// Instants for the comparison of readings.
 pub(super) const INSTANTS: usize = 300;
-/// Largest tilt of a floor off level, rad, which is a remark: gravity is off by a tenth across.
+/// Largest tilt of a floor, rad, that is only a remark: a tenth of gravity acts across.
 pub(super) const FLOOR: f64 = 0.1;
-/// Squares that a tilt must explain, relative to those that the fit of one joint leaves. With [`INDEPENDENT`] values this is
-/// a chi-square of 12 with two degrees of freedom.
+/// Squares that a tilt must explain, relative to those that remain after the fit of one joint. With [`INDEPENDENT`]
+/// values this is a chi-square of 12 with two degrees of freedom.
 const SHOWN: f64 = 12.0 / INDEPENDENT;
 
-/// The description with the likeliest tilt of its base.
+/// Description with the most likely tilt of its base.
 #[derive(Debug, Clone)]
 pub(crate) struct BaseTilt {
-    /// The recording with gravity in this direction.
+    /// Recording with gravity in this direction.
     pub(super) reading: ChannelReading,
-    /// Base parameters under it. The first moments of link 1 are among them.
+    /// Base parameters with the tilt. They include the first moments of link 1.
     pub(crate) base: BaseParameters,
-    /// The columns of each joint's factor.
+    /// Columns of each joint's factor.
     pub(crate) columns: FactorColumns,
     /// Gravity of the description, m/s².
     pub(super) described: Vector3<f64>,
-    /// Weighted squares that the tilted description leaves.
+    /// Weighted squares that remain with the tilted description.
     pub(super) misfit: f64,
     described_misfit: f64,
     pub(super) own_misfit: f64,
@@ -45,7 +44,7 @@ pub(crate) struct BaseTilt {
 }
 
 impl BaseTilt {
-    /// The likeliest tilt; `None` with too few rows, or if the base parameters under it are unclear.
+    /// Estimates the most likely tilt; `None` with too few rows, or if the base parameters with it are unclear.
     pub(crate) fn of(channels: &Channels<'_>) -> Option<Self> {
         let rows = channels.rows(INSTANTS);
         let sigma = channels.errors(&channels.factors(&rows)).least();
@@ -63,7 +62,7 @@ impl BaseTilt {
             kept_columns: &base.kept_columns,
             ..*channels
         };
-        // without the tilt, its own effect would take the weight from a joint about a vertical axis
+        // without the tilt, its own effect would reduce the weight of a joint about a vertical axis
         let errors = under.errors(&under.factors(&rows));
         let own: Vec<OwnFit> = errors.own()?;
         let compared = ReadingComparison::new(*channels, rows, errors.least());
@@ -83,17 +82,17 @@ impl BaseTilt {
         })
     }
 
-    /// The tilted robot.
+    /// Tilted robot.
     pub(crate) fn robot(&self) -> &Robot {
         &self.reading.robot
     }
 
-    /// Checks if the fit of some joint leaves more than this part of its torque.
+    /// Returns true if the fit of some joint leaves more than this part of its torque.
     pub(super) fn is_foreign(&self, part: f64) -> bool {
         self.own.iter().any(|of| of.relative > part)
     }
 
-    /// Rows and weights to compare readings by.
+    /// Rows and weights for comparing readings.
     pub(super) fn compared<'a>(&'a self, channels: &Channels<'a>) -> ReadingComparison<'a> {
         let channels = Channels {
             robot: self.robot(),
@@ -108,13 +107,13 @@ impl BaseTilt {
         self.described.angle(&self.robot().gravity)
     }
 
-    /// Checks if it is a floor off level that the torques show.
+    /// Returns true if the torques show a tilted floor.
     pub(crate) fn is_shown(&self) -> bool {
         let explained = self.described_misfit - self.misfit;
         (f64::MIN_POSITIVE..=FLOOR).contains(&self.angle()) && explained >= SHOWN * self.rows.len() as f64
     }
 
-    /// The remark that names it.
+    /// Remark that reports the tilt.
     pub(crate) fn remark(&self) -> Finding {
         let (angle, ratio) = (self.angle(), self.misfit / self.described_misfit);
         Finding {

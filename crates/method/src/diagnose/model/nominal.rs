@@ -1,5 +1,5 @@
-//! Identified parameters against what no gravity and no drawing allows: masses below zero, inertias far
-//! from the description's own.
+//! Comparison of identified parameters with physical limits and with the description: masses below zero, inertias far
+//! from the nominal ones.
 
 use nalgebra::Vector3;
 
@@ -14,16 +14,16 @@ use armwatch_model::robot::{
     Joint, JointIndex, JointKind, ParameterId, Robot, StandardParameters, Transform,
 };
 
-/// Postures looked at: a median over them needs no more.
+/// Number of postures for a median.
 const POSTURES: usize = 32;
-/// Part of gravity that must lie along a sliding joint for its load to be seen.
+/// Part of gravity along a sliding joint that is necessary for its load to be visible.
 const ALONG: f64 = 0.1;
-/// By how much further a single joint must be off its nominal inertia than several together.
+/// Factor on the deviation from nominal inertia for a single joint, compared with several together.
 const ALONE_FACTOR: f64 = 2.0;
 
-/// A sliding joint that gravity seems to lift: the mass that it carries comes out negative.
+/// Findings of sliding joints with a negative load mass, as if gravity lifted them.
 ///
-/// At rest its force is `-M g z` with `M` the mass of all links it carries and `z` its axis.
+/// At rest the force of such a joint is `-M g z` with `M` the mass of all links it carries and `z` its axis.
 pub(super) fn negative_masses(
     robot: &Robot,
     identified: &Identification,
@@ -83,16 +83,16 @@ fn carried_mass(robot: &Robot, identified: &Identification, joint: JointIndex) -
     Some(mass)
 }
 
-/// Inertia of a joint, as the model feels it, over that of the description's nominal parameters.
+/// Ratio of a joint's identified inertia to that of the description's nominal parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InertiaRatio {
     /// The joint.
     pub joint: JointIndex,
-    /// Identified over nominal: medians over postures; below zero for an inertia that no body has.
+    /// Identified over nominal inertia, both medians over postures; below zero for an impossible inertia.
     pub ratio: f64,
 }
 
-/// How people write the unit of a joint's inertia.
+/// Unit of a joint's inertia in output.
 pub(super) fn inertia_unit(robot: &Robot, joint: JointIndex) -> &'static str {
     match robot.joints[joint.index()].kind {
         JointKind::Revolute => "kg m^2",
@@ -100,7 +100,7 @@ pub(super) fn inertia_unit(robot: &Robot, joint: JointIndex) -> &'static str {
     }
 }
 
-/// Identified over nominal inertia of each joint that is not coupled; nothing without nominal parameters of all.
+/// Identified over nominal inertia of each joint that is not coupled; empty unless all joints have nominal parameters.
 #[must_use]
 pub fn inertia_ratios(robot: &Robot, identified: &Identification) -> Vec<InertiaRatio> {
     let ratio =
@@ -129,8 +129,8 @@ fn inertias(robot: &Robot, identified: &Identification) -> Vec<(JointIndex, [f64
     judged.filter(|(_, [_, drawn])| *drawn > 0.0).collect()
 }
 
-/// Joints whose inertia is far from that of the description's nominal
-/// parameters: the usual sign of torques in another unit or on the other side of the gear.
+/// Findings of joints whose inertia is far from that of the description's nominal parameters, which usually indicates
+/// torques in another unit or on the other side of the gear.
 pub(super) fn far_from_nominal(
     robot: &Robot,
     identified: &Identification,
@@ -140,18 +140,19 @@ pub(super) fn far_from_nominal(
     let far: Vec<(JointIndex, [f64; 2])> = inertias(robot, identified)
         .into_iter()
         .filter(|(_, felt)| felt[0] > 0.0 && off(*felt) > settings.nominal_factors[0])
-        // an inertia that noise hides comes out near zero: its error is on its side
+        // an inertia hidden by noise is near zero, so its error may explain the difference
         .filter(|(joint, [found, drawn])| {
             let margin = || settings.standard_errors * inertia_error(robot, identified, *joint);
             found > drawn || drawn / (found + margin()) > settings.nominal_factors[0]
         })
         .collect();
-    // a wrong unit or side of the gear shows at several joints; one light wrist alone is badly known
+    // a wrong unit or side of the gear affects several joints; a single light wrist has a large uncertainty
     let least = match far.len() {
         1 => ALONE_FACTOR * settings.nominal_factors[1],
         _ => settings.nominal_factors[1],
     };
-    // a URDF has no place for rotors, which may be most of a wrist's inertia: more than its links is no evidence
+    // a URDF does not describe rotors, which may be most of a wrist's inertia: a larger inertia than that of the links
+    // is no evidence
     let rotor_is_known = |joint: JointIndex| {
         let nominal = robot.joints[joint.index()].nominal;
         !robot.has_motor_inertia() || nominal.is_some_and(|nominal| nominal.motor_inertia > 0.0)
@@ -169,7 +170,7 @@ pub(super) fn far_from_nominal(
         .collect()
 }
 
-/// Standard error of a joint's identified inertia, averaged over postures, with errors of parameters as independent.
+/// Standard error of a joint's identified inertia, averaged over postures, with independent errors of parameters.
 fn inertia_error(robot: &Robot, identified: &Identification, joint: JointIndex) -> f64 {
     let order = ParameterId::natural_order(robot);
     let still = vec![0.0; robot.joint_count()];
@@ -215,12 +216,12 @@ fn far_finding(
     }
 }
 
-/// The inertia that a joint feels of the links, median over postures.
+/// Inertia of the links about a joint, median over postures.
 pub(super) fn median_inertia(robot: &Robot, inertial: &[StandardParameters], joint: usize) -> f64 {
     median((0..POSTURES).map(|posture| felt(robot, inertial, joint, posture)))
 }
 
-/// The inertia that a joint feels of the links in one of the probe postures.
+/// Inertia of the links about a joint in one of the probe postures.
 fn felt(robot: &Robot, inertial: &[StandardParameters], joint: usize, posture: usize) -> f64 {
     let n = robot.joint_count();
     let q = probe_state(robot, posture).q;

@@ -1,4 +1,4 @@
-//! The numbers of a description that torques can contradict, and a description with one of them changed.
+//! Numbers of a description that torques can contradict, and changes of one of them.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use armwatch_model::robot::{
     DhParameters, GeometrySource, JointGeometry, JointIndex, Robot, Transform, UrdfOrigin,
 };
 
-/// A number of a joint's place.
+/// Number in a joint's placement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum PlaceNumber {
     /// Distance `a` of a Denavit-Hartenberg row, m.
@@ -25,21 +25,21 @@ pub enum PlaceNumber {
     Turn(usize),
 }
 
-/// A number of a description, or of what was recorded with it.
+/// Number of a description, or of the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DescribedNumber {
-    /// Of a joint's place.
+    /// Number in a joint's placement.
     Place(JointIndex, PlaceNumber),
     /// Component 0, 1, 2 (x, y, z) of gravity in the base frame, m/s².
     Gravity(usize),
     /// Factor on a joint's torque: unit, gear ratio, drive gain.
     TorqueGain(JointIndex),
-    /// Time by which torques are late against positions, s.
+    /// Delay of the torques relative to the positions, s.
     TorqueDelay,
 }
 
 impl DescribedNumber {
-    /// Every number of a robot's description that its torques depend on.
+    /// All numbers of a robot's description that affect its torques.
     #[must_use]
     pub fn all(robot: &Robot) -> Vec<Self> {
         use PlaceNumber::{A, Alpha, D, Origin, ThetaOffset, Turn};
@@ -57,7 +57,7 @@ impl DescribedNumber {
         all
     }
 
-    /// The robot with this number larger by `change`; as it is for numbers of the torque signal.
+    /// Robot with this number larger by `change`; unchanged for numbers of the torque signal.
     #[must_use]
     pub fn changed(self, robot: &Robot, change: f64) -> Robot {
         let mut robot = robot.clone();
@@ -69,8 +69,8 @@ impl DescribedNumber {
         robot
     }
 
-    /// Its value in the description: gain 1 and delay 0 for the torque's; `None` for directions of a
-    /// URDF joint, which are turned as a whole.
+    /// Value in the description: gain 1 and delay 0 for the torque's; `None` for directions of a URDF joint, which turn
+    /// as a whole.
     #[must_use]
     pub fn value(self, robot: &Robot) -> Option<f64> {
         match self {
@@ -93,7 +93,7 @@ impl DescribedNumber {
         }
     }
 
-    /// Whether it is an angle, which people read in degrees.
+    /// Returns true if the number is an angle, which is printed in degrees.
     #[must_use]
     pub fn is_angle(self) -> bool {
         use PlaceNumber::{Alpha, ThetaOffset, Turn};
@@ -140,7 +140,7 @@ fn change_place(robot: &mut Robot, joint: JointIndex, place: PlaceNumber, change
     }
 }
 
-/// Gives the robot a standard Denavit-Hartenberg table.
+/// Sets a standard Denavit-Hartenberg table.
 pub(super) fn set_standard(robot: &mut Robot, rows: &[DhParameters]) {
     let (places, _) = JointGeometry::standard_dh(rows);
     robot.joints.iter_mut().zip(places).for_each(|(joint, place)| joint.geometry = place);

@@ -13,36 +13,36 @@ use armwatch_model::robot::{MAX_JOINTS, ParameterId, Robot};
 
 /// Step of the numeric derivative, m, rad, m/s².
 const STEP: f64 = 1e-6;
-/// Largest new part of a column of the regressor that is dependent on those before it, as in
-/// [`base_parameters`](crate::model::base_parameters::base_parameters): a parameter that hardly shows under one gravity may
-/// be endless under another.
+/// New part of a column of the regressor below which it depends on those before it, as in
+/// [`base_parameters`](crate::model::base_parameters::base_parameters): a parameter that is hardly visible under one
+/// gravity may become infinite under another.
 const DEPENDENT: f64 = 1e-4;
-/// A number shows nothing if the parameters absorb its effect except for this part.
+/// Remaining part of a number's effect below which the parameters absorb it.
 const ABSORBED: f64 = 1e-3;
-/// Steps of the estimate of gravity's direction, each from the tangent at the one before.
+/// Number of steps in the estimate of gravity's direction, each from the tangent at the previous one.
 const LEVELLING_STEPS: usize = 5;
-/// Turn of gravity, rad, that changes no verdict.
+/// Rotation of gravity, rad, that does not change the findings.
 const LEVEL: f64 = 5e-4;
-/// Usual tilt of a floor, rad. A joint about a vertical axis shows only the product of the tilt and the first moment of its
-/// link, so of tilts that explain as much the smaller one is likelier.
+/// Usual tilt of a floor, rad. A joint about a vertical axis shows only the product of the tilt and the first moment of
+/// its link, so among tilts with equal misfit the smaller one is more likely.
 const USUAL_TILT: f64 = 0.035;
-/// Independent values that ripple with the posture leaves of a joint's torque in some ten seconds.
+/// Number of independent values of a joint's torque in about ten seconds, with ripple that depends on the posture.
 pub(super) const INDEPENDENT: f64 = 25.0;
-/// Least angle between gravity and its description, rad, that is another mounting and no floor off level.
+/// Smallest angle between gravity and its description, rad, that is another mounting and not a tilted floor.
 pub(super) const MOUNTING: f64 = 0.17;
 
-/// A description, and the order, signs and scales of the recorded torques.
+/// Description with the order, signs and scales of the recorded torques.
 #[derive(Debug, Clone)]
 pub(super) struct ChannelReading {
     pub(super) robot: Robot,
-    /// Which recorded torque is each joint's.
+    /// Index of the recorded torque of each joint.
     pub(super) order: Vec<usize>,
-    /// How many times as large as it is each joint's torque was recorded; negative for a turned sign.
+    /// Ratio of the recorded to the true torque of each joint; negative for a reversed sign.
     pub(super) scales: Vec<f64>,
 }
 
 impl ChannelReading {
-    /// The recording as it is, of a robot.
+    /// Reading without changes.
     pub(super) fn of(robot: &Robot) -> Self {
         let n = robot.joint_count();
         Self { robot: robot.clone(), order: (0..n).collect(), scales: vec![1.0; n] }
@@ -70,13 +70,13 @@ impl<'a> ReadingComparison<'a> {
         Self { channels, rows, sigma, friction: channels.friction_bounds(&whole) }
     }
 
-    /// The same on so many rows at most.
+    /// Thins to at most this number of rows.
     pub(super) fn thinned(&self, rows: usize) -> Self {
         let stride = self.rows.len().div_ceil(rows.max(1)).max(1);
         Self { rows: self.rows.iter().copied().step_by(stride).collect(), ..self.clone() }
     }
 
-    /// Weighted squares that the best arm of a reading leaves of its torques.
+    /// Weighted squares that remain of a reading's torques with the best parameters.
     pub(super) fn misfit(&self, reading: &ChannelReading) -> f64 {
         let (n, b) = (reading.robot.joint_count(), reading.robot.parameter_count());
         let whole: Vec<usize> = (0..b).collect();
@@ -89,8 +89,8 @@ impl<'a> ReadingComparison<'a> {
         JointFit::new(&builder.take(), b, n, &bounds).misfit(|_| 1.0)
     }
 
-    /// The reading with the likeliest direction of gravity at most [`MOUNTING`] away from `from`, m/s², and the squares that it
-    /// leaves.
+    /// Reading with the most likely direction of gravity at most [`MOUNTING`] away from `from`, m/s², and the squares
+    /// that remain.
     pub(super) fn levelled(&self, reading: &ChannelReading, from: &Vector3<f64>) -> (ChannelReading, f64) {
         let price = self.rows.len() as f64 / INDEPENDENT / USUAL_TILT.powi(2);
         let cost = |misfit: f64, gravity: &Vector3<f64>| misfit + price * gravity.angle(from).powi(2);
@@ -114,7 +114,7 @@ impl<'a> ReadingComparison<'a> {
         (best, least)
     }
 
-    /// The best change of gravity, m/s², across its direction, to first order. `price` is that of the squared angle from
+    /// Best change of gravity, m/s², across its direction, to first order. `price` is the cost per squared angle from
     /// `from`.
     fn gravity_step(
         &self,
@@ -137,8 +137,8 @@ impl<'a> ReadingComparison<'a> {
         Some(sides[0] * change.x + sides[1] * change.y)
     }
 
-    /// Numbers of the description, each with its best change to first order if it were the only wrong one. The number that
-    /// explains most is the first.
+    /// Numbers of the description, each with its best change to first order if it were the only wrong one. The number
+    /// that explains most comes first.
     pub(super) fn asked_for(&self, reading: &ChannelReading) -> Vec<(DescribedNumber, f64)> {
         let numbers: Vec<DescribedNumber> = DescribedNumber::all(&reading.robot)
             .into_iter()
@@ -160,7 +160,8 @@ impl<'a> ReadingComparison<'a> {
         scored.into_iter().map(|(_, asked)| asked).collect()
     }
 
-    /// The parts that parameters leave of the torque, and of its derivatives by descriptions that are one [`STEP`] away.
+    /// Parts of the torque, and of its derivatives by descriptions that are one [`STEP`] away, that the parameters do
+    /// not explain.
     fn lacking(&self, reading: &ChannelReading, changed: &[Robot]) -> Lacking {
         let robot = &reading.robot;
         let (n, b, m) = (robot.joint_count(), robot.parameter_count(), changed.len());
@@ -198,7 +199,7 @@ impl<'a> ReadingComparison<'a> {
         Lacking::new(&builder.take().restricted(&columns), kept.len())
     }
 
-    /// Calls `take(joint, regressor, state, [weight of its columns, weighted torque])` for each joint that moves in each
+    /// Calls `take(joint, regressor, state, [weight of its columns, weighted torque])` for each moving joint in each
     /// row.
     fn each(
         &self,
@@ -220,18 +221,18 @@ impl<'a> ReadingComparison<'a> {
     }
 }
 
-/// The parts that parameters leave.
+/// Parts that the parameters do not explain.
 struct Lacking {
-    /// Rest of the derivative by each change.
+    /// Remainder of the derivative by each change.
     slopes: Vec<Vec<f64>>,
     /// Squares of each derivative as a whole.
     whole: Vec<f64>,
-    /// Rest of the torque.
+    /// Remainder of the torque.
     residual: Vec<f64>,
 }
 
 impl Lacking {
-    /// From a factor of `b` columns of parameters, the derivatives, and the torque.
+    /// Creates the parts from a factor of `b` columns of parameters, the derivatives, and the torque.
     fn new(factor: &TriangularFactor, b: usize) -> Self {
         let (upper, end) = (factor.upper(), factor.columns());
         let left =
@@ -245,7 +246,7 @@ impl Lacking {
     }
 }
 
-/// The direction of `gravity` with the length of `from`, at most [`MOUNTING`] away from it.
+/// Direction of `gravity` with the length of `from`, at most [`MOUNTING`] away from it.
 fn towards(from: &Vector3<f64>, gravity: &Vector3<f64>) -> Option<Vector3<f64>> {
     let angle = from.angle(gravity);
     if angle <= MOUNTING {
@@ -254,7 +255,7 @@ fn towards(from: &Vector3<f64>, gravity: &Vector3<f64>) -> Option<Vector3<f64>> 
     Some(turned_about(&from.cross(gravity), MOUNTING) * from)
 }
 
-/// A direction that is not along `of`.
+/// Direction that is not parallel to `of`.
 pub(super) fn across(of: &Vector3<f64>) -> Vector3<f64> {
     if of.x.abs() < 0.7 * of.norm() { Vector3::x() } else { Vector3::y() }
 }

@@ -1,4 +1,4 @@
-//! Sound recordings that look wrong in one respect: each has a cause that is no fault.
+//! Tests of sound recordings that look faulty in one respect, with a harmless cause.
 
 use crate::analyse::{Method, analyse_cycle};
 use armwatch_model::analysis::CycleAnalysis;
@@ -24,7 +24,7 @@ fn analysed(robot: &Robot, samples: &Samples) -> CycleAnalysis {
     analysed_with(robot, samples, AnalysisSettings::default())
 }
 
-/// The rows of `samples` at the given places.
+/// Selected rows of `samples`.
 fn chosen(samples: &Samples, rows: &[usize]) -> Samples {
     let of = |channels: &[Vec<f64>]| -> Vec<Vec<f64>> {
         channels.iter().map(|channel| rows.iter().map(|&row| channel[row]).collect()).collect()
@@ -39,7 +39,7 @@ fn chosen(samples: &Samples, rows: &[usize]) -> Samples {
     }
 }
 
-/// A controller of 500 Hz of which every fifth row, and now and then the sixth, is written.
+/// Rows of a controller of 500 Hz that a logger writes: every fifth, and sometimes the sixth.
 fn uneven_rows(rows: usize) -> Vec<usize> {
     let mut state = 1_u64;
     let mut at = 0;
@@ -61,7 +61,7 @@ fn a_logger_with_steps_of_10_and_12_ms_is_sound() {
     assert_eq!(analysis.findings, [], "{:?}", analysis.identification);
     let rate = (samples.rows() - 1) as f64 / (samples.time[samples.rows() - 1] - samples.time[0]);
     assert!((analysis.sample_rate / rate - 1.0).abs() < 1e-6, "{} {rate}", analysis.sample_rate);
-    // as well as the controller's own rows
+    // same accuracy as with the controller's own rows
     let own = analysed(&robot, &chosen(&every, &(0..every.rows()).step_by(5).collect::<Vec<_>>()));
     for (uneven, even) in analysis.verification.iter().zip(&own.verification) {
         let [uneven, even] = [uneven, even].map(|of| of.moving_rows.relative);
@@ -79,7 +79,7 @@ fn a_row_that_was_dropped_is_no_gap() {
     assert!(analysis.remarks.iter().all(|remark| !remark.contains("gap")), "{:?}", analysis.remarks);
 }
 
-/// Friction of a joint that turns over within `distance` after each reversal.
+/// Replaces friction of a joint by one that changes sign within `distance` after each reversal.
 fn late_friction(samples: &mut Samples, joint: usize, coulomb: f64, distance: f64) {
     let velocity = samples.velocity.as_ref().expect("velocity")[joint].clone();
     let position = samples.position[joint].clone();
@@ -103,13 +103,13 @@ fn friction_of_wrists_that_turns_over_late_is_no_delay() {
         let rows = samples.time.partition_point(|t| *t < seconds);
         let samples = samples.take_front(rows);
         let analysis = analysed(&robot, &samples);
-        // a remark may name both; the numbers stand and count
+        // a remark may name both causes; the parameters are valid and count
         let told = analysis.findings.iter().filter(|f| f.kind == FindingKind::TorqueDelay);
         for finding in told {
             assert_eq!(finding.severity, FindingSeverity::Warn, "{finding:?}");
             assert!(finding.sentence.contains("or friction turns over late"), "{finding:?}");
         }
-        // five seconds are refused for inertias that come out negative: no delay is their cause either
+        // five seconds are refused for negative inertias; a delay is not their cause either
         if seconds > 5.0 {
             assert!(analysis.identification.is_ok() && !analysis.is_doubtful(), "{:?}", analysis.findings);
         }
@@ -120,7 +120,7 @@ fn friction_of_wrists_that_turns_over_late_is_no_delay() {
 fn next_to_no_torque_need_not_be_explained() {
     let robot = er3a();
     let mut samples = recording(&robot, 6, 100.0);
-    // a slow wander of a third of a newton metre, where joint 2 holds a hundred
+    // slow variation of a third of a newton metre, while joint 2 holds a hundred
     samples.torque[5] = samples.time.iter().map(|t| 0.3 * (1.3 * t).sin()).collect();
     let analysis = analysed(&robot, &samples);
     let unexplained = |f: &&armwatch_model::analysis::finding::Finding| f.kind == FindingKind::Unexplained;

@@ -1,4 +1,4 @@
-//! The description held against torques whose truth is known.
+//! Tests of descriptions against torques with known truth.
 
 use super::alternatives::{alternatives, lowest};
 use super::delay::torque_delays;
@@ -18,13 +18,13 @@ use armwatch_model::run::{Samples, Stage};
 use armwatch_simulate::run::matched_model::{ExactSettings, record_excitation};
 use armwatch_testing::er3a;
 
-/// A recording that differs from the model by noise alone, torque noise a tenth of the usual.
+/// Recording that differs from the model only by noise; the torque noise is a tenth of the usual.
 fn recording(robot: &Robot, seed: u64) -> Samples {
     let settings = ExactSettings { seed, torque_noise_scale: 0.1, ..ExactSettings::default() };
     record_excitation(robot, &settings).expect("a recording")
 }
 
-/// A recording as a description explains it, without any judgement.
+/// Recording with the model of a description, without findings.
 struct Explained {
     method: Method,
     filtered: FilteredSignals,
@@ -82,7 +82,7 @@ impl Explained {
 fn a_length_that_is_a_little_off_is_found_with_its_size() {
     let robot = er3a();
     let length = DescribedNumber::Place(JointIndex::new(2), PlaceNumber::A);
-    // 8 mm of 270: the slope is taken at the wrong length, which costs the square of 3 %
+    // 8 mm of 270: the slope at the wrong length costs the square of 3 %
     const OFF: f64 = 0.008;
     let samples = recording(&robot, 1);
     let test = Explained::new(&length.changed(&robot, OFF), &samples).test();
@@ -95,7 +95,7 @@ fn a_length_that_is_a_little_off_is_found_with_its_size() {
 
 #[test]
 fn numbers_of_the_base_are_absorbed() {
-    // where the base stands and how it is turned about a vertical axis changes no torque
+    // the position of the base and its rotation about a vertical axis do not change the torque
     let test = Explained::new(&er3a(), &recording(&er3a(), 2)).test();
     for place in [PlaceNumber::A, PlaceNumber::D, PlaceNumber::ThetaOffset] {
         let number = DescribedNumber::Place(JointIndex::new(0), place);
@@ -111,7 +111,7 @@ fn a_mounting_that_is_wrong_is_named() {
     let best = alternatives(&described, &explained.judged_rows(), &explained.test()).change.expect("one");
     assert!(best.words.starts_with("gravity_m_s2 = [0.00, 0.00, -9.81]"), "{best:?}");
     assert!(best.residual_ratio < 0.05, "{best:?}");
-    // and nothing explains a right description's torques much better
+    // no change explains a right description's torques much better
     let explained = Explained::new(&er3a(), &samples);
     let best = alternatives(&er3a(), &explained.judged_rows(), &explained.test()).change.expect("one");
     assert!(best.residual_ratio > 0.9, "{best:?}");
@@ -127,7 +127,7 @@ fn late_torques_are_found_with_their_delay() {
         let channels = (&explained.filtered, &explained.filtered_coulomb_columns[..]);
         torque_delays(&er3a(), columns, kept, channels, &explained.rows, shapes).expect("rows enough")
     };
-    // the parabola between steps of 10 ms, and noise
+    // error of the parabola between steps of 10 ms, and noise
     const WITHIN: f64 = 0.003;
     for shaped in [false, true] {
         let found = delays(&recording(&er3a(), 4), shaped);
@@ -171,7 +171,7 @@ fn a_changed_number_is_changed_in_every_convention() {
 
 #[test]
 fn a_number_far_from_the_change_that_is_asked_for_is_settled() {
-    // as steep as a length that is wrong by half: the first change asked for is a quarter of it
+    // as nonlinear as a length that is wrong by half: the first change is a quarter of it
     let left = |change: f64| 1.0 + (change - 0.4).powi(2) * (1.0 + change);
     let (change, least) = lowest(left, left(0.0), 0.1);
     assert!((change - 0.4).abs() < 0.02 && (least - 1.0).abs() < 1e-3, "{change} {least}");

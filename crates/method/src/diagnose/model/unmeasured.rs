@@ -1,5 +1,5 @@
-//! Torque that no sensor and no drive measured: accelerations, the torque of a controller's own model, and measured torque
-//! of which the controller has subtracted gravity or friction. Models fit all of them well, and none shows wear.
+//! Torque that neither a sensor nor a drive measured: accelerations, the torque of a controller's own model, and
+//! measured torque minus gravity or friction. Models fit all of them well, and none shows wear.
 
 use super::nominal::median_inertia;
 use super::weigh::ModelWeights;
@@ -14,27 +14,28 @@ use armwatch_model::robot::{
 };
 use armwatch_model::run::Stage;
 
-/// Part of a torque's squares that its joint's acceleration may leave for it to be the acceleration.
+/// Largest share of a torque's squares that remains after its joint's acceleration, if the torque is an acceleration.
 const ACCELERATION_LEFT: f64 = 0.05;
-/// By how much factors between torque and acceleration may differ from joint to joint, relative.
+/// Largest relative difference between the joints' factors of torque and acceleration.
 const ALIKE: f64 = 0.1;
-/// Noise of a torque relative to its RMS below which no sensor measured it: 12 bits over the range leave more.
+/// Noise of a torque relative to its RMS below which no sensor measured it: a resolution of 12 bits leaves more.
 const SENSOR_NOISE: f64 = 2e-4;
-/// RMS of friction relative to that of the torque below which a joint shows none.
+/// RMS of friction relative to that of the torque below which a joint shows no friction.
 const NO_FRICTION: f64 = 0.02;
-/// Power of friction over RMS torque times RMS speed below which the same holds beside noise and ripple.
+/// Power of friction over RMS torque times RMS speed below which a joint shows no friction, if there are noise and
+/// ripple.
 const NO_POWER: f64 = 0.03;
-/// RMS of gravity, relative to that of a point mass at the arm's reach with the joint's inertia, below which a joint shows
-/// none. A mass nearer by has more gravity for the same inertia; a rotor may be half of the inertia.
+/// RMS of gravity below which a joint shows none, relative to that of a point mass at the arm's reach with the joint's
+/// inertia. A closer mass has more gravity for the same inertia; a rotor may be half of the inertia.
 const NO_GRAVITY: f64 = 0.15;
 /// Shortest reach, m.
 const LEAST_REACH: f64 = 0.1;
-/// Part of the gravity that must act across a joint's axis for its torque to show it.
+/// Part of gravity across a joint's axis that is necessary for its torque to show gravity.
 const ACROSS: f64 = 0.3;
-/// Instants that means are taken over.
+/// Number of instants for means.
 const INSTANTS: usize = 300;
 
-/// Torques that are the accelerations of their joints, all with one factor.
+/// Finding of torques that are the accelerations of their joints, all with one factor.
 #[must_use]
 pub(crate) fn accelerations(
     robot: &Robot,
@@ -63,11 +64,11 @@ pub(crate) fn accelerations(
     })
 }
 
-/// The remedy.
+/// Remedy in the findings.
 const NAME: &str = "name the columns of the measured torque or of the motor current in the section [torque] of the export \
                     layout";
 
-/// One joint's torque over the excitation.
+/// Properties of one joint's torque in the excitation.
 struct ExcitationTorque {
     /// RMS of friction relative to that of the torque.
     friction: f64,
@@ -75,12 +76,12 @@ struct ExcitationTorque {
     power: f64,
     /// Noise relative to the RMS torque.
     noise: f64,
-    /// RMS of gravity relative to what the joint's inertia makes one expect, where gravity can act.
+    /// RMS of gravity relative to the value expected from the joint's inertia, if gravity can act.
     gravity: Option<f64>,
 }
 
-/// A torque without friction, without the noise of a sensor or without gravity. `weightless` says whether an arm without
-/// gravity explains the torques as well.
+/// Finding of a torque without friction, without the noise of a sensor or without gravity. `weightless` checks if an
+/// arm without gravity explains the torques equally well.
 #[must_use]
 pub(crate) fn unmeasured(weighed: &ModelWeights<'_>, weightless: impl Fn() -> bool) -> Option<Finding> {
     let shown = shown(weighed);
@@ -122,7 +123,7 @@ pub(crate) fn unmeasured(weighed: &ModelWeights<'_>, weightless: impl Fn() -> bo
     })
 }
 
-/// The finding of torques of which gravity was subtracted, with what shows it.
+/// Finding of torques without gravity, because it was subtracted, with the evidence.
 pub(super) fn without_gravity(words: &str, evidence: (&'static str, f64)) -> Finding {
     finding(
         format!("the torque has no gravity in it ({words}): the controller has subtracted gravity; {NAME}"),
@@ -180,8 +181,8 @@ pub(super) fn friction_torque(weighed: &ModelWeights<'_>, joint: JointIndex, qd:
     law.terms().iter().zip(law.columns(qd)).map(of_term).sum()
 }
 
-/// RMS of the torque of gravity of each joint over postures of the recording, relative to that of a point mass at the arm's
-/// reach; `None` where gravity acts along the axis of a turning joint.
+/// RMS of the torque of gravity of each joint over postures of the recording, relative to that of a point mass at the
+/// arm's reach; `None` if gravity acts along the axis of a rotary joint.
 fn gravity_shares(
     robot: &Robot,
     filtered: &FilteredSignals,

@@ -1,4 +1,4 @@
-//! Findings about a model held against what else would explain them: a refusal needs evidence that survives.
+//! Comparison of findings about a model with alternative explanations: a refusal needs evidence that excludes them.
 
 use super::unmeasured::friction_torque;
 use crate::least_squares::factor::TriangularFactor;
@@ -10,20 +10,19 @@ use armwatch_model::analysis::{Identification, RmsdScope, TorqueRmsd};
 use armwatch_model::robot::{JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// From where on evidence counts.
+/// Thresholds of the evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeighSettings {
-    /// Relative growth of the torque error with bodies that can exist, over all joints, from which on an inertia that no
-    /// body has is doubtful, and refused. Real arms cost up to 0.11.
+    /// Smallest relative growth of the torque error over all joints, if bodies must be physical, that makes an
+    /// unphysical inertia doubtful, and that refuses it. Real arms reach 0.11.
     pub physics_costs: [f64; 2],
-    /// Part of a joint's rated torque below which a torque error says nothing of a description.
+    /// Torque error, as a part of a joint's rated torque, below which it is no evidence against a description.
     pub rated_share: f64,
-    /// The same as part of the largest RMS torque of the arm's joints.
+    /// The same as a part of the largest RMS torque of the arm's joints.
     pub arm_share: f64,
-    /// Standard deviations of a torque channel's noise, as far as the low-pass lets it through, below which an error
-    /// is noise.
+    /// Torque error, in standard deviations of the channel's noise after the low-pass, below which it is noise.
     pub noise_deviations: f64,
-    /// A torque error below this part of the joint's own friction may be friction of another shape than the
+    /// Torque error, as a part of the joint's own friction, below which it may be friction of another shape than the
     /// description's law.
     pub friction_share: f64,
 }
@@ -40,28 +39,28 @@ impl Default for WeighSettings {
     }
 }
 
-/// What findings about a model are weighed by.
+/// Data for the comparison.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelWeights<'a> {
     /// The description.
     pub robot: &'a Robot,
-    /// Its base parameters.
+    /// Base parameters of the description.
     pub base: &'a BaseParameters,
-    /// Factor of each joint `[n]` over the rows that were identified on, `b` columns each.
+    /// Factor of each joint `[n]` over the rows of the identification, `b` columns each.
     pub factors: &'a [TriangularFactor],
     /// The recording.
     pub samples: &'a Samples,
-    /// The same after the low-pass.
+    /// Signals after the low-pass.
     pub filtered: &'a FilteredSignals,
     /// Usable rows of the excitation.
     pub excitation: &'a [usize],
-    /// The parameters.
+    /// Identified parameters.
     pub identified: &'a Identification,
-    /// Their self-verification.
+    /// Verification of the parameters on the same cycle.
     pub verification: &'a [TorqueRmsd],
 }
 
-/// The findings that survive, some of them as a doubt or a remark.
+/// Remaining findings, some of them as a doubt or a remark.
 #[must_use]
 pub fn weigh(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Vec<Finding> {
     let (inertias, others): (Vec<Finding>, Vec<Finding>) =
@@ -76,7 +75,7 @@ pub fn weigh(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &Weig
     kept
 }
 
-/// Negative inertias by what bodies that can exist would cost.
+/// Negative inertias, weighed by the cost of physical bodies.
 fn priced(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Vec<Finding> {
     if findings.is_empty() {
         return findings;
@@ -118,19 +117,19 @@ fn priced(findings: Vec<Finding>, weighed: &ModelWeights<'_>, settings: &WeighSe
     }]
 }
 
-/// Relative growth of the torque error, each joint in units of its own: root mean over the rows.
+/// Relative growth of the torque error: root mean over the rows, each joint in its own unit.
 fn cost_of_physics(price: &[ConstraintCost]) -> f64 {
     let rows: f64 = price.iter().map(|of| of.samples as f64).sum();
     let square = |of: &ConstraintCost| {
-        // without noise, any difference would be endless
+        // without noise, any difference would be infinite
         let own = of.unconstrained_rmsd.max(1e-3 * of.torque_rms).max(f64::MIN_POSITIVE);
         of.samples as f64 * (of.consistent_rmsd.max(own) / own).powi(2)
     };
     (price.iter().map(square).sum::<f64>() / rows.max(1.0)).sqrt() - 1.0
 }
 
-/// An unexplained torque by its size: nothing where it is noise or next to no torque, a doubt where it is within the
-/// joint's friction.
+/// Unexplained torque by its size: no finding if it is noise or negligible torque, a doubt if it is within the joint's
+/// friction.
 fn of_friction(finding: Finding, weighed: &ModelWeights<'_>, settings: &WeighSettings) -> Option<Finding> {
     let Some(joint) = finding.joint else { return Some(finding) };
     let of_excitation = |of: &&TorqueRmsd| of.scope == RmsdScope::Stage(Stage::Excitation);
@@ -175,7 +174,8 @@ fn friction_rms(weighed: &ModelWeights<'_>, joint: JointIndex) -> f64 {
     (squares / rows.max(1) as f64).sqrt()
 }
 
-/// Standard deviation of white noise of the torque channel after the low-pass, from what the low-pass took away, Nm.
+/// Standard deviation of white noise of the torque channel after the low-pass, from the part that the low-pass removed,
+/// Nm.
 fn noise(weighed: &ModelWeights<'_>, joint: JointIndex) -> f64 {
     let (raw, smooth) = (&weighed.samples.torque[joint.index()], &weighed.filtered.tau[joint.index()]);
     let squares: f64 = weighed.excitation.iter().map(|&row| (raw[row] - smooth[row]).powi(2)).sum();

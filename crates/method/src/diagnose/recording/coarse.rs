@@ -3,18 +3,19 @@
 use super::view::{ChannelView, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 
-/// Most values that a coarse channel has: beyond, its step is far below what a model explains.
+/// Largest number of values of a coarse channel; with more, its step is far below the error of a model.
 const MOST_VALUES: usize = 400;
-/// Fewest values: two may be a contact that opens and closes.
+/// Smallest number of values: two may be a contact that opens and closes.
 const FEWEST_VALUES: usize = 3;
-/// Rows that values are counted in.
+/// Number of rows for counting values.
 const ROWS: usize = 20_000;
-/// Part of the smallest distance of two values by which values may lie off its multiples: decimals of a conversion.
+/// Distance of values from multiples of the smallest difference, relative to it, that is allowed for decimals of a
+/// conversion.
 const OFF_GRID: f64 = 0.05;
-/// Step relative to the RMS of the torque from which on it is worth a remark.
+/// Smallest step, relative to the RMS of the torque, that is reported.
 const TOLD: f64 = 0.02;
 
-/// The step of a torque channel, Nm (N), where it has few values and all are multiples of one step.
+/// Step of a torque channel, Nm (N), if it has few values and all are multiples of one step.
 pub(super) fn step(torque: impl Iterator<Item = f64>) -> Option<f64> {
     let mut values: Vec<f64> = Vec::new();
     for value in torque {
@@ -35,12 +36,12 @@ pub(super) fn step(torque: impl Iterator<Item = f64>) -> Option<f64> {
     (values.len() >= FEWEST_VALUES && values.array_windows().all(on_grid)).then_some(step)
 }
 
-/// Rows of a channel that its values are counted in.
+/// Stride of the rows for counting a channel's values.
 pub(super) fn counted(rows: usize) -> usize {
     rows.div_ceil(ROWS).max(1)
 }
 
-/// Torques whose step is large beside them.
+/// Findings of torques whose step is large relative to their RMS.
 pub(super) fn torque_steps(view: &ChannelView<'_>) -> Vec<Finding> {
     let of_joint = |(joint, step): (armwatch_model::robot::JointIndex, &Option<f64>)| {
         let step = (*step)?;

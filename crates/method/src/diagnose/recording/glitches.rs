@@ -1,4 +1,4 @@
-//! Rows that the logger made up: single values beyond all measure, and rows written twice.
+//! Rows invented by the logger: single absurd values, and rows written twice.
 
 use super::view::{ChannelView, finding};
 use crate::lanes::largest_step;
@@ -6,24 +6,24 @@ use crate::signal::fold::LEAP;
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, JointKind};
 
-/// A value this many times the channel's usual range away from it is no motion of an arm. Peaks of
-/// healthy torques stay within one such range.
+/// Smallest distance from the channel's usual range, in multiples of the range, that no motion of an arm reaches. Peaks
+/// of healthy torques stay within one range.
 const BEYOND: f64 = 4.0;
-/// Part of the rows at either end of the sorted values that does not count for the usual range.
+/// Share of the sorted values at each end that is excluded from the usual range.
 const TAIL: f64 = 0.005;
-/// Rows that the usual range is taken from; more would not move it.
+/// Number of rows for the usual range; more would not change it.
 const RANGE_ROWS: usize = 4000;
-/// Times that each row is there from which on the number is told.
+/// Smallest number of copies of each row for reporting the number.
 const WHOLE_TIMES: f64 = 2.5;
-/// Part of the moving rows that may repeat the row before in every channel.
+/// Largest share of the moving rows that may repeat the previous row in every channel.
 const REPEATED: f64 = 0.01;
 
-/// Part of the range that a joint moved over below which a step is resolution and no leap.
+/// Step, as a part of the range that a joint moved over, below which it is resolution and no leap.
 const RESOLUTION: f64 = 0.01;
-/// Part of the rows that may leap. Where more do, the position is in another unit, which other checks see.
+/// Largest share of the rows that may leap. If more do, the position is in another unit, which other checks find.
 const LEAPING: f64 = 0.002;
 
-/// Values that stand far outside what a channel shows otherwise: markers such as -9999, lost digits.
+/// Values far outside the channel's usual range: markers such as -9999, lost digits.
 pub(super) fn spikes(view: &ChannelView<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
     for joint in view.robot.joint_indices() {
@@ -57,8 +57,8 @@ pub(super) fn spikes(view: &ChannelView<'_>) -> Vec<Finding> {
     found
 }
 
-/// The worst value of one channel with its name and extent, if it is beyond all measure. `least` is a range that the
-/// channel may always have.
+/// Worst value of one channel with its name and extent, if it is absurd. `least` is a range that the channel may always
+/// have.
 fn spike(
     view: &ChannelView<'_>,
     joint: JointIndex,
@@ -98,16 +98,16 @@ fn spike(
     ))
 }
 
-/// Positions that the joint cannot have reached since the row before: folded into one turn, lost digits, rows
-/// that were cut out. Joints of `known` findings are left out.
-/// Where rows are `repeated`, the first row of the next value holds the way of all of them.
+/// Positions that the joint cannot reach from the previous row: folded angles, lost digits, deleted rows. Joints with
+/// `known` findings are skipped. If rows are `repeated`, the first row of the next value contains the motion of all of
+/// them.
 pub(super) fn leaps(view: &ChannelView<'_>, known: &[Finding], repeated: Option<&Finding>) -> Vec<Finding> {
     let judged = |joint: &JointIndex| known.iter().all(|finding| finding.joint != Some(*joint));
     let times = repeated.map_or(1.0, |repeated| times_there(repeated).ceil());
     view.robot.joint_indices().filter(judged).filter_map(|joint| leap(view, joint, times)).collect()
 }
 
-/// How often each row is there, on average.
+/// Mean number of copies of each row.
 fn times_there(repeated: &Finding) -> f64 {
     let share = repeated.evidence.first().map_or(0.0, |evidence| evidence.value);
     1.0 / (1.0 - share.min(0.99))
@@ -117,11 +117,11 @@ fn leap(view: &ChannelView<'_>, joint: JointIndex, times: f64) -> Option<Finding
     let channel = &view.samples.position[joint.index()];
     let [low, high] = view.position_extents[joint.index()];
     let time = &view.samples.time;
-    // time stamps jitter and come in bunches while the joint moves on
+    // time stamps jitter and arrive in bunches while the joint moves
     let reach = times * LEAP * view.joint(joint).limits.velocity;
     let reached = |row: usize| reach * (time[row] - time[row - 1]).max(view.mean_step);
     let resolution = RESOLUTION * (high - low);
-    // no step is longer than the shortest time between two rows allows: then no row is looked at alone
+    // if no step is longer than the shortest time between two rows allows, single rows need no check
     let least = reach * view.shortest_step.max(view.mean_step);
     if view.pieces(channel).map(largest_step).all(|step| step <= least.max(resolution)) {
         return None;
@@ -162,13 +162,13 @@ fn leap(view: &ChannelView<'_>, joint: JointIndex, times: f64) -> Option<Finding
     ))
 }
 
-/// Rows that repeat the row before in every channel while the arm moves.
+/// Rows that repeat the previous row in every channel while the arm moves.
 pub(super) fn repeats(view: &ChannelView<'_>) -> Option<Finding> {
     let joints = || view.robot.joint_indices().map(JointIndex::index);
     let moves = |row: usize| joints().any(|j| view.dq[j][row].abs() > 2.0 * view.robot.joints[j].low_speed);
     let same = |row: &usize| {
         let equal = |channel: &[f64]| (channel[*row] - channel[row - 1]).abs() <= 0.0;
-        // torques are restless, so that one of them tells most rows apart
+        // torques first, because they differ in most rows
         joints().all(|j| {
             equal(&view.samples.torque[j])
                 && equal(&view.samples.position[j])

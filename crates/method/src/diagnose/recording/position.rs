@@ -1,10 +1,10 @@
-//! Positions and speeds against the description: limits, units, hardly any motion.
+//! Positions and speeds compared with the description: limits, units, too little motion.
 
 use super::view::{ChannelView, DEGREES, DiagnoseSettings, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{JointIndex, JointKind};
 
-/// Positions and speeds against the description's limits.
+/// Findings of positions and speeds beyond the description's limits.
 pub(super) fn positions(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Vec<Finding> {
     let mut found: Vec<Finding> =
         view.robot.joint_indices().filter_map(|joint| outside_limits(view, joint, settings)).collect();
@@ -30,8 +30,7 @@ pub(super) fn positions(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> 
     found
 }
 
-/// All turning joints hardly leave their place: degrees were divided once too often, or nothing that
-/// a recording is made for was moved.
+/// Finding that all rotary joints hardly move: degrees were divided once too often, or the motion is unsuitable.
 pub(super) fn small_motion(view: &ChannelView<'_>, settings: &DiagnoseSettings) -> Option<Finding> {
     let share = |joint: JointIndex| {
         let limits = &view.joint(joint).limits;
@@ -40,7 +39,7 @@ pub(super) fn small_motion(view: &ChannelView<'_>, settings: &DiagnoseSettings) 
     };
     let turning = view.robot.joint_indices().filter(|&joint| view.joint(joint).kind == JointKind::Revolute);
     let largest = turning.map(share).max_by(f64::total_cmp)?;
-    // a plateau may be short; only identification needs the range
+    // a plateau may be short; only the identification needs the range
     let severity = if view.has_excitation { FindingSeverity::Refuse } else { FindingSeverity::Warn };
     (largest < settings.range_share).then(|| {
         finding(

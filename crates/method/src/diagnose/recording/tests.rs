@@ -1,4 +1,4 @@
-//! Diagnosis of simulated recordings, healthy and spoilt.
+//! Tests of the diagnosis of simulated recordings, healthy and faulty.
 
 use std::convert::Infallible;
 
@@ -17,7 +17,7 @@ use armwatch_simulate::run::record::record;
 use armwatch_simulate::{SimulationSettings, recording_of_run};
 use armwatch_testing::er3a;
 
-/// Against every row looked at, for runs of all lengths at all places.
+/// Comparison with an examination of every row, for runs of all lengths at all places.
 #[test]
 fn runs_are_found_wherever_they_lie() {
     let every_row = |values: &[f64], least: usize| {
@@ -59,7 +59,7 @@ fn scara() -> Robot {
     parse_robot("config/robots/scara.toml", text).expect("the shipped description")
 }
 
-/// One cycle as the simulator records it: friction with bump, ripple and warm-up, noise, steps.
+/// One cycle from the simulator: friction with bump, ripple and warm-up, noise, steps.
 fn cycle(robot: &Robot, seed: u64) -> Samples {
     let settings = SimulationSettings { seed, cycles: 1, warming_s: 0.0, ..SimulationSettings::default() };
     let recording = recording_of_run(robot, &settings, 0).expect("a recording");
@@ -103,7 +103,7 @@ fn spoilt(robot: &Robot, spoil: impl Fn(&mut Samples)) -> Vec<Finding> {
     diagnose(robot, &samples)
 }
 
-/// Exactly these findings, by kind and joint number (0: none).
+/// Asserts exactly these findings, by kind and joint number (0: none).
 #[track_caller]
 fn assert_found(found: &[Finding], expected: &[(FindingKind, usize)]) {
     let kinds: Vec<(FindingKind, usize)> =
@@ -312,7 +312,7 @@ fn radians_divided_into_degrees_are_told_from_a_poor_motion() {
     assert!(found.iter().any(|f| f.kind == FindingKind::SmallMotion && f.joint.is_none()), "{found:#?}");
 }
 
-/// Analyses like the pipeline and judges the model.
+/// Analyses like the pipeline and returns the findings about the model.
 fn judge(described: &Robot, samples: &Samples) -> Vec<Finding> {
     let method = Method::new(described.clone(), AnalysisSettings::default()).expect("base parameters");
     let analysis = analyse_cycle(&method, &Cycle { number: 1, samples: samples.clone() });
@@ -335,7 +335,7 @@ fn models_of_healthy_recordings_are_plausible() {
 fn a_wrong_geometry_is_refused() {
     let robot = er3a();
     let samples = cycle(&robot, 3);
-    // As a standard table read as a modified one: each joint gets the next one's a and alpha.
+    // Like a standard table read as a modified one: each joint gets the next one's a and alpha.
     let mut shifted = robot.clone();
     for j in 0..6 {
         let row = |j: usize| robot.joints[j % 6].geometry.dh_row().expect("a table");
@@ -345,7 +345,7 @@ fn a_wrong_geometry_is_refused() {
     let method = Method::new(shifted, AnalysisSettings::default()).expect("base parameters");
     let analysis = analyse_cycle(&method, &Cycle { number: 1, samples });
     let reason = analysis.identification.expect_err("no numbers pass");
-    // the one change of the description that explains the torques is the one that was made
+    // the change of the description that explains the torques is the actual one
     assert!(reason.contains("contradict the description"), "{reason}");
     assert!(reason.contains("convention = \"standard_dh\""), "{reason}");
     assert!(analysis.verification.is_empty());

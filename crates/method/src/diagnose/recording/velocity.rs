@@ -4,9 +4,9 @@ use super::view::{BELONGS, ChannelView, DEGREES, DiagnoseSettings, finding};
 use armwatch_model::analysis::finding::{Finding, FindingKind, FindingSeverity};
 use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 
-/// Nearness of a factor between units to its exact value.
+/// Largest relative distance between a factor and the exact ratio of two units that still counts as equal.
 const UNIT_TOLERANCE: f64 = 0.03;
-/// Radians a second to turns a minute.
+/// Factor from radians per second to turns per minute.
 const RPM: f64 = 30.0 / std::f64::consts::PI;
 
 /// Swapped columns, wrong units and signs between velocity and position.
@@ -129,7 +129,7 @@ fn gain_findings(
     found
 }
 
-/// The one factor of all joints, if it is one and no factor between units.
+/// Common factor of all joints, if there is one and it is no factor between units.
 fn common_factor(robot: &Robot, gains: &[(JointIndex, f64)]) -> Option<f64> {
     let first = gains.first()?.1.abs();
     let alike = gains.len() > 1
@@ -140,7 +140,7 @@ fn common_factor(robot: &Robot, gains: &[(JointIndex, f64)]) -> Option<f64> {
     alike.then_some(first)
 }
 
-/// What a factor between velocity and derivative means.
+/// Meaning of a factor between velocity and derivative.
 fn unit_of(joint: &Joint, gain: f64) -> Option<&'static str> {
     let turning = joint.kind == JointKind::Revolute;
     let gear = joint.gear_ratio.abs();

@@ -1,4 +1,4 @@
-//! Channels with what several checks need, and from where on a check speaks.
+//! Channels with data that several checks share, and the thresholds of the checks.
 
 use super::coarse;
 use crate::lanes::{dot, extent};
@@ -7,25 +7,25 @@ use armwatch_model::analysis::finding::{Evidence, Finding, FindingKind, FindingS
 use armwatch_model::robot::{Joint, JointIndex, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// From where on something is worth saying.
+/// Thresholds of the checks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DiagnoseSettings {
-    /// A joint that moves in a smaller share of the excitation's rows stands still.
+    /// Smallest share of the excitation's rows with motion of a joint that is not at rest.
     pub moving_share: f64,
-    /// Speeds whose middle 80 % lie this near to their median, relative, are one speed.
+    /// Largest relative distance of the middle 80 % of the speeds from their median for a single speed.
     pub speed_spread: f64,
-    /// Share of rows at the largest torque that is said, and that is refused.
+    /// Smallest share of rows at the largest torque that is reported as saturation, and that is refused.
     pub saturated_shares: [f64; 2],
-    /// Relative deviation of a velocity from its position's derivative that is said. Low-pass and
+    /// Smallest relative deviation of a velocity from its position's derivative that is reported. Low-pass and
     /// differences leave 1 %.
     pub velocity_gain: f64,
-    /// Positions beyond a limit by this part of the range are said, and by the second refused.
+    /// Smallest distance of positions beyond a limit, as a part of the range, that is reported, and that is refused.
     pub limit_margins: [f64; 2],
-    /// Part of its range that at least one turning joint must move over. The excitation of a test uses
-    /// most of it; a degree read as radian is 0.017 of it.
+    /// Part of its range that at least one rotary joint must move over. The excitation of a test uses most of it; a
+    /// degree read as radian is 0.017 of it.
     pub range_share: f64,
-    /// An excitation shorter than this is said, s: below, each joint has some 70 independent values
-    /// after the low-pass, hardly more than there are parameters.
+    /// Duration of an excitation, s, below which it is reported: each joint then has at most about 70 independent
+    /// values after the low-pass, hardly more than there are parameters.
     pub shortest: f64,
 }
 
@@ -43,23 +43,23 @@ impl Default for DiagnoseSettings {
     }
 }
 
-/// Correlation of a velocity with its own position's derivative: above, they belong together; below
-/// the second, they do not. Noise of healthy recordings leaves 0.99.
+/// Correlation of a velocity with its own position's derivative: above the first value they match, below the second
+/// they do not. Noise of healthy recordings leaves 0.99.
 pub(super) const BELONGS: [f64; 2] = [0.95, 0.7];
 
-/// Degrees in a radian.
+/// Degrees per radian.
 pub(super) const DEGREES: f64 = 180.0 / std::f64::consts::PI;
 
-/// Channels with what several checks need.
+/// Channels with data that several checks share.
 pub(super) struct ChannelView<'a> {
     pub(super) robot: &'a Robot,
     pub(super) samples: &'a Samples,
     pub(super) filtered: &'a FilteredSignals,
-    /// How many rows may be used, all stages.
+    /// Number of usable rows, all stages.
     pub(super) row_count: usize,
-    /// Rows of the excitation stage, or all where there is none.
+    /// Rows of the excitation stage, or all if there is none.
     pub(super) excitation: Vec<usize>,
-    /// Whether there is an excitation stage: without one, nobody asks that all joints move.
+    /// True if there is an excitation stage. Without one, a joint may be at rest.
     pub(super) has_excitation: bool,
     /// Derivative of the low-passed position, `[n][rows of the recording]`.
     pub(super) dq: Vec<Vec<f64>>,
@@ -70,11 +70,11 @@ pub(super) struct ChannelView<'a> {
     pub(super) position_extents: Vec<[f64; 2]>,
     pub(super) torque_extents: Vec<[f64; 2]>,
     pub(super) q_extents: Vec<[f64; 2]>,
-    /// Step of each recorded torque, Nm (N), where it is coarse, `[n]`.
+    /// Step of each recorded torque, Nm (N), if it is coarse, `[n]`.
     pub(super) torque_steps: Vec<Option<f64>>,
-    /// Mean time from one of the rows to the next, s.
+    /// Mean time between rows, s.
     pub(super) mean_step: f64,
-    /// Shortest time from one of the rows to the next, s; infinite where there is no next one.
+    /// Shortest time between rows, s; infinite if there is only one.
     pub(super) shortest_step: f64,
 }
 
@@ -117,12 +117,12 @@ impl<'a> ChannelView<'a> {
         view
     }
 
-    /// Gives back the memory of what was made for the checks.
+    /// Returns the memory of the derived channels.
     pub(super) fn end(self) {
         self.filtered.give_back(self.dq);
     }
 
-    /// Rows that may be used, all stages.
+    /// Usable rows, all stages.
     pub(super) fn rows(&self) -> impl Iterator<Item = usize> + '_ {
         self.filtered.usable.iter().flat_map(Clone::clone)
     }
@@ -131,7 +131,7 @@ impl<'a> ChannelView<'a> {
         &self.robot.joints[joint.index()]
     }
 
-    /// Pieces of a channel that may be used.
+    /// Usable pieces of a channel.
     pub(super) fn pieces<'c>(&'c self, channel: &'c [f64]) -> impl Iterator<Item = &'c [f64]> + 'c {
         self.filtered.usable.iter().map(move |stretch| &channel[stretch.clone()])
     }
@@ -152,7 +152,7 @@ impl<'a> ChannelView<'a> {
     }
 }
 
-/// Stamps of arrival come in bunches; the mean over a stretch does not know.
+/// Mean time between rows, s. The mean over a stretch is independent of bunched times of arrival.
 fn mean_step(samples: &Samples, filtered: &FilteredSignals) -> f64 {
     let of = |stretch: &std::ops::Range<usize>| {
         let steps = stretch.len().saturating_sub(1);

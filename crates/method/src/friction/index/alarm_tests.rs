@@ -1,4 +1,4 @@
-//! Detectors over whole simulated histories: the index against warm friction alone.
+//! Tests of detectors over whole simulated histories: the index compared with warm friction alone.
 
 use jiff::{SignedDuration, Timestamp};
 
@@ -11,7 +11,7 @@ use armwatch_model::robot::JointIndex;
 
 const REFERENCE: f64 = 0.6;
 
-/// The history as the detectors get it, with the index or without.
+/// History in the detectors' input, with or without the index.
 pub(super) fn summaries(arm: &Arm, with_index: bool) -> Vec<RunSummary> {
     let found = arm.friction();
     let summary = |i: usize, j: usize| {
@@ -73,7 +73,7 @@ fn the_index_raises_no_more_false_alarms_than_warm_friction_in_healthy_fleets() 
     assert!(by_index <= by_warm && by_index * 500 <= runs, "{by_index} {by_warm}");
 }
 
-/// Healthy runs of joints after the baseline, and how many of them a technician would see as unsettled.
+/// Number of healthy runs of joints after the baseline with unsettled knowledge, and number of all.
 fn unsettled(arm: &Arm, with_index: bool) -> (usize, usize) {
     let all = summaries(arm, with_index);
     let mut counts = (0, 0);
@@ -100,7 +100,7 @@ fn healthy_runs_are_hardly_ever_unsettled() {
             runs += counted.1;
         }
         println!("hall {spread} K, index {with_index}: {odd} of {runs} healthy runs of joints unsettled");
-        // warm friction alone knows nothing of the hall, which moves friction by 1.3 % a kelvin
+        // warm friction alone does not correct for ambient temperature, which changes friction by 1.3 % per kelvin
         assert!(!with_index || odd * 1000 <= runs, "{odd} of {runs}");
     }
 }

@@ -1,13 +1,13 @@
-//! Friction maps that indices are computed from: fitted once and held.
+//! Friction maps for the computation of indices: fitted once and held.
 //!
-//! A map and the thermal effects of its runs (`run_effects.rs`) are fitted in turn, since each needs the other.
-//! Wear is then counted from the mean of the baseline's runs, which have the index one. A map may be learnt from more
-//! runs than the baseline, which know more of warm-up and surroundings; from where wear is counted does not change by
-//! that.
+//! A map and the thermal effects of its runs (`run_effects.rs`) are fitted alternately, since each needs the other.
+//! Wear is then relative to the mean of the baseline's runs, which has the index one. A map may be learnt from more
+//! runs than the baseline, which contain more information about warm-up and ambient temperature. This does not change
+//! the reference for wear.
 //!
-//! After work on one joint, that joint alone has a new baseline. The maps of the other joints hold; as *companions*
-//! they tell how cold the surroundings were in each run, and the new map counts its ambient effect from the same
-//! surroundings as they do.
+//! After maintenance of one joint, only that joint has a new baseline. The maps of the other joints remain held. As
+//! *companions* they show the ambient temperature of each run, and the ambient effect of the new map has the same
+//! reference as theirs.
 
 use super::held_map::{HeldMap, Zero, held_record};
 use super::run_record::{
@@ -24,23 +24,23 @@ use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 
-/// Rounds in which run effects and maps are fitted in turn; the third changes the index by less than 0.1 %.
+/// Number of alternate fits of run effects and maps; the third changes the index by less than 0.1 %.
 const OUTER_ROUNDS: usize = 3;
 
 /// Maps of joints with one baseline.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FormedMaps {
-    /// One map for each joint that has one.
+    /// Maps of the joints that have one.
     pub maps: Vec<HeldMap>,
-    /// Why a joint has no map, in sentences.
+    /// Reasons why joints have no map, in sentences.
     pub remarks: Vec<(JointIndex, String)>,
 }
 
 /// Fits the maps of `joints`, which have one baseline.
 ///
-/// `runs` are all runs whose motion matters, oldest first. Maps are learnt from those at the positions `learnt`, the
-/// first `baseline_runs` of which are the baseline and need friction at [`FULL_RUN_POINTS`] times or more. Of the other
-/// runs only the motion is used. `companions` are maps of other joints that hold over all learnt runs.
+/// `runs` are all runs whose motion matters, oldest first. Maps are learnt from those at the positions `learnt`. The
+/// first `baseline_runs` of these are the baseline and need friction at [`FULL_RUN_POINTS`] times or more. Only the
+/// motion of the other runs is used. `companions` are maps of other joints that are held over all learnt runs.
 #[must_use]
 pub fn fit_maps(
     joints: &[JointIndex],
@@ -96,23 +96,23 @@ pub fn fit_maps(
     found
 }
 
-/// Effects of the runs of a baseline on one joint, and from where they are counted.
+/// Effects of the runs of a baseline on one joint, and their reference.
 struct JointEffects {
     effects: Vec<RunEffect>,
     zero: Zero,
 }
 
-/// Which records are fitted and what they are counted from.
+/// Records in a fit and their reference.
 struct BaselineFit<'a> {
-    /// The first records are the joints' own; the others are companions, whose maps and scales hold.
+    /// Number of the joints' own records, which are the first; the others are companions with held maps and scales.
     own: usize,
-    /// The first runs are the baseline.
+    /// Number of runs in the baseline, which are the first.
     baseline_runs: usize,
     /// Scales of companions by record.
     held: Vec<Option<&'a JointScales>>,
 }
 
-/// Fits run effects and maps in turn; from where the effects of each own joint are counted.
+/// Fits run effects and maps alternately. Returns the reference of each own joint's effects, and the scales.
 fn fit_in_turn(
     records: &mut [JointRecord],
     fits: &mut [FittedMap],
@@ -123,7 +123,7 @@ fn fit_in_turn(
     let (own, alone) = (*own, *own == records.len());
     let of_joint = |effects: Vec<RunEffect>| {
         let zero = Zero::of(&effects[..(*baseline_runs).min(effects.len())]);
-        // companions say from where the ambient effect is counted
+        // with companions, they determine the reference of the ambient effect
         let zero = if alone { zero } else { zero.with_ambient(0.0) };
         JointEffects { effects, zero }
     };
@@ -191,13 +191,13 @@ fn points_by_level(
     (levels, points)
 }
 
-/// Median of the mean speed of a joint in the cycles in which it moves.
+/// Median of the mean speed of a joint over the cycles with motion of this joint.
 fn usual_speed(joint: JointIndex, spans: &[CycleMotion]) -> Option<f64> {
     let known = spans.iter().filter_map(|span| known_speed(joint, span));
     median(&known.filter(|speed| *speed > 0.0).collect::<Vec<f64>>())
 }
 
-/// Removes joints whose friction does not fall while they warm: a thermal deficit has no effect on them.
+/// Removes joints whose friction does not fall while they warm, because a thermal deficit has no effect on them.
 fn drop_flat(
     records: &mut Vec<JointRecord>,
     fits: &mut Vec<FittedMap>,
@@ -214,10 +214,10 @@ fn drop_flat(
     }
 }
 
-/// Gives each point the offset and the factor of its run, for the next fit of the map.
+/// Assigns each point the offset and the factor of its run, for the next fit of the map.
 ///
-/// With a sensor the offset stays zero: the ambient coefficient and the fast part beside a motor's temperature have
-/// to explain such offsets, and would lose them to the run effects round by round.
+/// The offset remains zero if there is a sensor. The ambient coefficient, or the fast part in addition to a motor's
+/// temperature, must explain such offsets; otherwise the run effects would absorb them round by round.
 fn apply_effects(record: &mut JointRecord, fit: &FittedMap, of: &JointEffects, starts: &[f64]) {
     let with_offset = f64::from(u8::from(record.sensor == ThermalSensor::None));
     for p in &mut record.points {
@@ -229,7 +229,7 @@ fn apply_effects(record: &mut JointRecord, fit: &FittedMap, of: &JointEffects, s
     }
 }
 
-/// Mean over the first `runs` runs of the mean friction at each level as measured, Nm.
+/// Mean over the first `runs` runs of the measured mean friction at each level, Nm.
 fn usual_friction(record: &JointRecord, runs: usize) -> Vec<Option<f64>> {
     let of_level = |level: usize| {
         let found: Vec<f64> = (0..runs).filter_map(|run| level_mean(record, run, level)).collect();

@@ -1,4 +1,4 @@
-//! A new baseline of one joint, whose map the held maps of the other joints help to learn.
+//! Tests of a new baseline of one joint, with the other joints' held maps as companions.
 
 use super::baseline::fit_maps;
 use super::held_map::HeldMap;
@@ -8,11 +8,11 @@ use armwatch_model::anomaly::baseline_runs::learnt_runs;
 use armwatch_model::robot::JointIndex;
 
 const REPAIRED: usize = 2;
-/// Of the new gearbox, against the old one.
+/// Relative change of friction from the old to the new gearbox.
 const CHANGE: f64 = -0.2;
 const BEFORE: usize = 10;
 
-/// Ten tests in the usual hall, five with a new gearbox in a warm season, one in a cold one.
+/// Ten tests at the usual ambient temperature, five with a new gearbox in a warm season, one in a cold season.
 fn history(seed: u64, warm: f64, cold: f64) -> Arm {
     let mut arm = Arm::unlike(seed);
     arm.go_on(BEFORE, 1.5, [0.0; JOINTS]);
@@ -25,7 +25,7 @@ fn history(seed: u64, warm: f64, cold: f64) -> Arm {
     arm
 }
 
-/// Index less one of the repaired joint in the last run, with companions or without, and those of the others.
+/// Index minus one of the repaired joint in the last run, with or without companions, and those of the others.
 fn last_changes(arm: &Arm, with_companions: bool) -> (f64, Vec<f64>) {
     let others: Vec<JointIndex> = (0..JOINTS).filter(|j| *j != REPAIRED).map(JointIndex::new).collect();
     let first: Vec<usize> = learnt_runs(&(0..BEFORE).collect::<Vec<usize>>(), BASELINE);
@@ -55,6 +55,6 @@ fn after_a_repair_in_a_warm_season_the_next_cold_one_is_not_taken_for_wear() {
     let worst = |of: &[f64]| of.iter().fold(0.0, |worst: f64, change| worst.max(change.abs()));
     println!("repaired joint: {with:.4?} with companions, {without:.4?} without");
     assert!(worst(&with) < 0.025, "{with:?}");
-    // little in this season, and never worse
+    // a small gain in this season, and never worse
     assert!(with.iter().zip(&without).all(|(with, without)| with.abs() <= without.abs()), "{without:?}");
 }

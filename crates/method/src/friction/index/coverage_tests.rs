@@ -1,9 +1,9 @@
-//! How often the intervals of the index hold the truth, over histories of arms unlike each other.
+//! Tests of the coverage of the index's intervals, over histories of different arms.
 
 use super::simulated_arm::{Arm, BASELINE, JOINTS};
 use crate::statistics::distributions::normal_quantile;
 
-/// What a series of histories came to.
+/// Result of a series of histories.
 #[derive(Default)]
 struct Tally {
     inside: usize,
@@ -25,7 +25,7 @@ impl Tally {
         self.squares += other.squares;
     }
 
-    /// Part of the intervals that held the truth, and true over stated error.
+    /// Share of the intervals that contain the truth, and true over stated error.
     fn result(&self) -> (f64, f64) {
         let count = self.count as f64;
         (self.inside as f64 / count, (self.squares / count).sqrt())
@@ -55,7 +55,7 @@ fn tally(seeds: std::ops::Range<u64>, runs: usize, spread: f64, wear: f64) -> [T
     [worn, healthy]
 }
 
-/// Short runs at the end of a history, one joint worn.
+/// Short runs at the end of a history, with one worn joint.
 fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (Tally, f64) {
     let (mut tally, mut errors) = (Tally::default(), 0.0);
     for seed in seeds {
@@ -80,7 +80,7 @@ fn short(seeds: std::ops::Range<u64>, cycles: usize) -> (Tally, f64) {
     (tally, mean)
 }
 
-/// Part of 95 % intervals that hold the truth.
+/// Share of 95 % intervals that contain the truth.
 const HONEST: std::ops::RangeInclusive<f64> = 0.93..=0.97;
 
 fn told(name: &str, tally: &Tally) -> f64 {

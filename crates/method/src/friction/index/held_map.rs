@@ -1,4 +1,4 @@
-//! A friction map that is held: what the indices of runs are computed from.
+//! Held friction map, for the computation of the indices of runs.
 
 use super::run_record::{Level, activities, level_points};
 use crate::friction::maps::map::FittedMap;
@@ -10,44 +10,45 @@ use armwatch_model::analysis::Estimate;
 use armwatch_model::analysis::friction::FrictionMap;
 use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 
-/// A joint's friction map, fitted once, with all that indices of runs are computed from.
+/// Friction map of a joint, fitted once, with all data for the indices of runs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeldMap {
     /// The map.
     pub map: FrictionMap,
     pub(in crate::friction) fit: FittedMap,
-    /// The sensor with its scale and without readings.
+    /// Sensor with its scale, without readings.
     pub(in crate::friction) sensor: ThermalSensor,
-    /// Median of the joint's mean speed in a cycle, rad/s, which has the activity one.
+    /// Median of the joint's mean speed in a cycle, rad/s, which corresponds to an activity of one.
     pub(super) usual_speed: Option<f64>,
     pub(in crate::friction) scales: JointScales,
-    /// Prior scale of the ambient effect that is common to all joints.
+    /// Prior scale of the common ambient effect of all joints.
     pub(super) ambient_scale: f64,
     pub(super) zero: Zero,
-    /// Mean friction of the baseline as measured, by level, Nm.
+    /// Measured mean friction of the baseline, by level, Nm.
     pub(in crate::friction) usual: Vec<Option<f64>>,
-    /// Mean load of the gear in the baseline, by level, Nm (N), where friction depends on it: runs are compared at it.
+    /// Mean load of the gear in the baseline, by level, Nm (N), if friction depends on it: runs are compared at this
+    /// load.
     pub(super) loads: Vec<Option<f64>>,
 }
 
-/// Least change of friction between runs of a baseline, as a fraction, that ends the part that is counted from.
+/// Smallest relative change of friction between runs of a baseline that counts as a jump; only the runs before it are
+/// the reference.
 const LEAST_CHANGE: f64 = 0.08;
-/// How many standard deviations of the runs within the two parts the change must be.
+/// Smallest size of the jump, in standard deviations of the runs within the two parts.
 const STANDS_OUT: f64 = 4.0;
-/// Least standard deviation from run to run that two or three runs are believed to have.
+/// Smallest assumed standard deviation between runs, for a baseline of two or three runs.
 const LEAST_DEVIATION: f64 = 0.005;
 
-/// Mean effects over the runs of a baseline, from which those of all runs are counted; over those before the change
-/// where friction jumped from one to the next.
+/// Reference of all runs: mean effects over the runs of a baseline, or over those before a jump of friction.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Zero {
     wear: f64,
-    /// By level.
+    /// Effects by level.
     levels: Vec<f64>,
     ambient: f64,
     /// Variance of `wear`.
     variance: f64,
-    /// Twice the share that each run of the baseline has in the mean; zero where some have none.
+    /// Twice the share of each run of the baseline in the mean; zero if some have none.
     own_share: f64,
 }
 
@@ -79,15 +80,15 @@ impl Zero {
         }
     }
 
-    /// The same with the ambient effect counted from `ambient`.
+    /// Replaces the reference of the ambient effect by `ambient`.
     pub(super) fn with_ambient(self, ambient: f64) -> Self {
         Self { ambient, ..self }
     }
 
-    /// Wear as `(1 + w) / (1 + mean w) - 1`, the ambient effect as a difference.
+    /// Effects relative to the baseline: wear as `(1 + w) / (1 + mean w) - 1`, the ambient effect as a difference.
     ///
-    /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs, and `(1 - 2 / n) v + mean v / n` for a run
-    /// that is one of them, because its own effect is the `n`th part of the mean.
+    /// The variance `v` becomes `v + mean v / n` for a baseline of `n` runs. For one of these runs it becomes
+    /// `(1 - 2 / n) v + mean v / n`, because its own effect is the `n`th part of the mean.
     pub(in crate::friction) fn relative(&self, effect: &RunEffect, in_baseline: bool) -> Relative {
         let own = if in_baseline { 1.0 - self.own_share } else { 1.0 };
         Relative {
@@ -106,8 +107,8 @@ impl Zero {
     }
 }
 
-/// Place of the first run after a jump of friction from one run to the next: two runs or more before it, and a change that
-/// stands out of the scatter on both sides. `None` without one.
+/// Index of the first run after a jump of friction between two runs: there are at least two runs before it, and the
+/// change exceeds the scatter on both sides. `None` if there is none.
 fn change_between(runs: &[&RunEffect]) -> Option<usize> {
     let level = |of: &[&RunEffect]| mean(&of.iter().map(|run| run.wear.ln_1p()).collect::<Vec<f64>>());
     let stands_out = |at: &usize| {
@@ -132,8 +133,8 @@ fn identified(effects: &[RunEffect]) -> Vec<&RunEffect> {
     if found.is_empty() { in_map().collect() } else { found }
 }
 
-/// Record of a joint over `runs`, at the levels of its map and with the sensor that the map stands on; `None` where a
-/// run lacks the temperature that the map needs.
+/// Record of a joint over `runs`, at the levels and with the sensor of its map; `None` if a run lacks the temperature
+/// that the map needs.
 pub(super) fn held_record(
     held: &HeldMap,
     runs: &[&MapRun],

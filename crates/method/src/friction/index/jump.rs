@@ -1,38 +1,41 @@
-//! A jump of friction inside a run.
+//! Jump of friction within a run.
 //!
-//! The friction map takes the friction of a run to be that of one gearbox that warms up. A seal that tears in the fifth
-//! cycle is no warming: fitted as such it makes the joint colder at the start than it was, and its friction at equal
-//! warmth far larger than it is. The points before such a jump are therefore scaled to the friction after it, and the
-//! index of the run is that of its end.
+//! The friction map assumes that a run is from one gearbox that warms up. A seal that tears in the fifth cycle is no
+//! warm-up: a fit as warm-up makes the joint colder at the start than it was, and its friction at equal temperature far
+//! larger than it is. The points before such a jump are therefore scaled to the friction after it, and the index of the
+//! run is that of its end.
 
 use crate::friction::points::level_means::friction_means;
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::map_run::MapRun;
 use armwatch_model::robot::JointIndex;
 
-/// Fewest cycles, with their points of a level, on each side of a jump: one alone may have met an obstacle.
+/// Smallest number of cycles, with their points of a level, on each side of a jump: a single one may have met an
+/// obstacle.
 const LEAST_CYCLES: usize = 2;
 
-/// Least jump, of the logarithm of friction. Less disturbs the index by little, and is the business of the detectors.
+/// Smallest jump, of the logarithm of friction. The detectors evaluate smaller ones, which have little effect on the
+/// index.
 const LEAST_JUMP: f64 = 0.08;
 
-/// How many times the largest other change between cycles a jump must be, so that a joint that swings from cycle to
-/// cycle has none.
+/// Smallest ratio of a jump to the largest other change between cycles. A joint whose friction varies from cycle to
+/// cycle then has no jump.
 const STANDS_OUT: f64 = 3.0;
 
 /// Longest time between the cycles of a jump, as a multiple of the usual time. A longer rest cools the joint.
 const LONGEST_REST: f64 = 1.5;
 
-/// How much of the first change counts among the others: a cold joint warms fastest there.
+/// Weight of the first change among the others: a cold joint warms fastest there.
 const FIRST_CHANGE: f64 = 0.5;
 
-/// Nearest other changes, whose median tells what warming would have done. A jump among so many does not move it far.
+/// Number of nearest other changes, whose median estimates the effect of warming. A single jump among them hardly
+/// changes it.
 const NEIGHBOURS: usize = 4;
 
-/// A jump of a joint's friction inside a run.
+/// Jump of a joint's friction within a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FrictionJump {
-    /// Points at this time and later are after the jump, s since the start of the run.
+    /// Time of the first point after the jump, s since the start of the run.
     at: f64,
     /// Friction after the jump as a multiple of that before it.
     factor: f64,
@@ -45,11 +48,11 @@ impl FrictionJump {
     }
 }
 
-/// The jump of friction of `joint` inside a run; `None` where friction changes as warming does, as one cycle alone does,
-/// after a rest, or by as much from each cycle to the next.
+/// Jump of friction of `joint` within a run; `None` if friction changes like in warm-up, in one cycle only, after a
+/// rest, or equally from each cycle to the next.
 ///
-/// The change between two cycles is the mean over the levels of that of the logarithm of friction, and what counts is
-/// its difference from the median of its neighbours.
+/// The change between two cycles is the mean over the levels of the change of the logarithm of friction. Its difference
+/// from the median of its neighbours decides.
 pub(in crate::friction) fn jump(run: &MapRun, joint: JointIndex, levels: &[f64]) -> Option<FrictionJump> {
     let passes: Vec<Vec<(f64, f64)>> = levels.iter().map(|level| logarithms(run, joint, *level)).collect();
     let cycles = passes.iter().map(Vec::len).max()?;
@@ -79,7 +82,7 @@ fn logarithms(run: &MapRun, joint: JointIndex, level: f64) -> Vec<(f64, f64)> {
     means.into_iter().filter(|mean| mean.torque > 0.0).map(|mean| (mean.time, mean.torque.ln())).collect()
 }
 
-/// Each change less the median of the [`NEIGHBOURS`] others that are nearest.
+/// Each change minus the median of its [`NEIGHBOURS`] nearest other changes.
 fn beyond_neighbours(changes: &[f64]) -> Option<Vec<f64>> {
     let beyond = |at: usize| {
         let mut others: Vec<usize> = (0..changes.len()).filter(|other| *other != at).collect();
@@ -98,7 +101,7 @@ mod tests {
 
     const LEVELS: [f64; 3] = [0.2, 0.6, 1.0];
 
-    /// A run of one joint that warms up, with the given factor of friction by cycle and the rest before each, s.
+    /// Run of one joint that warms up, with the given factor of friction by cycle and the rest before each, s.
     fn run(factors: &[f64], rests: &[f64]) -> MapRun {
         let (mut points, mut start) = (Vec::new(), 0.0);
         for (cycle, factor) in factors.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Wear of a part of friction: the index and the alarms of joints whose Coulomb or viscous friction rises alone.
+//! Tests of partial wear: the index and the alarms of joints with a rise of only Coulomb or only viscous friction.
 
 use super::alarm_tests::summaries;
 use super::simulated_arm::{Arm, BASELINE, CYCLES, HOUR, JOINTS};
@@ -6,7 +6,7 @@ use crate::detect::runs::detect;
 use armwatch_model::anomaly::settings::DetectSettings;
 use armwatch_model::anomaly::{AnomalyKind, Knowledge, Severity};
 
-/// Rise of the worn parts with every test, as a fraction of their healthy size.
+/// Rise of the worn parts per test, as a fraction of their healthy size.
 const RATE: f64 = 0.04;
 /// Healthy tests before wear begins, and tests with it.
 const HEALTHY: usize = 9;
@@ -15,11 +15,11 @@ const WORN: usize = 12;
 const DAY: f64 = 0.015;
 /// Speed of the reported rise of friction.
 const SPEED: f64 = 0.6;
-/// Rise of friction beyond which an alarm is late, and beyond which no joint may be called healthy.
+/// Rise of friction beyond which an alarm is late, and beyond which no joint may be reported as healthy.
 const DUE: f64 = 0.20 + 1e-9;
 const NEVER_OK: f64 = 0.25;
 
-/// Which of Coulomb, viscous and curved friction of a [`super::simulated_arm::Gear`] wear.
+/// Wear of the Coulomb, viscous and curvature parts of a [`super::simulated_arm::Gear`]'s friction.
 const SHAPES: [(&str, [bool; 3]); 4] = [
     ("all", [true, true, true]),
     ("Coulomb", [true, false, false]),
@@ -27,7 +27,7 @@ const SHAPES: [(&str, [bool; 3]); 4] = [
     ("linear", [true, true, false]),
 ];
 
-/// An arm of daily tests with the worn joint's friction at [`SPEED`] by test, as a multiple of the healthy one.
+/// Arm with daily tests, and the worn joint's friction at [`SPEED`] by test, as a multiple of the healthy one.
 fn worn_arm(seed: u64, joint: usize, worn: [bool; 3], is_brisk: bool, hall_k: f64) -> (Arm, Vec<f64>) {
     let mut arm = Arm { is_brisk, ..Arm::unlike(seed) };
     let healthy = arm.gears[joint];
@@ -53,7 +53,7 @@ fn worn_arm(seed: u64, joint: usize, worn: [bool; 3], is_brisk: bool, hall_k: f6
     (arm, truth)
 }
 
-/// A test one day later. The ambient temperature varies by `hall_k`, K, and so does the temperature at the start.
+/// Runs a test one day later. The ambient temperature varies by `hall_k`, K, and so does the temperature at the start.
 fn daily_test(arm: &mut Arm, hall_k: f64) {
     let hall = hall_k * arm.normal();
     let rest = HOUR * (22.0 + arm.normal());
@@ -71,13 +71,13 @@ fn daily_test(arm: &mut Arm, hall_k: f64) {
 struct Said {
     /// Friction at the first alarm of the worn joint, as a multiple of the healthy one.
     at: Option<f64>,
-    /// Its kind.
+    /// Kind of this alarm.
     kind: Option<AnomalyKind>,
-    /// Tests with more friction than [`NEVER_OK`] and a joint that was called healthy.
+    /// Number of tests with more friction than [`NEVER_OK`] that reported the joint as healthy.
     healthy: usize,
     /// True if an alarm of the joint closed.
     has_closed: bool,
-    /// Alarms of other joints or before wear.
+    /// Number of alarms of other joints or before wear.
     false_alarms: usize,
 }
 
@@ -108,8 +108,9 @@ fn said(arm: &Arm, truth: &[f64], joint: usize) -> Said {
     said
 }
 
-/// Prints the results of each shape of wear, for `seeds` and each worn joint in turn. Returns the number of arms with friction
-/// beyond [`DUE`] before the first alarm, called healthy beyond [`NEVER_OK`], or with an alarm that closed.
+/// Prints the results of each shape of wear, for `seeds` and each worn joint in turn. Returns the number of arms with
+/// friction beyond [`DUE`] before the first alarm, reported as healthy beyond [`NEVER_OK`], or with an alarm that
+/// closed.
 fn table(seeds: std::ops::Range<u64>, is_brisk: bool, hall_k: f64) -> usize {
     let mut wrong = 0;
     for (name, worn) in SHAPES {

@@ -1,5 +1,4 @@
-//! What a run tells of the friction of one joint: points by level, motion with its activity, and whether there is enough
-//! of it for a baseline or an index.
+//! Friction of one joint in a run: points by level, motion with its activity, and coverage for a baseline or an index.
 
 use super::jump::jump;
 use crate::friction::maps::record::{JointRecord, RecordPoint};
@@ -11,15 +10,15 @@ use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::anomaly::baseline_runs::FULL_RUN_POINTS;
 use armwatch_model::robot::JointIndex;
 
-/// Fewest points of a level in a run that has an index. Once the map is fitted, the motion before the run predicts
-/// its thermal state well enough, and the interval contains the error of that prediction.
+/// Smallest number of points of a level in a run that has an index. Once the map is fitted, the motion before the run
+/// predicts its thermal state well enough, and the interval contains the error of that prediction.
 pub const SHORT_RUN_POINTS: usize = 2;
 
-/// Largest activity of a cycle: for motion much faster than usual, speed predicts heat badly.
+/// Largest activity of a cycle: for motion much faster than usual, speed is a poor measure of heat.
 const MAX_ACTIVITY: f64 = 2.0;
 
-/// Motion of all runs and the start of each, in seconds since the start of the first. Motion that overlaps the motion
-/// before it is cut.
+/// Motion of all runs and the start of each, in seconds since the start of the first. Motion that overlaps earlier
+/// motion is cut.
 pub(super) fn timeline(runs: &[&MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     let epoch = runs.first().map_or(0.0, |run| run.started_at);
     let (mut spans, mut end) = (Vec::new(), f64::NEG_INFINITY);
@@ -36,19 +35,19 @@ pub(super) fn timeline(runs: &[&MapRun]) -> (Vec<CycleMotion>, Vec<f64>) {
     (spans, runs.iter().map(|run| run.started_at - epoch).collect())
 }
 
-/// A speed level of a map.
+/// Speed level of a map.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Level {
-    /// Its place among the levels of the map.
+    /// Index among the levels of the map.
     pub place: usize,
     /// Nominal speed as a fraction of the joint's largest speed.
     pub speed_fraction: f64,
-    /// Load at which friction is compared, Nm (N), where it depends on load.
+    /// Load for comparisons of friction, Nm (N), if friction depends on it.
     pub load: Option<f64>,
 }
 
-/// Points of a joint at one speed from the runs with enough of them, at the load of the level. Points before a jump
-/// inside a run are scaled to the friction after it.
+/// Points of a joint at one speed, at the load of the level, from the runs with enough of them. Points before a jump
+/// within a run are scaled to the friction after it.
 pub(super) fn level_points(
     joint: JointIndex,
     level: Level,
@@ -82,17 +81,17 @@ pub(super) fn level_points(
     points
 }
 
-/// Mean load, Nm (N), of the gear of a joint at one speed over the points of these runs; `None` where friction does not
+/// Mean load, Nm (N), of the gear of a joint at one speed over the points of these runs; `None` if friction does not
 /// depend on it.
 pub(super) fn mean_load(runs: &[&MapRun], joint: JointIndex, speed_fraction: f64) -> Option<f64> {
     let points = runs.iter().flat_map(|run| at_level(&run.points, joint, speed_fraction));
     mean(&points.filter_map(|point| Some(point.load?.torque)).collect::<Vec<f64>>())
 }
 
-/// What the gear would lose more than it did if it carried `load`, Nm (N), in this run.
+/// Additional loss of the gear if it carried `load`, Nm (N), in this run.
 ///
-/// `m (load - L)`: the carried torque `L` and the friction `m` per carried torque are means over the points of the level,
-/// as a single cycle knows neither as well. Exact where friction is proportional to the load.
+/// It is `m (load - L)`. The load torque `L` and the friction `m` per load torque are means over the points of the
+/// level, since a single cycle determines neither as well. Exact if friction is proportional to the load.
 fn load_difference(run: &MapRun, joint: JointIndex, speed_fraction: f64, load: f64) -> f64 {
     let of = |what: fn(&CarriedLoad) -> f64| {
         let points = at_level(&run.points, joint, speed_fraction);
@@ -111,8 +110,8 @@ fn usable_means(run: &MapRun, joint: JointIndex, speed_fraction: f64) -> Vec<(f6
     usable.map(|mean| (mean.time, mean.torque)).collect()
 }
 
-/// For each joint with friction points in a run: how many usable ones its best level has. From
-/// [`FULL_RUN_POINTS`] on the run may be one of the joint's baseline, from [`SHORT_RUN_POINTS`] on it has an index.
+/// Number of usable points at the best level of each joint with friction points in a run. From [`FULL_RUN_POINTS`] on
+/// the run may be part of the joint's baseline, from [`SHORT_RUN_POINTS`] on it has an index.
 #[must_use]
 pub fn coverage(run: &MapRun) -> Vec<(JointIndex, usize)> {
     let of_joint = |joint: JointIndex| {
@@ -125,12 +124,12 @@ pub fn coverage(run: &MapRun) -> Vec<(JointIndex, usize)> {
     joints.into_iter().map(of_joint).collect()
 }
 
-/// Speeds of a joint in a run, rising, as fractions of its largest.
+/// Speeds of a joint in a run, ascending, as fractions of its largest.
 fn run_levels(run: &MapRun, joint: JointIndex) -> Vec<f64> {
     speed_fractions(run.points.iter().filter(|p| p.joint == joint).map(|p| p.speed_fraction))
 }
 
-/// Speeds, rising and each once.
+/// Sorts speeds in ascending order and removes duplicates.
 pub(super) fn speed_fractions(recorded: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut levels: Vec<f64> = recorded.collect();
     levels.sort_by(f64::total_cmp);
@@ -138,7 +137,7 @@ pub(super) fn speed_fractions(recorded: impl Iterator<Item = f64>) -> Vec<f64> {
     levels
 }
 
-/// Motion of one joint with its activity, where `usual` is its usual mean speed in a cycle.
+/// Motion of one joint with its activity; `usual` is its usual mean speed in a cycle.
 ///
 /// Heat is friction times speed. To first order it is proportional to the mean speed of a cycle, and the activity is
 /// that speed as a multiple of the usual one. A cycle of unknown speed has the activity one.
@@ -153,12 +152,12 @@ pub(super) fn activities(joint: JointIndex, spans: &[CycleMotion], usual: Option
         .collect()
 }
 
-/// Mean speed of a joint in a cycle, where it is known.
+/// Mean speed of a joint in a cycle, if known.
 pub(super) fn known_speed(joint: JointIndex, span: &CycleMotion) -> Option<f64> {
     span.speeds.get(joint.index()).copied().filter(|speed| speed.is_finite())
 }
 
-/// Mean friction of a level in one run of a record, as measured, Nm; `None` without points.
+/// Measured mean friction of a level in one run of a record, Nm; `None` without points.
 pub(super) fn level_mean(record: &JointRecord, run: usize, level: usize) -> Option<f64> {
     let of_level = record.points.iter().filter(|p| p.run == run && p.level == level);
     mean(&of_level.map(|p| p.torque / p.jump).collect::<Vec<f64>>())

@@ -1,5 +1,5 @@
-//! Arms for tests of the index, whose thermal law is another than that of the program: two heat capacities heated by their own
-//! friction, oil whose viscosity falls exponentially, a housing that loses heat more than in proportion.
+//! Simulated arms for tests of the index. Their thermal law differs from the law of the program: two heat capacities
+//! heated by friction, oil whose viscosity falls exponentially, and a housing that loses heat more than in proportion.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,15 +17,15 @@ use armwatch_model::robot::JointIndex;
 /// Friction of a robot over a history without maintenance.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct RobotFriction {
-    /// One map for each joint that has one.
+    /// Maps of the joints that have one.
     pub(super) maps: Vec<FrictionMap>,
-    /// For each run: one index for each joint with a map and points in that run.
+    /// Indices by run: one for each joint with a map and points in that run.
     pub(super) indices: Vec<Vec<FrictionIndex>>,
     pub(super) remarks: Vec<String>,
 }
 
-/// Indices of all runs against the first `baseline_runs` full ones, which all joints have in common here, each from the
-/// map that is held when the run comes; and the latest maps.
+/// Indices of all runs, and the latest maps. The baseline is the first `baseline_runs` full runs of all joints. Each
+/// index uses the map that is held when the run arrives.
 pub(super) fn robot_friction(runs: &[MapRun], baseline_runs: usize) -> RobotFriction {
     let is_full = |run: &MapRun| coverage(run).iter().any(|(_, points)| *points >= FULL_RUN_POINTS);
     let full: Vec<usize> = (0..runs.len()).filter(|run| is_full(&runs[*run])).collect();
@@ -59,21 +59,21 @@ pub(super) const JOINTS: usize = 6;
 pub(super) const LEVELS: [f64; 6] = [0.05, 0.2, 0.4, 0.6, 0.8, 1.0];
 pub(super) const CYCLE_S: f64 = 300.0;
 pub(super) const CYCLES: usize = 12;
-/// Scatter of a plateau's mean.
+/// Relative standard deviation of a plateau's mean.
 pub(super) const SCATTER: f64 = 0.005;
 pub(super) const HOUR: f64 = 3600.0;
 pub(super) const BASELINE: usize = 5;
 
-/// A gearbox: friction, what cold does to it, heat.
+/// Gearbox: friction and its dependence on temperature.
 #[derive(Clone, Copy)]
 pub(super) struct Gear {
-    /// Coulomb, viscous at top speed, curvature at top speed; Nm.
+    /// Coulomb, viscous and curvature terms at the largest speed, Nm.
     pub(super) friction: [f64; 3],
-    /// Viscosity per kelvin.
+    /// Relative fall of viscosity per kelvin.
     pub(super) beta: f64,
-    /// Rise of housing over hall and of oil over housing when warm, K.
+    /// Rise of the housing above ambient temperature and of the oil above the housing in a warm gear, K.
     pub(super) rise: [f64; 2],
-    /// Their time constants, s.
+    /// Time constants of these rises, s.
     pub(super) time: [f64; 2],
 }
 
@@ -90,12 +90,13 @@ pub(super) fn gears() -> [Gear; JOINTS] {
 }
 
 impl Gear {
-    /// Oil less than hall temperature when warm in the usual hall, K.
+    /// Oil temperature minus ambient temperature of a warm gear at the usual ambient temperature, K.
     pub(super) fn warm(&self) -> f64 {
         self.rise[0] + self.rise[1]
     }
 
-    /// Viscosity relative to that of the warm gear in the usual hall; `oil` is above the usual hall, K.
+    /// Viscosity relative to a warm gear at the usual ambient temperature; `oil` is the oil temperature above the usual
+    /// ambient temperature, K.
     pub(super) fn viscosity(&self, oil: f64) -> f64 {
         (-self.beta * (oil - self.warm())).exp()
     }
@@ -110,11 +111,11 @@ impl Gear {
     pub(super) fn step(&self, state: &mut [f64; 2], hall: f64, pace: f64, dt: f64) {
         let [oil, housing] = *state;
         let moving = pace > 0.0;
-        // friction at half the pace's speed, times its speed
+        // friction at half the speed of the pace, times this speed
         let lost = self.friction(0.5 * pace, oil) * pace;
         let heat = if moving { lost / self.friction(0.5, self.warm()) } else { 0.0 };
         let between = oil - housing;
-        // heat over the oil's conductance is its rise; the housing's losses grow as a power
+        // the oil's rise is heat over conductance; the housing's losses grow as a power
         let excess = (housing - hall) / self.rise[0];
         let wind = if moving { 1.0 } else { 0.8 };
         let loss = wind * self.rise[0] * excess * excess.abs().powf(0.25);
@@ -123,31 +124,31 @@ impl Gear {
     }
 }
 
-/// What the controller records of temperatures.
+/// Temperatures that the controller records.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Sensors {
     pub(super) motor: bool,
     pub(super) ambient: bool,
-    /// Step in which drives give them, K.
+    /// Resolution of the recorded temperatures, K.
     pub(super) step: f64,
 }
 
-/// The usual hall, K.
+/// Usual ambient temperature, K.
 pub(super) const USUAL_HALL: f64 = 295.0;
-/// A motor's own losses: its rise over the housing in usual motion, K, and how long it takes, s.
+/// Losses of a motor: its rise above the housing in usual motion, K, and the time constant, s.
 const MOTOR_RISE: f64 = 15.0;
 const MOTOR_TIME: f64 = 500.0;
 /// Noise of a sensor, K.
 const SENSOR_NOISE: f64 = 0.2;
 
-/// One arm with its state of heat.
+/// Arm with its thermal state.
 pub(super) struct Arm {
     pub(super) rng: ChaCha8Rng,
     pub(super) gears: [Gear; JOINTS],
     /// Mean speed of each joint's motion as a multiple of the usual one.
     pub(super) pace: [f64; JOINTS],
     pub(super) heat: [[f64; 2]; JOINTS],
-    /// Temperature of each motor above the usual hall, K: neither the oil's nor the housing's.
+    /// Temperature of each motor above the usual ambient temperature, K. It is neither the oil's nor the housing's.
     pub(super) motor: [f64; JOINTS],
     pub(super) sensors: Sensors,
     pub(super) now: f64,
@@ -172,7 +173,7 @@ impl Arm {
         }
     }
 
-    /// An arm unlike the others: friction, its warmth and the times of it by a third, two sigma.
+    /// Arm with other gears: friction, rises and time constants vary by a third (two sigma).
     pub(super) fn unlike(seed: u64) -> Self {
         let mut arm = Self::new(seed);
         for mut gear in arm.gears {
@@ -207,7 +208,7 @@ impl Arm {
         }
     }
 
-    /// What the sensors say now, K.
+    /// Temperatures that the sensors report now, K.
     pub(super) fn readings(&mut self, hall: f64) -> CycleTemperatures {
         let Sensors { motor, ambient, step } = self.sensors;
         let mut reading = |above: f64| {
@@ -224,13 +225,13 @@ impl Arm {
         }
     }
 
-    /// Friction at a level of each joint as the gears have it now, without wear, Nm.
+    /// Present friction of each joint at a level, without wear, Nm.
     pub(super) fn friction_now(&self, level: usize) -> Vec<f64> {
         self.gears.iter().zip(&self.heat).map(|(gear, heat)| gear.friction(LEVELS[level], heat[0])).collect()
     }
 
-    /// What a kelvin less of the hall adds to friction at the largest speed, Nm/K: of each gear in lasting motion, where it
-    /// warms itself the more, and of each gear that is as cold as the hall.
+    /// Increase of friction at the largest speed per kelvin of colder air, Nm/K: first of each gear in lasting motion,
+    /// which heats itself more in colder air, then of each gear at ambient temperature.
     pub(super) fn friction_per_kelvin(&self) -> [Vec<f64>; 2] {
         let lasting = |gear: &Gear, hall: f64| {
             let mut state = [gear.warm() + hall, gear.rise[0] + hall];
@@ -243,14 +244,14 @@ impl Arm {
         [of(&lasting), of(&|gear, hall| gear.friction(1.0, hall))]
     }
 
-    /// A run in a hall that is `hall` K warmer than usual, with wear by joint.
+    /// Appends a run with wear by joint. The air is `hall` K warmer than usual.
     pub(super) fn run(&mut self, hall: f64, wear: [f64; JOINTS]) {
         self.run_of(CYCLES, hall, wear);
     }
 
     pub(super) fn run_of(&mut self, cycles: usize, hall: f64, wear: [f64; JOINTS]) {
         let started_at = self.now;
-        // one row of the programme takes two seconds, or one where cycles are short
+        // a row of the programme takes two seconds, or one if cycles are short
         let (cycle_s, row_s) = if self.is_brisk { (CYCLE_S / 3.0, 1) } else { (CYCLE_S, 2) };
         let (mut points, mut readings) = (Vec::new(), Vec::new());
         for cycle in 0..cycles {
@@ -299,20 +300,20 @@ impl Arm {
         self.runs.push(MapRun { started_at, spans, points });
     }
 
-    /// The same with sensors.
+    /// Arm with sensors.
     pub(super) fn with_sensors(seed: u64, motor: bool, ambient: bool, step: f64) -> Self {
         Self { sensors: Sensors { motor, ambient, step }, ..Self::new(seed) }
     }
 
-    /// A history of healthy runs with random rests (half an hour to a day and a half) in a hall that
-    /// varies by `spread` K.
+    /// History of healthy runs with random rests (0.5 to 36 h); `spread` is the standard deviation of ambient
+    /// temperature, K.
     pub(super) fn healthy(seed: u64, runs: usize, spread: f64) -> Self {
         let mut arm = Self::new(seed);
         arm.go_on(runs, spread, [0.0; JOINTS]);
         arm
     }
 
-    /// Runs with random rests, worn as given.
+    /// Appends runs with random rests and the given wear.
     pub(super) fn go_on(&mut self, runs: usize, spread: f64, wear: [f64; JOINTS]) {
         for _ in 0..runs {
             let hall = spread * self.normal();
@@ -341,14 +342,15 @@ fn mean_readings(readings: &[(usize, CycleTemperatures)], cycle: usize) -> Cycle
     }
 }
 
-/// Indices of the last run less one.
+/// Indices of the last run, minus one.
 pub(super) fn last_changes(found: &RobotFriction) -> Vec<f64> {
     let last = found.indices.last().expect("runs");
     assert_eq!(last.len(), JOINTS, "{:?}", found.remarks);
     last.iter().map(|i| i.index.value - 1.0).collect()
 }
 
-/// Raw friction of the last third of the last run against that of the first runs, at 60 %.
+/// Relative change of raw friction at 60 % of the largest speed, from the baseline runs to the last third of the last
+/// run.
 pub(super) fn raw_changes(arm: &Arm) -> Vec<f64> {
     let level = |run: &MapRun, j: usize| {
         let late =
@@ -369,16 +371,16 @@ pub(super) fn largest(changes: &[f64]) -> f64 {
     changes.iter().fold(0.0, |worst, change| worst.max(change.abs()))
 }
 
-/// Kelvin by which the hall is colder so that the cold part of joint 1 grows by half.
+/// Kelvin of colder air that increase the cold part of friction of joint 1 by half.
 pub(super) fn half_colder() -> f64 {
     let gear = gears()[0];
     let cold_part = gear.viscosity(0.0) - 1.0;
     (1.0 + 1.5 * cold_part).ln() / gear.beta - gear.warm()
 }
 
-/// Of the index where nothing is worn, and of wear of 4 %: half of what an alarm needs, and what tells 4 % from
-/// none.
+/// Tolerated errors of the index: without wear, half the change that raises an alarm; with wear of 4 %, small enough to
+/// distinguish it from none.
 pub(super) const ADMITTED: f64 = 0.02;
 pub(super) const WEAR_TOLERANCE: f64 = 0.015;
-/// Of the index where nothing is worn, in a hall colder than any that the held map was learnt in.
+/// Tolerated error of the index without wear, in air colder than the held map has learnt.
 pub(super) const ADMITTED_OF_THE_UNKNOWN: f64 = 0.025;

@@ -1,5 +1,5 @@
-//! The index where temperatures are recorded: of a motor that is neither as warm as the oil nor as the housing, or
-//! of the hall.
+//! Tests of the index with recorded temperatures: of a motor, which is neither that of the oil nor of the housing, or
+//! of the air.
 
 use super::simulated_arm::{
     ADMITTED, ADMITTED_OF_THE_UNKNOWN, Arm, BASELINE, HOUR, JOINTS, RobotFriction, Sensors, USUAL_HALL,
@@ -11,11 +11,11 @@ use armwatch_model::analysis::CycleTemperatures;
 use armwatch_model::analysis::friction::{FrictionMap, ThermalSource};
 use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 
-/// Steps of a drive's temperature, K.
+/// Resolutions of a drive's temperature, K.
 const FINE: f64 = 0.1;
 const COARSE: f64 = 1.0;
 
-/// A history of healthy runs with random rests in a hall that varies by `spread` K.
+/// History of healthy runs with random rests; `spread` is the standard deviation of ambient temperature, K.
 fn healthy(seed: u64, runs: usize, spread: f64, sensors: Sensors) -> Arm {
     let mut arm = Arm::with_sensors(seed, sensors.motor, sensors.ambient, sensors.step);
     arm.go_on(runs, spread, [0.0; JOINTS]);
@@ -30,7 +30,7 @@ fn stands_on_motors(found: &RobotFriction) -> bool {
         && found.maps.iter().all(|map| matches!(map.source, ThermalSource::MotorTemperature { .. }))
 }
 
-/// The same runs without any temperature.
+/// Result of the same runs without any temperature.
 fn blind(arm: &Arm) -> RobotFriction {
     let mut runs = arm.runs.clone();
     let spans = runs.iter_mut().flat_map(|run| &mut run.spans);
@@ -38,7 +38,7 @@ fn blind(arm: &Arm) -> RobotFriction {
     robot_friction(&runs, BASELINE)
 }
 
-/// Two results without what they say of their sources.
+/// Returns true if two results are equal except for their remarks.
 fn same(a: &RobotFriction, b: &RobotFriction) -> bool {
     let plain = |found: &RobotFriction| {
         let mut found = found.clone();
@@ -127,8 +127,9 @@ fn intervals_of_arms_with_temperatures_hold_the_truth() {
     }
 }
 
-/// Friction that a map adds at its largest speed for each kelvin of the hall, with its standard error, Nm/K. The covariance
-/// has warm and cold of each level first, then the five parameters of the law, of which the coefficient is the last.
+/// Friction that a map adds at its largest speed per kelvin of colder air, with its standard error, Nm/K. The
+/// covariance contains first warm and cold of each level, then the five parameters of the law; the coefficient is the
+/// last.
 fn effect_of_kelvin(map: &FrictionMap, coefficient: f64) -> (f64, f64) {
     let (levels, size) = (map.levels.len(), map.covariance.len().isqrt());
     let (at_cold, at_coefficient) = (2 * levels - 1, size - 1);
@@ -140,7 +141,7 @@ fn effect_of_kelvin(map: &FrictionMap, coefficient: f64) -> (f64, f64) {
     (coefficient * cold, variance.sqrt())
 }
 
-/// The motion of an arm's history.
+/// Motion of an arm's history.
 fn motion(arm: &Arm) -> Vec<MotionSpan> {
     let of_run = |run: &MapRun| -> Vec<MotionSpan> {
         let span = |span: &CycleMotion| MotionSpan {
@@ -153,7 +154,7 @@ fn motion(arm: &Arm) -> Vec<MotionSpan> {
     arm.runs.iter().flat_map(of_run).collect()
 }
 
-/// Friction that a map expects at 60 % of the speed at a time when temperatures are `now`, Nm.
+/// Friction that a map predicts at 60 % of the largest speed, at a time with the temperatures `now`, Nm.
 fn expected(map: &FrictionMap, spans: &[MotionSpan], time: f64, now: &CycleTemperatures) -> f64 {
     let by_motion = thermal_deficits(&Rates::of(&map.law), spans, &[time])[0];
     let motor = now.motor.get(map.joint.index()).copied().flatten();
@@ -162,13 +163,13 @@ fn expected(map: &FrictionMap, spans: &[MotionSpan], time: f64, now: &CycleTempe
     map_friction(map, 3, share * slow + (1.0 - share) * fast).expect("a level").value
 }
 
-/// Relative errors of the friction that maps expect at the first moment of a run.
+/// Relative errors of the friction that maps predict at the start of a run.
 fn start_errors(maps: &[FrictionMap], arm: &Arm, now: &CycleTemperatures) -> Vec<f64> {
     let (spans, truth) = (motion(arm), arm.friction_now(3));
     maps.iter().map(|map| expected(map, &spans, arm.now, now) / truth[map.joint.index()] - 1.0).collect()
 }
 
-/// Mean relative errors over the last run, which the maps do not know.
+/// Mean relative errors over the last run, which the maps have not learnt.
 fn run_errors(maps: &[FrictionMap], arm: &Arm) -> Vec<f64> {
     let (spans, run) = (motion(arm), arm.runs.last().expect("runs"));
     let error = |map: &FrictionMap| {
@@ -233,7 +234,7 @@ fn sensors_that_are_stuck_or_of_another_joint_are_not_believed() {
     let mut noise: Vec<f64> = (0..200).map(|_| arm.normal()).collect();
     for span in arm.runs.iter_mut().flat_map(|run| &mut run.spans) {
         span.temperatures.motor[0] = Some(310.0);
-        // of something that warms and cools for reasons of its own
+        // temperature of something that warms and cools independently
         span.temperatures.motor[1] = noise.pop().map(|z| 310.0 + 6.0 * z);
     }
     let (found, by_motion) = (arm.friction(), blind(&arm));
@@ -256,7 +257,8 @@ fn a_recorded_hall_is_expected_and_its_effect_is_the_gears() {
             panic!("{:?}", map.source)
         };
         assert!((usual - USUAL_HALL).abs() < 4.0, "{usual}");
-        // the first cycles hardly resolve the fast part: then the coefficient and what cold adds are known as a product
+        // the first cycles hardly resolve the fast part, so only the product of the coefficient and the cold part is
+        // well known
         let (value, std_error) = effect_of_kelvin(map, coldness.value);
         let j = map.joint.index();
         println!("joint {}: {value:.3} +- {std_error:.3} Nm/K, {:.3} to {:.3}", j + 1, lasting[j], cold[j]);
@@ -269,7 +271,7 @@ fn a_recorded_hall_is_expected_and_its_effect_is_the_gears() {
         assert!(value > 4.0 * std_error, "{value} {std_error}");
         assert_eq!(map.covariance.len(), (2 * map.levels.len() + 5).pow(2));
     }
-    // a cold day of this hall
+    // a cold day in this environment
     arm.rest(20.0 * HOUR, -5.0);
     arm.run(-5.0, [0.0; JOINTS]);
     let (with, without) = (run_errors(&measured.maps, &arm), run_errors(&by_motion.maps, &arm));
@@ -316,8 +318,8 @@ fn runs_without_the_halls_temperature_count_as_in_the_usual_hall() {
     }
 }
 
-/// Tests every third day over half a year, of forty minutes after a day's rest, in a hall between 13 K colder and 13 K
-/// warmer than usual.
+/// Tests every third day over half a year, forty minutes long, after a rest of 71 hours. The air is between 13 K colder
+/// and 13 K warmer than usual.
 fn half_a_year(seed: u64) -> Arm {
     let mut arm = Arm::unlike(seed);
     arm.sensors = HALL;
@@ -342,7 +344,7 @@ fn a_season_is_no_wear_where_the_hall_is_measured() {
         };
         let of_joints: Vec<f64> = (0..JOINTS).map(off).collect();
         println!("arm {seed}, largest change of each joint's index: {of_joints:.3?}");
-        // a warning is 0.05
+        // a warning needs 0.05
         assert!(largest(&of_joints) < 0.04, "arm {seed}: {of_joints:.3?}");
     }
 }

@@ -1,4 +1,4 @@
-//! The index on arms whose thermal law is another ([`super::simulated_arm`]).
+//! Tests of the index on arms with another thermal law ([`super::simulated_arm`]).
 
 use super::baseline::fit_maps;
 use super::simulated_arm::{
@@ -9,11 +9,11 @@ use crate::friction::maps::published_map::map_friction;
 use crate::friction::maps::thermal_state::{MotionSpan, Rates, thermal_deficits};
 use armwatch_model::robot::JointIndex;
 
-/// Variance of measured and of indexed friction over runs is known in this history: the hall alone makes the first,
-/// scatter of points and wear the second.
+/// The variance of measured and of indexed friction over runs is known in this history: ambient temperature determines
+/// the first, scatter of points and wear the second.
 #[test]
 fn the_explained_share_is_that_of_a_known_truth() {
-    // every other run ends worn by 6 % of joint 1, by itself as large as what an even hall leaves
+    // every other run ends with 6 % wear of joint 1, as large as the other variation at constant ambient temperature
     let mut arm = Arm::new(70);
     let wear = |run: usize| if run >= BASELINE && run.is_multiple_of(2) { 0.06 } else { 0.0 };
     for run in 0..12 {
@@ -28,9 +28,10 @@ fn the_explained_share_is_that_of_a_known_truth() {
     };
     let (raw, index, truth) =
         (of(0, |i| i.raw), of(0, |i| i.index.value), spread((0..12).map(wear).collect()));
-    // an even hall and a night's rest before each run leave warm-up nothing to explain: wear is all
+    // at constant ambient temperature with a night's rest before each run, warm-up explains nothing: all variation is
+    // wear
     assert!((raw / truth - 1.0).abs() < 0.1 && (index / truth - 1.0).abs() < 0.1, "{raw} {index} {truth}");
-    // short rests make runs differ by warmth alone, which is all explained but for the points' scatter
+    // after short rests, runs differ only by temperature, which explains everything except the points' scatter
     let mut warm = Arm::healthy(71, 12, 0.0);
     warm.rest(0.3 * HOUR, 0.0);
     warm.run(0.0, [0.0; JOINTS]);
@@ -153,7 +154,7 @@ fn a_warm_start_is_expected_nearer_than_a_cold_one() {
         let found = map_friction(map, 3, share * slow + (1.0 - share) * fast).expect("a level");
         let truth = gear.friction(LEVELS[3], heat[0]);
         let cold = map_friction(map, 3, 1.0).expect("a level").value;
-        // the map is a line over the thermal deficit and viscosity is not: the error gets smaller, not small
+        // the map is linear in the thermal deficit and viscosity is not: the error is smaller, but not small
         assert!((found.value - truth).abs() < (cold - truth).abs(), "{found:?} {truth} {cold}");
     }
 }
@@ -189,7 +190,7 @@ fn a_joint_that_moves_less_than_usual_stays_colder_and_is_not_called_worn() {
         run.spans.iter_mut().for_each(|span| span.speeds.clear());
     }
     let blind = last_changes(&arm.friction());
-    // losses fall more than in proportion, and the map is a line: most is explained, not all
+    // losses fall more than in proportion, and the map is linear: it explains most, not all
     assert!(known[0].abs() < 0.5 * blind[0].abs(), "{known:?} {blind:?}");
     assert!(largest(&known[1..]) < ADMITTED, "{known:?}");
 }
@@ -212,7 +213,7 @@ fn too_few_runs_and_friction_that_does_not_fall_are_said() {
     assert_eq!(robot_friction(&[], BASELINE), RobotFriction::default());
 }
 
-/// Friction that jumps in a cycle of a run, as `step` of the simulator: the run has points of before and after.
+/// Friction jumps during a run, like `step` of the simulator: the run has points before and after the jump.
 #[test]
 fn a_jump_inside_a_run_of_the_baseline_has_its_own_size() {
     const JUMP: f64 = 0.25;

@@ -1,11 +1,11 @@
-//! Places of the random effects of a run in the vector that is solved for.
+//! Indices of the random effects of a run in the solution vector.
 
 use std::ops::Range;
 
 use super::record::JointRecord;
 
-/// Indices of the random effects in the vector of a run: the ambient effect common to all joints, then the effects of
-/// one joint after the other.
+/// Indices of the random effects in the vector of a run: the common ambient effect of all joints, then the effects of
+/// each joint.
 pub(super) struct EffectLayout {
     pub(in crate::friction) joints: Vec<JointLayout>,
     /// Number of effects.
@@ -21,7 +21,7 @@ pub(super) struct JointLayout {
 }
 
 impl EffectLayout {
-    /// Index of the ambient effect common to all joints.
+    /// Index of the common ambient effect of all joints.
     pub(super) const COMMON_AMBIENT: usize = 0;
 
     pub(in crate::friction) fn of(records: &[JointRecord]) -> Self {
@@ -53,7 +53,7 @@ impl JointLayout {
         self.first + 2
     }
 
-    /// Slow and fast part.
+    /// Indices of the slow and of the fast part.
     pub(in crate::friction) fn start(self) -> [usize; 2] {
         [self.first + 3, self.first + 4]
     }

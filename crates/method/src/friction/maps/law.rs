@@ -1,13 +1,13 @@
-//! Parameters of the law by which a gear warms and cools: names, priors and bounds.
+//! Parameters of the law of warming and cooling of a gear: names, priors and bounds.
 
 use super::thermal_state::{Rates, ThermalDeficit};
 
-/// Prior of the parameters with no sensor and with an ambient temperature.
+/// Prior of the parameters without a sensor and with an ambient temperature.
 ///
-/// Six gearboxes of thesis Table 5.6 have slow time constants of 13 to 57 min, geometric mean 27, and fast ones of
-/// 0.3 to 7.4 min, geometric mean 1.6. A resting housing loses heat at about the rate of a moving one; the wind of
-/// motion and the losses of the motor change that rate. The effect of the ambient temperature is known by its
-/// magnitude only: gearboxes warm by 10 to 40 K, which is a thermal deficit of one.
+/// Six gearboxes of thesis Table 5.6 have slow time constants of 13 to 57 min, geometric mean 27, and fast ones of 0.3
+/// to 7.4 min, geometric mean 1.6. A housing at rest loses heat at about the rate of a moving one; the wind of motion
+/// and the losses of the motor change that rate. Only the magnitude of the ambient temperature's effect is known:
+/// gearboxes warm by 10 to 40 K, which is a thermal deficit of one.
 pub(super) const PRIOR: LawParameters<LawPrior> = LawParameters {
     slow: LawPrior { mean: 7.39, deviation: 0.9 },
     fast: LawPrior { mean: 4.56, deviation: 1.4 },
@@ -16,9 +16,9 @@ pub(super) const PRIOR: LawParameters<LawPrior> = LawParameters {
     sensor: LawPrior { mean: 0.0, deviation: 0.1 },
 };
 
-/// Bounds that belong to [`PRIOR`]: slow time constant half a minute to ten hours, fast one two seconds to an hour,
-/// any share, cooling five times faster to twenty times slower than warming, and an ambient temperature of which
-/// 2 K or more make a thermal deficit of one, of either sign.
+/// Bounds for [`PRIOR`]: slow time constant of half a minute to ten hours, fast one of two seconds to an hour, any
+/// share, cooling five times faster to twenty times slower than warming, and a thermal deficit of one for 2 K or more
+/// of ambient temperature, of either sign.
 pub(super) const BOUNDS: LawParameters<Bounds> = LawParameters {
     slow: Bounds { low: 3.4, high: 10.5 },
     fast: Bounds { low: 0.7, high: 8.2 },
@@ -27,11 +27,11 @@ pub(super) const BOUNDS: LawParameters<Bounds> = LawParameters {
     sensor: Bounds { low: -0.5, high: 0.5 },
 };
 
-/// Prior of the parameters where the motor's temperature gives the slow part.
+/// Prior of the parameters if the motor's temperature gives the slow part.
 ///
-/// The fast part is then the difference of temperature between winding, housing and teeth, which lasts some minutes.
-/// A share above one makes its weight negative: the motor warms by its own losses before the gears do. Viscosity
-/// falls exponentially, by 1 to 3 % a kelvin over some 25 K, which gives the curvature.
+/// The fast part is then the temperature difference between winding, housing and teeth, which lasts some minutes. A
+/// share above one makes its weight negative: the motor warms by its own losses before the gears. Viscosity falls
+/// exponentially, by 1 to 3 % per kelvin over about 25 K, which gives the curvature.
 pub(super) const MOTOR_PRIOR: LawParameters<LawPrior> = LawParameters {
     fast: LawPrior { mean: 5.3, deviation: 0.7 },
     share: LawPrior { mean: 1.0, deviation: 0.3 },
@@ -39,8 +39,8 @@ pub(super) const MOTOR_PRIOR: LawParameters<LawPrior> = LawParameters {
     ..PRIOR
 };
 
-/// Bounds that belong to [`MOTOR_PRIOR`]: a fast part of two minutes to half an hour, with a weight of at most
-/// a half. Plateaus begin a minute after the start of a cycle and do not resolve a faster one.
+/// Bounds for [`MOTOR_PRIOR`]: a fast part of two minutes to half an hour, with a weight of at most a half. Plateaus
+/// begin a minute after the start of a cycle and do not resolve a faster one.
 pub(super) const MOTOR_BOUNDS: LawParameters<Bounds> = LawParameters {
     fast: Bounds { low: 4.8, high: 7.5 },
     share: Bounds { low: 0.5, high: 2.5 },
@@ -48,12 +48,12 @@ pub(super) const MOTOR_BOUNDS: LawParameters<Bounds> = LawParameters {
     ..BOUNDS
 };
 
-/// Second start of the search with a motor's temperature: the motor warms within a quarter of an hour by half of
-/// what its gear does.
+/// Second start of the search with a motor's temperature: within a quarter of an hour, the motor warms by half as much
+/// as its gear.
 pub(super) const MOTOR_AHEAD: LawParameters =
     LawParameters { slow: PRIOR.slow.mean, fast: 6.8, share: 1.4, cooling: PRIOR.cooling.mean, sensor: 0.5 };
 
-/// Something of each parameter of the fitted thermal law: its value, unless `T` says otherwise.
+/// Items for each parameter of the fitted thermal law; by default, its value.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::friction) struct LawParameters<T = f64> {
     /// Logarithm of the slow part's time constant in motion, in s.
@@ -64,13 +64,13 @@ pub(in crate::friction) struct LawParameters<T = f64> {
     pub share: T,
     /// Logarithm of the cooling ratio: time constants at rest as a multiple of those in motion.
     pub cooling: T,
-    /// Parameter of the [`ThermalSensor`](super::record::ThermalSensor). With an ambient temperature, thermal deficit for
-    /// each kelvin below the usual one, 1/K. With a motor's temperature, curvature of the deficit over it, without unit.
+    /// Parameter of the [`ThermalSensor`](super::record::ThermalSensor): for an ambient temperature, thermal deficit
+    /// per kelvin below the usual one, 1/K; for a motor's temperature, curvature of the deficit over it, without unit.
     /// Not used without a sensor.
     pub sensor: T,
 }
 
-/// Names a parameter of [`LawParameters`].
+/// Name of a parameter of [`LawParameters`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::friction) enum LawParameter {
     Slow,
@@ -81,11 +81,11 @@ pub(in crate::friction) enum LawParameter {
 }
 
 impl LawParameter {
-    /// All of them in the order of the covariance of a map.
+    /// All parameters in the order of the covariance of a map.
     pub(in crate::friction) const ALL: [Self; 5] =
         [Self::Slow, Self::Fast, Self::Share, Self::Cooling, Self::Sensor];
 
-    /// Remark on a parameter whose error is mainly that of its prior; `None` for one that is never remarked on.
+    /// Remark on a parameter whose error is mainly that of its prior; `None` for a parameter without a remark.
     pub(super) fn assumed(self) -> Option<&'static str> {
         match self {
             Self::Slow => {
@@ -100,7 +100,7 @@ impl LawParameter {
 }
 
 impl<T: Copy> LawParameters<T> {
-    /// The item of one parameter.
+    /// Item of one parameter.
     pub(in crate::friction) fn get(&self, parameter: LawParameter) -> T {
         match parameter {
             LawParameter::Slow => self.slow,
@@ -111,7 +111,7 @@ impl<T: Copy> LawParameters<T> {
         }
     }
 
-    /// The same with another item of one parameter.
+    /// Replaces the item of one parameter.
     pub(in crate::friction) fn with(mut self, parameter: LawParameter, item: T) -> Self {
         match parameter {
             LawParameter::Slow => self.slow = item,
@@ -123,7 +123,7 @@ impl<T: Copy> LawParameters<T> {
         self
     }
 
-    /// `of` applied to the item of each parameter.
+    /// Applies `of` to the item of each parameter.
     pub(in crate::friction) fn map<U>(self, of: impl Fn(T) -> U) -> LawParameters<U> {
         LawParameters {
             slow: of(self.slow),
@@ -141,7 +141,7 @@ impl LawParameters {
         Rates { heating: [self.slow.exp(), self.fast.exp()], cooling_ratio: self.cooling.exp() }
     }
 
-    /// The parameters as far beyond these as these are beyond `before`: `2 self - before`.
+    /// Parameters at the same distance beyond these as these are beyond `before`: `2 self - before`.
     pub(in crate::friction) fn beyond(&self, before: &Self) -> Self {
         LawParameter::ALL.into_iter().fold(*self, |law, k| law.with(k, 2.0 * self.get(k) - before.get(k)))
     }

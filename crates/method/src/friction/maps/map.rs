@@ -1,14 +1,15 @@
-//! Friction over speed and thermal state, fitted to all runs of a robot.
+//! Friction as a function of speed and thermal state, fitted to all runs of a robot.
 //!
 //! At a speed level, friction is a line over the thermal deficit `x`, 0 for a warm and 1 for a cold joint:
 //!
 //! `tau(level, x) = warm(level) + cold(level) x`, `x = share x_slow + (1 - share) x_fast`
 //!
 //! The deficits of the two parts follow from the thermal law ([`super::thermal_state`]), or from a measured
-//! temperature. `warm` and `cold` enter linearly and are solved for. The parameters of the law enter nonlinearly and
-//! are found by a search along one coordinate after the other (variable projection, Golub & Pereyra 1973). With an ambient
-//! temperature the cost has long narrow valleys, in which such a search stops: its coefficient is solved for at every law,
-//! and the search goes on along the way it came (Hooke & Jeeves 1961). Each parameter has a weak prior.
+//! temperature. `warm` and `cold` are linear and solved for. The parameters of the law are nonlinear; the fit finds
+//! them by a search along one coordinate at a time (variable projection, Golub & Pereyra 1973). If there is an ambient
+//! temperature, the cost has long narrow valleys that stop such a search. So its coefficient is solved for at every
+//! law, and the search continues in the direction of its last step (Hooke & Jeeves 1961). Each parameter has a weak
+//! prior.
 
 use super::law::{
     BOUNDS, Bounds, LawParameter, LawParameters, LawPrior, MOTOR_AHEAD, MOTOR_BOUNDS, MOTOR_PRIOR, PRIOR,
@@ -19,47 +20,47 @@ use crate::friction::golden_section::least_on_grid;
 
 /// First steps of the search.
 const STEPS: LawParameters = LawParameters { slow: 0.4, fast: 0.4, share: 0.15, cooling: 0.4, sensor: 0.04 };
-/// The search ends where halving has made the step of the slow time constant smaller than this.
+/// Step of the slow time constant below which the search ends.
 const LAST_STEP: f64 = 0.01;
-/// The same with an ambient temperature.
+/// Last step with an ambient temperature.
 const LAST_STEP_IN_VALLEYS: f64 = 0.0002;
-/// Intervals of the bounds of an ambient temperature's coefficient, between which its best value is sought: 0.0125 1/K, half
-/// of the coefficient of a gear that warms by 40 K.
+/// Number of grid intervals over the bounds of an ambient temperature's coefficient: each is 0.0125 1/K, half of the
+/// coefficient of a gear that warms by 40 K.
 const COEFFICIENT_INTERVALS: usize = 80;
-/// Most rounds of the search over all parameters.
+/// Largest number of rounds of the search over all parameters.
 const MAX_ROUNDS: usize = 60;
 
-/// Smaller curvatures are taken as zero, where the curve is a line.
+/// Curvature below which the curve is treated as a line.
 const MIN_CURVATURE: f64 = 1e-3;
 
-/// Least ratio of the slow to the fast time constant; closer ones cannot be distinguished from a single decay.
+/// Smallest ratio of the slow to the fast time constant; closer ones cannot be distinguished from a single decay.
 const MIN_RATIO: f64 = 2.0;
 
-/// After a rest of this length, s, every gearbox is cold (housings cool within a few hours). Only shorter rests show
-/// how fast it cools.
+/// Rest, s, after which every gearbox is cold (housings cool within a few hours). Only shorter rests show the rate of
+/// cooling.
 const COLD_AFTER_S: f64 = 12.0 * 3600.0;
 
 /// A map with the value of its objective.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::friction) struct FittedMap {
     pub law: LawParameters,
-    /// Friction of the warm joint by level, Nm; empty where the law is not admissible.
+    /// Friction of the warm joint by level, Nm; empty if the law is not admissible.
     pub warm: Vec<f64>,
     /// Additional friction of the cold joint by level, Nm, zero or more.
     pub cold: Vec<f64>,
     /// Root-mean-square residual as a fraction of friction.
     pub rms: f64,
-    /// Minus twice the logarithm of the posterior, less a constant.
+    /// Minus twice the logarithm of the posterior, up to a constant.
     cost: f64,
 }
 
 impl FittedMap {
-    /// A map that is worse than any other: its law is not admissible.
+    /// Map of a law that is not admissible, worse than any other.
     fn rejected(law: LawParameters) -> Self {
         Self { law, warm: Vec::new(), cold: Vec::new(), rms: f64::INFINITY, cost: f64::INFINITY }
     }
 
-    /// Friction of a point at the law `law` and the thermal deficit `x` of that law, without the run's factor, Nm:
+    /// Predicted friction of a point at the law `law` and its thermal deficit `x`, without the run's factor, Nm:
     /// `warm + cold (mixed(x) + offset)`.
     pub(super) fn predicted(&self, law: &LawParameters, p: &RecordPoint, x: ThermalDeficit) -> f64 {
         self.warm[p.level] + self.cold[p.level] * (law.mixed(x) + p.offset)
@@ -72,7 +73,7 @@ pub(super) fn point_deficits(record: &JointRecord, law: &LawParameters) -> Vec<T
     moment_deficits(record, law, &moments)
 }
 
-/// Thermal deficit at moments, each given as a run and a time since the epoch, s; times rise.
+/// Thermal deficit at moments in ascending order, each given as a run and a time since the epoch, s.
 ///
 /// A motor's temperature replaces the slow part. An ambient temperature below the usual one is added to both parts.
 pub(in crate::friction) fn moment_deficits(
@@ -98,8 +99,8 @@ pub(in crate::friction) fn moment_deficits(
     found
 }
 
-/// Thermal deficit where a temperature has the linear deficit `x`, 0 (warm) to 1 (cold):
-/// `(exp(k x) - 1) / (exp(k) - 1)`, which is how viscosity falls with temperature; `x` itself at zero curvature `k`.
+/// Thermal deficit at the linear deficit `x` of a temperature, 0 (warm) to 1 (cold): `(exp(k x) - 1) / (exp(k) - 1)`,
+/// the dependence of viscosity on temperature; `x` itself at zero curvature `k`.
 pub(super) fn curved(k: f64, x: f64) -> f64 {
     if k < MIN_CURVATURE { x } else { (k * x).exp_m1() / k.exp_m1() }
 }
@@ -123,7 +124,7 @@ fn law_bounds(record: &JointRecord) -> LawParameters<Bounds> {
 /// Parameters of the law that are fitted to a record; the others keep the mean of their prior.
 pub(super) fn fitted_parameters(record: &JointRecord) -> Vec<LawParameter> {
     let mut fitted = match record.sensor {
-        // the temperature gives the slow part; neither its time constant nor cooling is needed
+        // the temperature determines the slow part, so neither its time constant nor cooling is needed
         ThermalSensor::Motor(_) => {
             return vec![LawParameter::Fast, LawParameter::Share, LawParameter::Sensor];
         }
@@ -140,7 +141,7 @@ pub(super) fn fitted_parameters(record: &JointRecord) -> Vec<LawParameter> {
     fitted
 }
 
-/// Those of them that are searched for: the coefficient of an ambient temperature follows from the others.
+/// Fitted parameters that need a search; the coefficient of an ambient temperature follows from the others.
 fn searched_parameters(record: &JointRecord) -> Vec<LawParameter> {
     let mut searched = fitted_parameters(record);
     if matches!(record.sensor, ThermalSensor::Ambient(_)) {
@@ -149,16 +150,16 @@ fn searched_parameters(record: &JointRecord) -> Vec<LawParameter> {
     searched
 }
 
-/// Whether any rest was short enough for the joint to be warm after it.
+/// Returns true if any rest was short enough for the joint to be warm after it.
 fn has_warm_start(record: &JointRecord) -> bool {
     record.spans.windows(2).any(|w| (1.0..COLD_AFTER_S).contains(&(w[1].start - w[0].end)))
 }
 
-/// Fits law and levels to a record. The search begins at `start`, or at the mean of the prior without one.
+/// Fits law and levels to a record. The search begins at `start`, or at the mean of the prior if there is none.
 pub(in crate::friction) fn fit_map(record: &JointRecord, start: Option<LawParameters>) -> FittedMap {
     let mean = law_prior(record).map(|prior| prior.mean);
     let from_mean = search(record, start.unwrap_or(mean));
-    // the cost has two minima: the gear warms before the sensor does, or the sensor before the gear
+    // the cost has two minima: the gear warms before the sensor, or the sensor before the gear
     let ahead = match (&record.sensor, start) {
         (ThermalSensor::Motor(_), None) => Some(search(record, MOTOR_AHEAD)),
         _ => None,
@@ -167,7 +168,7 @@ pub(in crate::friction) fn fit_map(record: &JointRecord, start: Option<LawParame
 }
 
 /// Coordinate search: steps up and down along each searched parameter, and halves all steps after a round without a
-/// better map. With an ambient temperature a pattern search.
+/// better map. If there is an ambient temperature, a pattern search.
 fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
     let in_valleys = matches!(record.sensor, ThermalSensor::Ambient(_));
     let last_step = if in_valleys { LAST_STEP_IN_VALLEYS } else { LAST_STEP };
@@ -188,7 +189,7 @@ fn search(record: &JointRecord, start: LawParameters) -> FittedMap {
     best
 }
 
-/// The best map after a step up or down along each parameter, from `best` on.
+/// Best map after a step up or down along each parameter, starting from `best`.
 fn explored(
     record: &JointRecord,
     mut best: FittedMap,
@@ -208,8 +209,8 @@ fn explored(
     best
 }
 
-/// The best map on the way from `from` to the better `to` and as far again beyond it, again and again, with a round of steps
-/// at each place.
+/// Best map of repeated moves in the direction from `from` to the better `to`, each as far beyond it and followed by a
+/// round of steps.
 fn on_pattern(
     record: &JointRecord,
     mut from: FittedMap,
@@ -227,7 +228,7 @@ fn on_pattern(
     to
 }
 
-/// The map at one law, its levels solved for, and the coefficient of an ambient temperature with them.
+/// Map at one law, with its levels and the coefficient of an ambient temperature solved for.
 ///
 /// `cost = n ln Q + sum ((theta - mean) / deviation)²`: minus twice the logarithm of the posterior, with `n` points,
 /// the sum `Q` of squared relative residuals and the law's parameters `theta`.
@@ -243,7 +244,7 @@ fn at_law(record: &JointRecord, law: LawParameters) -> FittedMap {
     let lines = lines(&sums, &law);
     let squares = lines.iter().fold(0.0, |sum, line| sum + line.squares);
     let n = record.map_points() as f64;
-    // friction without noise has no residuals, and zero has no logarithm
+    // without noise the residuals are zero, which has no logarithm
     let cost = n * squares.max(f64::MIN_POSITIVE).ln() + prior_cost(record, &law);
     if !cost.is_finite() {
         return FittedMap::rejected(law);
@@ -257,23 +258,23 @@ fn at_law(record: &JointRecord, law: LawParameters) -> FittedMap {
     }
 }
 
-/// Whether a law is within the bounds, with time constants far enough apart.
+/// Returns true if a law is within the bounds, with sufficiently different time constants.
 fn is_admissible(record: &JointRecord, law: &LawParameters) -> bool {
     let bounds = law_bounds(record);
     let inside = LawParameter::ALL.iter().all(|&k| bounds.get(k).contain(law.get(k)));
-    // a slow part that is measured has no time constant that the fast one could be confused with
+    // if the slow part is measured, its time constant plays no role
     let apart = law.slow - law.fast >= MIN_RATIO.ln() || matches!(record.sensor, ThermalSensor::Motor(_));
     inside && apart
 }
 
-/// Minus twice the logarithm of the prior, less a constant: `sum ((theta - mean) / deviation)²`.
+/// Minus twice the logarithm of the prior, up to a constant: `sum ((theta - mean) / deviation)²`.
 fn prior_cost(record: &JointRecord, law: &LawParameters) -> f64 {
     let prior = law_prior(record);
     let square = |k: LawParameter| ((law.get(k) - prior.get(k).mean) / prior.get(k).deviation).powi(2);
     LawParameter::ALL.into_iter().map(square).sum()
 }
 
-/// Coefficient of the ambient temperature, 1/K, with which the cost is least, the other parameters of the law held.
+/// Coefficient of the ambient temperature, 1/K, at the smallest cost, with the other parameters of the law fixed.
 fn best_coefficient(record: &JointRecord, sums: &[AmbientSums], law: &LawParameters) -> f64 {
     let n = record.map_points() as f64;
     let cost = |coefficient: f64| {
@@ -285,13 +286,13 @@ fn best_coefficient(record: &JointRecord, sums: &[AmbientSums], law: &LawParamet
     least_on_grid(cost, [low, high], COEFFICIENT_INTERVALS)
 }
 
-/// The line of each level, with the law's coefficient of the ambient temperature.
+/// Line of each level, with the law's coefficient of the ambient temperature.
 fn lines(sums: &[AmbientSums], law: &LawParameters) -> Vec<LevelLine> {
     sums.iter().map(|sums| sums.with_coefficient(law.sensor).line()).collect()
 }
 
-/// Sums over the points of a level: of the thermal deficits `x` without an ambient temperature, of how much that was below
-/// the usual, `d`, K, and of friction `y`, Nm.
+/// Sums over the points of a level: of the thermal deficits `x` without the ambient temperature, of the ambient
+/// temperature below the usual one, `d`, K, and of friction `y`, Nm.
 #[derive(Debug, Clone, Copy, Default)]
 struct AmbientSums {
     /// Sums of `x` and `y`.
@@ -324,7 +325,7 @@ struct LevelLine {
     squares: f64,
 }
 
-/// Sums of each level over the points of the map, at the thermal deficits of a law.
+/// Sums of each level over the points of the map, for the thermal deficits of a law.
 fn level_sums(record: &JointRecord, law: &LawParameters) -> Vec<AmbientSums> {
     let (below_usual, without) = match &record.sensor {
         ThermalSensor::Ambient(ambient) => (&ambient.below_usual[..], law.with(LawParameter::Sensor, 0.0)),
@@ -370,8 +371,8 @@ impl LevelSums {
         self.yy += y * y;
     }
 
-    /// Least-squares line `y = warm + cold x` with `cold = max(cov(x, y) / var x, 0)`: friction does not fall while
-    /// a gear gets colder. With `b = cold`, the mean square residual is `var y - 2 b cov(x, y) + b² var x`.
+    /// Least-squares line `y = warm + cold x` with `cold = max(cov(x, y) / var x, 0)`, since friction does not fall
+    /// while a gear cools. The mean square residual is `var y - 2 b cov(x, y) + b² var x` with `b = cold`.
     fn line(&self) -> LevelLine {
         let Self { n, x, xx, y, xy, yy } = *self;
         let (mean_x, mean_y) = (x / n, y / n);

@@ -1,4 +1,5 @@
-//! Friction over speed and thermal state, fitted to the runs of a robot, and how each run differs from it.
+//! Friction as a function of speed and thermal state, fitted to the runs of a robot, and the deviations of each run
+//! from it.
 
 pub mod thermal_state;
 pub(crate) mod record;

@@ -1,8 +1,8 @@
-//! A friction map with its errors, as it is stored and asked.
+//! Friction map with its errors, as it is stored and evaluated.
 //!
-//! The unknowns of a fitted map are its levels and the parameters of its law. Their covariance follows from the gradients
-//! and the residuals of all points, with the runs as clusters. A remark names each parameter whose error is mainly that of
-//! its prior, such as the cooling ratio of a robot that always rests for a night.
+//! The unknowns of a fitted map are its levels and the parameters of its law. Their covariance follows from the
+//! gradients and the residuals of all points, with the runs as clusters. A remark names each parameter whose error is
+//! mainly that of its prior, such as the cooling ratio of a robot that always rests overnight.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -13,10 +13,10 @@ use super::thermal_state::ThermalDeficit;
 use armwatch_model::analysis::Estimate;
 use armwatch_model::analysis::friction::{FrictionMap, MapLevel, ThermalLaw, ThermalSource};
 
-/// A parameter counts as measured if its standard error is at most this fraction of its prior's deviation.
+/// Largest standard error of a measured parameter, as a fraction of its prior's deviation.
 const MEASURED: f64 = 0.5;
 
-/// Fewest runs for a covariance that is clustered by run; with fewer, residuals count as independent.
+/// Smallest number of runs for a covariance that is clustered by run; with fewer, residuals count as independent.
 const MIN_CLUSTERS: usize = 6;
 
 /// Friction of a map at the index `level` into [`FrictionMap::levels`] and the thermal deficit `x`, mean of both
@@ -24,7 +24,7 @@ const MIN_CLUSTERS: usize = 6;
 ///
 /// `tau = warm + cold x`, `var tau = var warm + 2 x cov(warm, cold) + x² var cold`
 ///
-/// For a coming run, `x` follows from [`thermal_deficits`](super::thermal_state::thermal_deficits) at its start,
+/// For a future run, `x` follows from [`thermal_deficits`](super::thermal_state::thermal_deficits) at its start,
 /// corrected by [`with_temperatures`] and mixed by the law's `slow_share`.
 #[must_use]
 pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate> {
@@ -38,10 +38,10 @@ pub fn map_friction(map: &FrictionMap, level: usize, x: f64) -> Option<Estimate>
     Some(Estimate { value, std_error: variance.max(0.0).sqrt() })
 }
 
-/// Thermal deficit that follows from motion, corrected by the measured temperatures of motor and surroundings, K.
+/// Thermal deficit from motion, corrected by the measured temperature of the motor or of the air, K.
 ///
-/// An unknown ambient temperature counts as the usual one. `None` where the map needs the motor's temperature and
-/// `motor` is `None`.
+/// An unknown ambient temperature counts as the usual one. `None` if the map needs the motor's temperature and `motor`
+/// is `None`.
 #[must_use]
 pub fn with_temperatures(
     source: ThermalSource,
@@ -91,7 +91,7 @@ impl MapLayout {
     }
 }
 
-/// Parameters of the law that are in the covariance of a record's map.
+/// Parameters of the law in the covariance of a record's map.
 fn covariance_parameters(record: &JointRecord) -> &'static [LawParameter] {
     match &record.sensor {
         ThermalSensor::None => &LawParameter::ALL[..LawParameter::Sensor as usize],
@@ -99,11 +99,12 @@ fn covariance_parameters(record: &JointRecord) -> &'static [LawParameter] {
     }
 }
 
-/// Friction for each kelvin below the usual ambient temperature at the level where cold adds most, Nm/K, with its
-/// standard error; `None` where the record has no ambient temperature.
+/// Increase of friction per kelvin below the usual ambient temperature, at the level with the largest cold part, Nm/K,
+/// with its standard error; `None` if the record has no ambient temperature.
 ///
-/// It is the product of `cold` and the coefficient `c`, with the variance `c² var cold + 2 c cold cov(cold, c) + cold² var c`.
-/// Where the first cycles hardly resolve the fast part, the two alone are uncertain, and their product is not.
+/// It is the product of `cold` and the coefficient `c`, with the variance
+/// `c² var cold + 2 c cold cov(cold, c) + cold² var c`. If the first cycles hardly resolve the fast part, both
+/// factors are uncertain, but their product is not.
 pub(super) fn ambient_effect(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<Estimate> {
     if !matches!(record.sensor, ThermalSensor::Ambient(_)) {
         return None;
@@ -119,8 +120,7 @@ pub(super) fn ambient_effect(record: &JointRecord, fitted: &FittedMap, runs: usi
     Some(Estimate { value: cold * c, std_error: variance.max(0.0).sqrt() })
 }
 
-/// The map with its covariance and the part of friction's variance that it explains; `None` where the covariance
-/// is singular.
+/// Map with its covariance and the share of friction's variance that it explains; `None` if the covariance is singular.
 pub(in crate::friction) fn published(
     record: &JointRecord,
     fitted: &FittedMap,
@@ -150,7 +150,7 @@ pub(in crate::friction) fn published(
     })
 }
 
-/// The law in units, with errors to first order: `d exp(theta) = exp(theta) d theta` for a logarithm `theta`.
+/// Law in physical units, with errors to first order: `d exp(theta) = exp(theta) d theta` for a logarithm `theta`.
 fn published_law(law: &LawParameters, error: impl Fn(LawParameter) -> f64) -> ThermalLaw {
     let exponential = |k: LawParameter| {
         let value = law.get(k).exp();
@@ -164,7 +164,7 @@ fn published_law(law: &LawParameters, error: impl Fn(LawParameter) -> f64) -> Th
     }
 }
 
-/// What the thermal state of the map is taken from.
+/// Source of the map's thermal state.
 fn published_source(
     record: &JointRecord,
     law: &LawParameters,
@@ -182,7 +182,7 @@ fn published_source(
     }
 }
 
-/// The remarks of the record, and one on each parameter of the law that is assumed rather than measured.
+/// Remarks of the record, and one for each parameter of the law that is assumed rather than measured.
 fn remarks(record: &JointRecord, error: impl Fn(LawParameter) -> f64) -> Vec<String> {
     let prior = law_prior(record);
     let used = |k: &LawParameter| match record.sensor {
@@ -198,8 +198,8 @@ fn remarks(record: &JointRecord, error: impl Fn(LawParameter) -> f64) -> Vec<Str
     record.remarks.iter().cloned().chain(assumed).collect()
 }
 
-/// Root-mean-square residual after each run's offset and factor, as a fraction of each level's mean friction; and
-/// the part of the variance about these means that the thermal deficit explains, 0 to 1.
+/// Root-mean-square residual after each run's offset and factor, as a fraction of each level's mean friction; and the
+/// share of the variance about these means that the thermal deficit explains, 0 to 1.
 fn quality(record: &JointRecord, fitted: &FittedMap) -> (f64, f64) {
     let deficits = point_deficits(record, &fitted.law);
     let n = record.map_points() as f64;
@@ -220,10 +220,10 @@ fn quality(record: &JointRecord, fitted: &FittedMap) -> (f64, f64) {
     ((residual / n).sqrt(), explained)
 }
 
-/// Covariance of a map's unknowns in the order of [`MapLayout`]; `None` where it is singular.
+/// Covariance of a map's unknowns in the order of [`MapLayout`]; `None` if it is singular.
 ///
-/// With the gradient `g` and the relative residual `r` of each point, the residual variance `s²` and the prior
-/// deviations `sigma`, the information is `A = sum g gᵀ + s² diag(1 / sigma²)`. Few runs have the covariance
+/// Let `g` be the gradient and `r` the relative residual of each point, `s²` the residual variance and `sigma` the
+/// prior deviations. The information is `A = sum g gᵀ + s² diag(1 / sigma²)`. A few runs have the covariance
 /// `s² A⁻¹`. From [`MIN_CLUSTERS`] runs on, the runs are clusters of residuals that depend on each other
 /// ([`clustered`]).
 fn covariance(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<DMatrix<f64>> {
@@ -239,11 +239,11 @@ fn covariance(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Option<D
     Some(with_larger_errors(&(inverse * variance), &clustered))
 }
 
-/// Sums over the points of a map that its covariance is made of.
+/// Sums over the points of a map for its covariance.
 struct CovarianceSums {
     /// `sum g gᵀ`.
     information: DMatrix<f64>,
-    /// `sum r g` over the points of each run, a column a run.
+    /// `sum r g` over the points of each run, one column per run.
     scores: DMatrix<f64>,
     /// `sum r²`.
     squares: f64,
@@ -278,8 +278,8 @@ fn normal_equations(record: &JointRecord, fitted: &FittedMap, runs: usize) -> Co
     CovarianceSums { information, scores, squares }
 }
 
-/// Derivative of the predicted friction of each point by each fitted parameter of the law, levels fixed, by central
-/// differences: `(tau(theta + h) - tau(theta - h)) / 2 h`.
+/// Derivative of the predicted friction of each point with respect to each fitted parameter of the law, at fixed
+/// levels, by central differences: `(tau(theta + h) - tau(theta - h)) / 2 h`.
 fn law_slopes(record: &JointRecord, fitted: &FittedMap) -> Vec<(LawParameter, Vec<f64>)> {
     const STEP: f64 = 1e-4;
     let predicted = |law: LawParameters| -> Vec<f64> {
@@ -295,8 +295,8 @@ fn law_slopes(record: &JointRecord, fitted: &FittedMap) -> Vec<(LawParameter, Ve
     fitted_parameters(record).into_iter().map(|k| (k, slope(k))).collect()
 }
 
-/// The information with that of the prior, `variance / sigma²` for each parameter of the law. A cold part at its
-/// bound of zero gets an information of one, which keeps the matrix regular.
+/// Adds the information of the prior, `variance / sigma²` for each parameter of the law. A cold part at its bound of
+/// zero gets an information of one, which keeps the matrix regular.
 fn with_prior(
     record: &JointRecord,
     fitted: &FittedMap,
@@ -314,8 +314,8 @@ fn with_prior(
     information
 }
 
-/// Sandwich covariance with runs as clusters (Liang & Zeger 1986): `c A⁻¹ (sum s sᵀ) A⁻¹` over the scores `s` of the
-/// runs, with `c = R / (R - 1)` for `R` runs.
+/// Sandwich covariance with runs as clusters (Liang & Zeger 1986): `c A⁻¹ (sum s sᵀ) A⁻¹` over the scores `s`
+/// of the runs, with `c = R / (R - 1)` for `R` runs.
 fn clustered(inverse: &DMatrix<f64>, scores: &DMatrix<f64>) -> DMatrix<f64> {
     let runs = scores.ncols() as f64;
     let correction = runs / (runs - 1.0);
@@ -325,8 +325,8 @@ fn clustered(inverse: &DMatrix<f64>, scores: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// Covariance with the correlations of `clustered` and the larger standard error of the two for each unknown.
 ///
-/// Scores of a few runs can be small by chance; errors below those of independent residuals would promise too much.
-/// An unknown without a score in any run, of which only the prior is known, is uncorrelated with the others.
+/// Scores of a few runs can be small by chance, so errors never fall below those of independent residuals. An unknown
+/// that has no score in any run, and is known only from its prior, is uncorrelated with the others.
 fn with_larger_errors(independent: &DMatrix<f64>, clustered: &DMatrix<f64>) -> DMatrix<f64> {
     let error = |k: usize| independent[(k, k)].max(clustered[(k, k)]).max(0.0).sqrt();
     let correlation = |i: usize, k: usize| {

@@ -1,21 +1,21 @@
-//! Input of the fit of friction over time: the runs of a robot, the friction points of each joint, and the
-//! temperatures that were measured with them.
+//! Input of the friction fit: the runs of a robot, the friction points of each joint, and the temperatures measured
+//! with them.
 
 use super::thermal_state::MotionSpan;
 use armwatch_model::robot::JointIndex;
 
-/// Friction of one joint over all runs, as the fit of its map needs it.
+/// Friction of one joint over all runs, for the fit of its map.
 #[derive(Debug, Clone)]
 pub(in crate::friction) struct JointRecord {
     pub joint: JointIndex,
-    /// Motion of all runs, rising.
+    /// Motion of all runs, ascending.
     pub spans: Vec<MotionSpan>,
-    /// Speed levels, as fractions of the joint's largest speed, rising.
+    /// Speed levels, as fractions of the joint's largest speed, ascending.
     pub levels: Vec<f64>,
-    /// Friction points of all runs, times rising.
+    /// Friction points of all runs, in ascending time.
     pub points: Vec<RecordPoint>,
     pub sensor: ThermalSensor,
-    /// Sentences that say why a recorded temperature is not used.
+    /// Reasons why a recorded temperature is not used, in sentences.
     pub remarks: Vec<String>,
 }
 
@@ -29,11 +29,11 @@ pub(in crate::friction) struct RecordPoint {
     pub level: usize,
     /// Mean of the magnitudes of both directions, scaled by `jump`, Nm.
     pub torque: f64,
-    /// What a jump of friction later in the run has done to it, as a factor; one without a jump.
+    /// Factor in `torque` that corrects for a jump of friction later in the run; one without a jump.
     pub jump: f64,
-    /// Whether the run is long enough for its points to enter the map.
+    /// True if the run is long enough for its points to enter the map.
     pub in_map: bool,
-    /// Thermal deficit of the run beyond the law's at this time, from the run's random effects.
+    /// Thermal deficit at this time beyond the law's, from the run's random effects.
     pub offset: f64,
     /// Friction of the run as a multiple of that of the baseline.
     pub factor: f64,
@@ -61,7 +61,7 @@ impl RecordPoint {
     }
 }
 
-/// Temperature that the thermal state of a joint is taken from, beside its motion.
+/// Temperature that determines the thermal state of a joint, in addition to its motion.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::friction) enum ThermalSensor {
     /// No usable temperature.
@@ -73,14 +73,14 @@ pub(in crate::friction) enum ThermalSensor {
     Ambient(AmbientTemperatures),
 }
 
-/// Temperature of a motor over the history, with the scale from which a thermal deficit follows.
+/// Temperature of a motor over the history, with the scale of its thermal deficit.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::friction) struct MotorTemperatures {
-    /// Temperature at which the thermal deficit is 0, K.
+    /// Temperature of a thermal deficit of 0, K.
     pub warm: f64,
-    /// Temperature at which the thermal deficit is 1, K.
+    /// Temperature of a thermal deficit of 1, K.
     pub cold: f64,
-    /// Readings of each run, one a cycle: middle of the cycle since the epoch of the history, s, and mean
+    /// Readings of each run, one per cycle: middle of the cycle since the epoch of the history, s, and mean
     /// temperature, K.
     pub readings: Vec<Vec<[f64; 2]>>,
 }
@@ -90,12 +90,12 @@ pub(in crate::friction) struct MotorTemperatures {
 pub(in crate::friction) struct AmbientTemperatures {
     /// Median over the runs, K.
     pub usual: f64,
-    /// The usual temperature less that of each run, K; 0 for a run without a reading.
+    /// Usual temperature minus that of each run, K; 0 for a run without a reading.
     pub below_usual: Vec<f64>,
 }
 
 impl ThermalSensor {
-    /// The same with its scale and without the readings of any run.
+    /// Copy with the scale but without the readings of any run.
     pub(in crate::friction) fn without_readings(&self) -> Self {
         match self {
             Self::None => Self::None,
@@ -117,7 +117,7 @@ impl MotorTemperatures {
 
 /// Temperature at `time` on the line through the two readings around it; `None` without readings.
 ///
-/// A time outside all readings is extrapolated by one distance of readings at most: a joint still warms in the
+/// A time outside all readings is extrapolated by at most one distance of readings, because a joint still warms in the
 /// first half of its first cycle. A single reading counts at all times.
 pub(super) fn reading_at(readings: &[[f64; 2]], time: f64) -> Option<f64> {
     if readings.len() < 2 {
@@ -129,7 +129,7 @@ pub(super) fn reading_at(readings: &[[f64; 2]], time: f64) -> Option<f64> {
     Some(before + share * (next - before))
 }
 
-/// Runs that the points belong to, rising and each once.
+/// Runs of the points, ascending and unique.
 pub(in crate::friction) fn runs_of<'a>(points: impl Iterator<Item = &'a RecordPoint>) -> Vec<usize> {
     let mut runs: Vec<usize> = points.map(|p| p.run).collect();
     runs.sort_unstable();

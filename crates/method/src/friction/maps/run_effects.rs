@@ -1,5 +1,5 @@
-//! Random effects of each run: how its friction differs from the map by wear and by a thermal deficit that the map
-//! does not predict.
+//! Random effects of each run: the difference of its friction from the map by wear and by a thermal deficit that the
+//! map does not predict.
 //!
 //! The torque of joint `j` at level `l`, `t` seconds into a run, is modelled as
 //!
@@ -8,15 +8,15 @@
 //!
 //! with the predicted thermal deficit `x` and the decays `d` of a deficit at the start
 //! ([`start_decay`](super::run_points::start_decay)). `v(l)` is the part of warm friction that grows with speed
-//! ([`viscous_shares`](super::run_points::viscous_shares)): Coulomb and viscous friction wear apart by `shape`. All
-//! joints of a run are solved for together, because one ambient effect is common to them. Each effect has a normal
-//! prior of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear and shape.
+//! ([`viscous_shares`](super::run_points::viscous_shares)): Coulomb and viscous friction differ in wear by `shape`. All
+//! joints of a run are solved together, because they have one ambient effect in common. Each effect has a normal prior
+//! of mean zero. Its scale is estimated from the history (empirical Bayes), except that of wear and shape.
 //!
-//! Viscous wear of one joint and its own ambient effect look much alike, and many points overrule any prior. Each run is
-//! therefore solved for twice. The first time, friction wears in proportion only (`shape` is zero). A joint whose thermal
-//! effects then differ from the median of all joints by more than those of healthy joints has wear of another shape. It is
-//! solved for again with the ambient effect that the others show, and with wear, shape and levels
-//! whose priors have heavy tails.
+//! Viscous wear of one joint resembles an ambient effect of this joint alone, and many points overrule any prior. Each
+//! run is therefore solved twice. The first time, friction wears only in proportion (`shape` is zero). A joint has wear
+//! of another shape if its thermal effects then differ from the median of all joints by more than those of healthy
+//! joints. It is solved again with the ambient effect that the others show, and with heavy-tailed priors of wear, shape
+//! and levels.
 
 use super::effect_layout::{EffectLayout, JointLayout};
 use super::map::FittedMap;
@@ -25,30 +25,30 @@ use super::run_points::{RunPoints, run_points, scatter};
 use super::run_solution::{RunSolution, solve_run};
 use armwatch_model::analysis::Estimate;
 
-/// Rounds in which the prior scales are estimated; each goes most of the way to the fixed point (MacKay 1992).
+/// Iterations of the prior scales; each covers most of the distance to the fixed point (MacKay 1992).
 const SCALE_ROUNDS: usize = 4;
 
 /// Scale of the ambient effect that is common to all joints, as a fraction of friction at the largest speed.
 const AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
 /// Scale of the ambient effect of a joint whose motor's temperature is measured, as a fraction of friction at the
-/// largest speed. That temperature includes the ambient one, so that such joints have no effect in common.
+/// largest speed. This temperature includes the ambient one, so such joints have no effect in common.
 const OWN_AMBIENT_SCALE: ScaleBounds = ScaleBounds { largest: 0.03, smallest: 0.003 };
 /// Scale of the thermal deficit at the start of a run beyond the predicted one.
 const START_SCALE: ScaleBounds = ScaleBounds { largest: 0.3, smallest: 0.02 };
 /// Scale of the effect of one level in one run, as a fraction of friction.
 const LEVEL_SCALE: ScaleBounds = ScaleBounds { largest: 0.005, smallest: 0.0003 };
 
-/// Least effective degrees of freedom over all runs from which a prior scale is estimated.
+/// Smallest number of effective degrees of freedom over all runs for the estimate of a prior scale.
 const MIN_SCALE_DOF: f64 = 0.5;
 
 /// Random effects of a run on one joint.
 #[derive(Debug, Clone)]
 pub(in crate::friction) struct RunEffect {
-    /// Number of points that the run has of the joint.
+    /// Number of points of the joint in the run.
     pub points: usize,
-    /// Whether these points enter the map.
+    /// True if these points enter the map.
     pub in_map: bool,
-    /// Whether the data determine wear. If not, `wear` and `variance` are shrunk towards the prior.
+    /// True if the data determine wear. If not, `wear` and `variance` are shrunk towards the prior.
     pub identified: bool,
     /// Wear: relative difference of friction, mean over the levels of the map.
     pub wear: f64,
@@ -56,7 +56,7 @@ pub(in crate::friction) struct RunEffect {
     pub variance: f64,
     /// Relative difference of friction at each level of the map, shrunk towards the prior.
     pub levels: Vec<f64>,
-    /// Thermal deficit beyond the predicted one all through the run.
+    /// Thermal deficit beyond the predicted one throughout the run.
     pub ambient: Estimate,
     /// Thermal deficit at the start beyond the predicted one, slow and fast part.
     pub start: [f64; 2],
@@ -85,7 +85,7 @@ pub(in crate::friction) fn run_effects(
     (effects_by_joint(&by_joint, &solved, &layout), scales)
 }
 
-/// Random effects of all runs by joint, with prior scales that are known.
+/// Random effects of all runs by joint, with known prior scales.
 pub(in crate::friction) fn held_effects(
     records: &[JointRecord],
     fits: &[FittedMap],
@@ -125,7 +125,7 @@ fn effects_by_joint(
 /// Prior scales of the random effects.
 #[derive(Debug, Clone)]
 pub(in crate::friction) struct PriorScales {
-    /// Of the common ambient effect, as a fraction of friction at the largest speed.
+    /// Scale of the common ambient effect, as a fraction of friction at the largest speed.
     pub(super) ambient: f64,
     pub(super) joints: Vec<JointScales>,
 }
@@ -133,20 +133,21 @@ pub(in crate::friction) struct PriorScales {
 /// Scatter of a joint's points and prior scales of its effects.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::friction) struct JointScales {
-    /// Standard deviation of a point by level, as a fraction of friction; no prior, but the weight of the point.
+    /// Standard deviation of a point by level, as a fraction of friction. It is not a prior, but determines the weight
+    /// of the point.
     pub(super) scatter: Vec<f64>,
-    /// Of a level in a run, as a fraction of friction.
+    /// Scale of the effect of a level in a run, as a fraction of friction.
     pub(super) level: f64,
-    /// Of the thermal deficit at the start.
+    /// Scale of the thermal deficit at the start.
     pub(super) start: f64,
-    /// Of the ambient effect where the motor's temperature is measured, as a fraction of friction at the largest
-    /// speed; `None` where the effect is coupled to the common one.
+    /// Scale of the ambient effect if the motor's temperature is measured, as a fraction of friction at the largest
+    /// speed; `None` if the effect is coupled to the common one.
     pub(super) own_ambient: Option<f64>,
 }
 
 impl PriorScales {
-    /// Scales of joints whose maps hold, each with the scale of the common ambient effect in its baseline. The widest of
-    /// the latter counts: a baseline in an even hall does not tell that all halls are even.
+    /// Scales of joints with held maps, each with the scale of the common ambient effect in its baseline. The largest
+    /// of the latter is used: a baseline at constant ambient temperature does not show that it is always constant.
     pub(in crate::friction) fn held<'a>(joints: impl Iterator<Item = (&'a JointScales, f64)>) -> Self {
         let (joints, ambient): (Vec<&JointScales>, Vec<f64>) = joints.unzip();
         let widest = ambient.into_iter().fold(AMBIENT_SCALE.smallest, f64::max);
@@ -163,7 +164,7 @@ impl PriorScales {
         self.joints[at].clone()
     }
 
-    /// The same with the scales in `held`, by joint, in place of its own.
+    /// Replaces scales by those in `held`, by joint.
     fn holding(mut self, held: &[Option<&JointScales>]) -> Self {
         for (scales, held) in self.joints.iter_mut().zip(held) {
             if let Some(held) = held {
@@ -192,13 +193,13 @@ struct ScaleBounds {
     smallest: f64,
 }
 
-/// Sums from which a prior scale is estimated.
+/// Sums for the estimate of a prior scale.
 #[derive(Debug, Clone, Copy, Default)]
 struct EmpiricalScale {
     /// Sum of the squared effects.
     squares: f64,
-    /// Sum of `1 - variance / scale²` over the effects: 1 for an effect that the data determine, 0 for one that
-    /// only its prior does.
+    /// Sum of `1 - variance / scale²` over the effects: 1 for an effect that the data determine, 0 for one that only
+    /// its prior determines.
     effective_dof: f64,
 }
 
@@ -209,8 +210,8 @@ impl EmpiricalScale {
         self.effective_dof += (1.0 - variance / (scale * scale)).clamp(0.0, 1.0);
     }
 
-    /// Next scale, `sqrt(squares / effective_dof)` within the bounds (MacKay 1992); `before` with too few degrees of
-    /// freedom.
+    /// Next scale, `sqrt(squares / effective_dof)` within the bounds (MacKay 1992); `before` if there are too few
+    /// degrees of freedom.
     fn scale(self, before: f64, bounds: ScaleBounds) -> f64 {
         if self.effective_dof < MIN_SCALE_DOF {
             before
@@ -241,7 +242,7 @@ fn estimated_scales(
     }
 }
 
-/// Prior scales of a joint from the runs that have points of it. A level counts in the runs that measured it.
+/// Prior scales of a joint from the runs with points of it. A level counts in the runs that measured it.
 fn joint_scales(
     runs: &[RunPoints],
     solved: &[RunSolution],
@@ -270,7 +271,7 @@ fn joint_scales(
     }
 }
 
-/// Effects of a run on a joint, with wear as the data alone estimate it.
+/// Effects of a run on a joint, with wear estimated from the data alone.
 fn run_effect(points: &RunPoints, run: &RunSolution, layout: &EffectLayout, joint: usize) -> RunEffect {
     let (at, scales) = (layout.joints[joint], run.scales.joints[joint]);
     let share = (at.levels as f64).recip();
@@ -278,7 +279,7 @@ fn run_effect(points: &RunPoints, run: &RunSolution, layout: &EffectLayout, join
         [(at.wear(), 1.0)].into_iter().chain(at.levels().map(|level| (level, share))).collect();
     let (wear, identified) = run.by_data(&all, scales.prior_variance(&all, at));
     let mean = points.viscous_mean();
-    // an error of the ambient effect that the other joints show moves friction at all levels
+    // an error of the other joints' ambient effect changes friction at all levels
     let of_ambient = run.own[joint].map_or(0.0, |held| held.std_error);
     let std_error = run.variance(at.ambient()).max(0.0).sqrt().hypot(of_ambient / points.top_slope);
     let of_level = |(level, viscous): (usize, &f64)| {
@@ -306,7 +307,7 @@ mod tests {
     use crate::friction::maps::run_points::RunPoint;
     use crate::friction::maps::run_solution::{RunScales, SHAPE_SCALE, WEAR_SCALE, WearScales};
 
-    /// A run of one joint in which the posterior variance of wear is the fraction `left` of the prior's.
+    /// Run of one joint with a posterior variance of wear that is the fraction `left` of the prior's.
     fn solved(left: f64) -> (RunPoints, RunSolution, EffectLayout) {
         let point = RunPoint { level: 0, torque: 10.0, predicted: 10.0, slope: 1.0, decay: [0.5, 0.5] };
         let points = RunPoints {
@@ -339,7 +340,7 @@ mod tests {
             let (points, run, layout) = solved(left);
             let found = run_effect(&points, &run, &layout, 0);
             assert!(found.identified, "{left}: {found:?}");
-            // the prior is taken out of value and variance
+            // value and variance are those without the prior
             let by_data = 1.0 / (1.0 / left - 1.0) * WEAR_SCALE * WEAR_SCALE;
             assert!((found.variance / by_data - 1.0).abs() < 1e-9);
             assert!((found.wear - 0.004 / (1.0 - left)).abs() < 1e-9);

@@ -1,34 +1,36 @@
-//! Points of the runs with the values of the friction map at them, and how much they weigh.
+//! Points of the runs with the values of the friction map at them, and their weights.
 
 use super::map::{FittedMap, point_deficits};
 use super::record::{JointRecord, ThermalSensor};
 use crate::statistics::descriptive::{mean, median};
 
-/// Scatter of a run's points beyond the joint's usual one that takes weight from them, as a multiple.
+/// Smallest ratio of the scatter of a run's points to the joint's usual one that reduces their weight.
 const FAR_MORE: f64 = 2.5;
-/// Fewest second differences that tell it: of normal points, eight reach it in one or two runs of a hundred.
+/// Smallest number of second differences for this: with eight, normal points exceed the ratio in one or two runs of a
+/// hundred.
 const FEWEST_DIFFERENCES: usize = 8;
-/// The same of a level: a step inside the run spoils two, which may not be half of them.
+/// Smallest number of second differences per level: a step inside the run spoils two, which must be less than half of
+/// them.
 const FEWEST_OF_LEVEL: f64 = 5.0;
-/// Median size of a normal value of standard deviation 1.
+/// Median magnitude of a normal value of standard deviation 1.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_082;
-/// Least scatter of a point, as a fraction of friction.
+/// Smallest scatter of a point, as a fraction of friction.
 const MIN_SCATTER: f64 = 1e-4;
 
 /// Points of one joint in one run.
 pub(in crate::friction) struct RunPoints {
     pub points: Vec<RunPoint>,
-    /// Whether they enter the map.
+    /// True if the points enter the map.
     pub in_map: bool,
     /// Slope of the map over the thermal deficit at the largest speed, as a fraction of warm friction.
     pub top_slope: f64,
     /// Result of [`viscous_shares`] for the map of the joint.
     pub viscous: Vec<f64>,
-    /// True if the map takes the ambient temperature from a recording.
+    /// True if the map uses a recorded ambient temperature.
     pub has_recorded_ambient: bool,
 }
 
-/// A point with the values of the map at it.
+/// Point with the values of the map at it.
 pub(in crate::friction) struct RunPoint {
     pub level: usize,
     /// Measured friction, Nm.
@@ -41,7 +43,7 @@ pub(in crate::friction) struct RunPoint {
     pub decay: [f64; 2],
 }
 
-/// What a thermal deficit of one at the start of a run, in the slow or in the fast part, adds to the mixed deficit
+/// Effect of a thermal deficit of one at the start of a run, in the slow or in the fast part, on the mixed deficit
 /// `seconds` later: `share exp(-seconds / T)` for each part.
 pub(in crate::friction) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2] {
     let heating = fit.law.rates().heating;
@@ -49,8 +51,8 @@ pub(in crate::friction) fn start_decay(fit: &FittedMap, seconds: f64) -> [f64; 2
     std::array::from_fn(|part| share[part] * (-seconds / heating[part]).exp())
 }
 
-/// Part of warm friction that grows with speed, by level, 0 to 1: `1 - least / warm`, with the least friction of the
-/// levels as the Coulomb part.
+/// Part of warm friction that grows with speed, by level, 0 to 1: `1 - least / warm`; the smallest friction of the
+/// levels is the Coulomb part.
 pub(super) fn viscous_shares(warm: &[f64]) -> Vec<f64> {
     let least = warm.iter().copied().fold(f64::INFINITY, f64::min);
     warm.iter().map(|warm| 1.0 - least / warm).collect()
@@ -67,7 +69,7 @@ impl RunPoints {
         mean(&self.points.iter().map(|p| p.slope / p.predicted).collect::<Vec<f64>>()).unwrap_or(0.0)
     }
 
-    /// Levels with points, rising and each once.
+    /// Levels with points, ascending and unique.
     pub fn levels(&self) -> impl Iterator<Item = usize> {
         let mut levels: Vec<usize> = self.points.iter().map(|p| p.level).collect();
         levels.sort_unstable();
@@ -75,8 +77,9 @@ impl RunPoints {
         levels.into_iter()
     }
 
-    /// Weight of the points, of 1: less where they scatter about their warm-up by far more than `scatter`, by level. What makes
-    /// friction differ from cycle to cycle does so at all levels of a cycle alike, so that these count as one point then.
+    /// Weight of the points, at most 1. It is less if they scatter about their warm-up by far more than `scatter`, by
+    /// level. Variation of friction between cycles affects all levels of a cycle equally, so these then count as one
+    /// point.
     pub fn weight(&self, scatter: &[f64]) -> f64 {
         let (mut sizes, mut levels) = (Vec::new(), 0.0);
         for level in self.levels() {
@@ -97,12 +100,12 @@ impl RunPoints {
     }
 }
 
-/// Friction of the points of a level over that of the map, in their order.
+/// Friction of the points of a level over that of the map, in order.
 fn relative_friction(points: &[RunPoint], level: usize) -> Vec<f64> {
     points.iter().filter(|p| p.level == level).map(|p| p.torque / p.predicted).collect()
 }
 
-/// Second differences, of the standard deviation of one value: `var(y[i-1] - 2 y[i] + y[i+1]) = 6 sigma²`.
+/// Second differences, scaled to the standard deviation of one value: `var(y[i-1] - 2 y[i] + y[i+1]) = 6 sigma²`.
 fn second_differences(values: &[f64]) -> impl Iterator<Item = f64> {
     values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]) / 6.0_f64.sqrt())
 }
@@ -141,8 +144,8 @@ pub(in crate::friction) fn run_points(
 
 /// Standard deviation of the points of each level about a smooth curve, as a fraction of friction.
 ///
-/// It follows from second differences inside runs, which neither warm-up nor a constant offset affects; `unknown` of a level
-/// without any.
+/// It follows from second differences within runs, which neither warm-up nor a constant offset affects; `unknown` for a
+/// level without any.
 pub(in crate::friction) fn scatter(runs: &[RunPoints], levels: usize, unknown: f64) -> Vec<f64> {
     (0..levels)
         .map(|level| {

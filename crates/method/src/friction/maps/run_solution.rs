@@ -1,4 +1,4 @@
-//! Solution of one run for the random effects of [`super::run_effects`]: its normal equations, solved in rounds.
+//! Solution of one run for the random effects of [`super::run_effects`]: its normal equations, solved repeatedly.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,38 +8,38 @@ use super::run_points::RunPoints;
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::Estimate;
 
-/// Rounds of linearising a run and adapting its scales of wear and ambient.
+/// Rounds of linearising a run and adapting its scales of wear and ambient effect.
 const INNER_ROUNDS: usize = 4;
 /// Rounds of a run with disproportionate wear of a joint: effects grow by a factor with each round.
 const SHAPE_ROUNDS: usize = 6;
-/// Prior scale of wear against the baseline, as a fraction of friction. Most runs have less wear and a few have far
-/// more; the run's own effect therefore enters the scale by a half, which gives the prior tails like those of
-/// Student's distribution.
+/// Prior scale of wear relative to the baseline, as a fraction of friction. Most runs have less wear and a few have far
+/// more; the run's own effect therefore enters the scale by a half, which gives the prior tails like those of Student's
+/// distribution.
 pub(super) const WEAR_SCALE: f64 = 0.02;
-/// Prior scale of the difference between viscous and Coulomb wear of a joint with disproportionate wear, as a fraction of
-/// friction, with the same tails.
+/// Prior scale of the difference between viscous and Coulomb wear of a joint with disproportionate wear, as a fraction
+/// of friction, with the same tails.
 pub(super) const SHAPE_SCALE: f64 = 0.01;
-/// The same of other joints: none.
+/// Prior scale of this difference for other joints: none.
 const NO_SHAPE: f64 = 1e-5;
-/// Thermal effects of a joint beyond the median of all, as a fraction of friction at the largest speed, that healthy joints
-/// do not exceed: a constant, and a share of the median. Healthy joints of 420 robots differed by 0.015 at most, and by
-/// 0.3 of the median at 5 to 35 °C ambient.
+/// Thermal effects of a joint beyond the median of all, as a fraction of friction at the largest speed, that healthy
+/// joints do not exceed: a constant, and a share of the median. Healthy joints of 420 robots differed by at most 0.015,
+/// and by 0.3 of the median at 5 to 35 °C ambient temperature.
 const MOST_OWN: f64 = 0.015;
 const MOST_OWN_SHARE: f64 = 0.45;
-/// The same of the thermal deficit at the start, in its prior scales.
+/// The same for the thermal deficit at the start, in units of its prior scale.
 const MOST_OWN_SCALES: f64 = 2.0;
 /// Standard deviation of an effect that is held: none.
 const HELD: f64 = 1e-5;
-/// Fewest joints for the comparison of one with the median.
+/// Smallest number of joints for the comparison of one with the median.
 const FEWEST_JOINTS: usize = 3;
 /// Standard deviation of a joint's ambient effect about the common one, as a fraction of the common one.
 const AMBIENT_SPREAD: f64 = 0.4;
-/// Least standard deviation of a joint's ambient effect about the common one, as a fraction of friction.
+/// Smallest standard deviation of a joint's ambient effect about the common one, as a fraction of friction.
 const MIN_AMBIENT_SPREAD: f64 = 0.003;
-/// Least effective degrees of freedom, of one, of an identified wear. Below it, the estimate without its prior
-/// is a ratio of rounding errors.
+/// Smallest effective degrees of freedom, of one, of an identified wear. Below it, the estimate without its prior is a
+/// ratio of rounding errors.
 const MIN_EFFECTIVE_DOF: f64 = 0.01;
-/// Least friction of a linearisation, as a fraction of the map's.
+/// Smallest friction of a linearisation, as a fraction of the map's.
 const MIN_FRICTION: f64 = 0.2;
 
 /// Posterior of the effects of one run.
@@ -47,13 +47,13 @@ pub(super) struct RunSolution {
     /// Means in the order of [`EffectLayout`].
     pub(super) effects: DVector<f64>,
     pub(super) covariance: DMatrix<f64>,
-    /// Prior scales that they were found with.
+    /// Prior scales of this solution.
     pub(super) scales: RunScales,
     /// Assumed ambient effect of each joint with disproportionate wear.
     pub(super) own: Vec<Option<HeldAmbient>>,
 }
 
-/// Ambient effect of a joint as the other joints of the run show it.
+/// Ambient effect of a joint, from the other joints of the run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HeldAmbient {
     value: f64,
@@ -71,19 +71,20 @@ impl RunSolution {
         self.effects[at] * self.effects[at] + self.variance(at)
     }
 
-    /// Mean of the second moments of the levels that a joint has points of; zero without any.
+    /// Mean of the second moments of the levels with points of a joint; zero without any.
     fn levels_moment(&self, points: &RunPoints, layout: JointLayout) -> f64 {
         let moments: Vec<f64> =
             points.levels().map(|level| self.second_moment(layout.level(level))).collect();
         mean(&moments).unwrap_or(0.0)
     }
 
-    /// A sum of effects of a joint as the data alone estimate it, and its effective degrees of freedom, 0 to 1.
+    /// Sum of effects of a joint as estimated from the data alone, and its effective degrees of freedom, 0 to 1.
     ///
-    /// With the posterior mean `w` and variance `v` under the prior variance `p`, the data have the information
+    /// The posterior has the mean `w` and variance `v`, and the prior the variance `p`. The data then have the
+    /// information
     /// `i = 1 / v - 1 / p`; they estimate the sum as `w / (v i)` with the variance `1 / i`. `v i = 1 - v / p` is the
     /// effective degrees of freedom. A shrunk estimate would understate wear, and its interval would cover the truth
-    /// too often in health and too seldom with wear. The shrunk estimate remains if the data do not determine the sum.
+    /// too often without wear and too rarely with it. The shrunk estimate remains if the data do not determine the sum.
     pub(super) fn by_data(&self, sum: &[(usize, f64)], prior_variance: f64) -> (Estimate, bool) {
         let value: f64 = sum.iter().map(|(at, factor)| factor * self.effects[*at]).sum();
         let products =
@@ -96,7 +97,7 @@ impl RunSolution {
     }
 }
 
-/// Prior scales that follow the run itself.
+/// Prior scales that are adapted to the run.
 #[derive(Debug, Clone)]
 pub(super) struct RunScales {
     /// Scales of each joint's effects on friction.
@@ -120,7 +121,7 @@ impl RunScales {
     }
 
     /// Scales from a solution: the mean of the square of the usual scale and of the effect's second moment. The scale
-    /// of the ambient effect is the usual one at least, and larger for a run with unusual surroundings.
+    /// of the ambient effect is at least the usual one, and larger for a run at an unusual ambient temperature.
     fn adapted(
         solution: &RunSolution,
         joints: &[&RunPoints],
@@ -166,7 +167,7 @@ impl WearScales {
 }
 
 /// Posterior of a run's effects. The normal equations are set up and solved several times, each time linearised about
-/// the effects before and with the scales that follow from them.
+/// the previous effects and with the scales that follow from them.
 pub(super) fn solve_run(joints: &[&RunPoints], scales: &PriorScales, layout: &EffectLayout) -> RunSolution {
     let start = RunSolution {
         effects: DVector::zeros(layout.size),
@@ -190,7 +191,7 @@ pub(super) fn solve_run(joints: &[&RunPoints], scales: &PriorScales, layout: &Ef
     solved(solution, joints, scales, layout, SHAPE_ROUNDS)
 }
 
-/// `solution` after some more rounds.
+/// Continues `solution` by some more rounds.
 fn solved(
     mut solution: RunSolution,
     joints: &[&RunPoints],
@@ -225,12 +226,12 @@ struct OwnThermal {
     ambient: f64,
     /// Mean over the points.
     start: f64,
-    /// Most that a healthy joint's start differs from the median.
+    /// Largest difference of a healthy joint's start from the median.
     most_start: f64,
 }
 
-/// For each joint: the ambient effect that the others show, where its own thermal effects are further from them than those
-/// of healthy joints are.
+/// Ambient effect from the other joints, for each joint whose thermal effects differ from theirs by more than those of
+/// healthy joints.
 fn own_shapes(
     solution: &RunSolution,
     joints: &[&RunPoints],
@@ -239,7 +240,7 @@ fn own_shapes(
 ) -> Vec<Option<HeldAmbient>> {
     let of_joint = |(joint, points): (usize, &&RunPoints)| {
         let at = layout.joints[joint];
-        // the effect of a recorded temperature is uncertain by some tenths, which in a season exceeds the bound
+        // the effect of a recorded temperature is uncertain by some tenths, which exceeds the bound over a season
         let is_measured = points.has_recorded_ambient || scales.joints[joint].own_ambient.is_some();
         if points.points.is_empty() || is_measured {
             return None;
@@ -289,7 +290,7 @@ impl NormalEquations {
         Self { information: DMatrix::zeros(size, size), score: DVector::zeros(size) }
     }
 
-    /// Adds the priors of all effects; `solution` has those found so far.
+    /// Adds the priors of all effects; `solution` contains the present ones.
     fn add_priors(
         &mut self,
         joints: &[&RunPoints],
@@ -340,10 +341,10 @@ impl NormalEquations {
         self.information[(common, common)] += weight;
     }
 
-    /// Adds the points of a joint, linearised about the effects found so far.
+    /// Adds the points of a joint, linearised about the present effects.
     ///
-    /// Let the extra deficit be `e = ambient + d_slow start_slow + d_fast start_fast`, its value `e0` so far, friction
-    /// `f = predicted + slope e0` and `s = slope / f`, each point gives the equation
+    /// Let `e = ambient + d_slow start_slow + d_fast start_fast` be the extra deficit, `e0` its present value,
+    /// `f = predicted + slope e0` friction and `s = slope / f`. Each point gives the equation
     /// `tau / f - 1 + s e0 = wear + shape (v - mean v) + level + s e`, with `weight` times its usual weight.
     fn add_points(
         &mut self,
@@ -359,7 +360,7 @@ impl NormalEquations {
             let [slow_decay, fast_decay] = p.decay;
             let extra = effects[layout.ambient()] + slow_decay * effects[slow] + fast_decay * effects[fast];
             let friction = p.predicted + p.slope * extra;
-            // the first step may overshoot far away from the map; friction stays positive
+            // the first step may overshoot far from the map; friction remains positive
             let least = MIN_FRICTION * p.predicted;
             let friction = if friction > least { friction } else { least };
             let slope = p.slope / friction;

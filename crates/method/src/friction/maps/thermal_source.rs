@@ -1,10 +1,10 @@
-//! Choice of the temperature that the thermal state of a joint is taken from, beside its motion: that of its motor,
-//! the ambient one, or none.
+//! Choice of the temperature that determines the thermal state of a joint, in addition to its motion: that of its
+//! motor, the ambient one, or none.
 //!
-//! A motor's temperature replaces the slow part of the thermal deficit, so that neither heating in motion nor cooling
-//! at rest has to be modelled. Heat between teeth and housing and the losses of the motor itself are not in that
-//! temperature; a fast part that follows the motion stands for them. An ambient temperature below the usual one adds
-//! to the thermal deficit in proportion, with a fitted coefficient.
+//! A motor's temperature replaces the slow part of the thermal deficit, so neither heating in motion nor cooling at
+//! rest needs a model. It does not contain the heat between teeth and housing or the losses of the motor itself; a fast
+//! part that follows the motion represents these. An ambient temperature below the usual one adds to the thermal
+//! deficit in proportion, with a fitted coefficient.
 
 use super::map::{FittedMap, fit_map};
 use super::published_map::ambient_effect;
@@ -16,34 +16,34 @@ use armwatch_model::analysis::map_run::{CycleMotion, MapRun};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::temperature::ZERO_CELSIUS;
 
-/// Least fraction of a run's cycles that must have the motor's temperature; it is interpolated between them.
+/// Smallest fraction of a run's cycles that must have the motor's temperature; it is interpolated between them.
 const MIN_CYCLES: f64 = 0.5;
 
-/// Least range of a motor's temperature over the history, K. Friction of a gearbox changes by 1 to 3 % a kelvin, so
-/// that a smaller range shows little of it, and drives that report steps of 1 K resolve it badly. The temperature of
-/// a stuck sensor has no range.
+/// Smallest range of a motor's temperature over the history, K. Friction of a gearbox changes by 1 to 3 % per kelvin,
+/// so a smaller range shows little of it, and drives that report steps of 1 K resolve it badly. The temperature of a
+/// stuck sensor has no range.
 const MIN_RANGE_K: f64 = 5.0;
 
 /// Fraction of the points below the cold end of a motor's scale, and above its warm end: single extreme readings
 /// must not define the scale.
 const TAIL: f64 = 0.05;
 
-/// Fewest runs with an ambient temperature from which its coefficient is fitted.
+/// Smallest number of runs with an ambient temperature for a fit of its coefficient.
 const MIN_AMBIENT_RUNS: usize = 5;
-/// Least standard deviation of the ambient temperature over these runs, K; errors of a sensor are some tenths.
+/// Smallest standard deviation of the ambient temperature over these runs, K; errors of a sensor are some tenths.
 const MIN_AMBIENT_DEVIATION_K: f64 = 1.0;
 
-/// A motor's temperature is rejected if its residual is more than this multiple of the residual with motion alone,
-/// and more than [`MAX_RESIDUAL`] of the variation of friction. A temperature that lags behind the gears leaves a
-/// smaller residual; one of another part leaves nearly all of the variation.
+/// Largest residual with a motor's temperature, as a multiple of the residual with motion alone. If a residual exceeds
+/// this and [`MAX_RESIDUAL`], the temperature is rejected. A temperature that lags behind the gears leaves a smaller
+/// residual; one of another part leaves nearly all of the variation.
 const MAX_RESIDUAL_RATIO: f64 = 2.0;
 /// Largest residual with a motor's temperature, as a fraction of the variation of friction.
 const MAX_RESIDUAL: f64 = 0.4;
 
-/// An ambient temperature whose effect on friction is fewer standard errors than this is not used.
+/// Smallest effect of an ambient temperature on friction, in standard errors, with which it is used.
 const MIN_STANDARD_ERRORS: f64 = 2.0;
 
-/// The temperature to use for a joint with these points, and a sentence on why a recorded one is not used.
+/// Temperature to use for a joint with these points, and the reason if a recorded one is not used.
 pub(in crate::friction) fn thermal_sensor(
     joint: JointIndex,
     runs: &[&MapRun],
@@ -65,8 +65,8 @@ pub(in crate::friction) fn thermal_sensor(
     }
 }
 
-/// The sensor that a map stands on, with the readings of `runs`; `None` where the map needs the motor's temperature and
-/// a run lacks it.
+/// Sensor of a held map, with the readings of `runs`; `None` if the map needs the motor's temperature and a run lacks
+/// it.
 pub(in crate::friction) fn held_sensor(
     held: &ThermalSensor,
     joint: JointIndex,
@@ -92,8 +92,8 @@ pub(in crate::friction) fn held_sensor(
 
 /// Fits the map of a record for the first time, and again without its sensor if friction contradicts the sensor.
 ///
-/// A motor's temperature is rejected if it leaves a far larger residual than motion alone does. An ambient
-/// temperature is rejected if its effect on friction is not significantly above zero.
+/// A motor's temperature is rejected if it leaves a far larger residual than motion alone. An ambient temperature is
+/// rejected if its effect on friction is not significantly above zero.
 pub(in crate::friction) fn first_fit(record: &mut JointRecord, runs: usize) -> FittedMap {
     let fit = fit_map(record, None);
     let reason = match &record.sensor {
@@ -107,7 +107,7 @@ pub(in crate::friction) fn first_fit(record: &mut JointRecord, runs: usize) -> F
     fit_map(record, None)
 }
 
-/// Why the motor's temperature of a record is rejected.
+/// Reason for rejecting the motor's temperature of a record.
 fn motor_rejection(record: &JointRecord, fit: &FittedMap) -> Option<String> {
     let by_motion = fit_map(&JointRecord { sensor: ThermalSensor::None, ..record.clone() }, None);
     let rejected = fit.rms > MAX_RESIDUAL_RATIO * by_motion.rms && fit.rms > MAX_RESIDUAL * variation(record);
@@ -121,7 +121,7 @@ fn motor_rejection(record: &JointRecord, fit: &FittedMap) -> Option<String> {
     })
 }
 
-/// Why the ambient temperature of a record is rejected.
+/// Reason for rejecting the ambient temperature of a record.
 fn ambient_rejection(record: &JointRecord, fit: &FittedMap, runs: usize) -> Option<String> {
     let effect = ambient_effect(record, fit, runs)?;
     let rejected = effect.value < MIN_STANDARD_ERRORS * effect.std_error;
@@ -140,7 +140,7 @@ fn variation(record: &JointRecord) -> f64 {
     mean(&squares).unwrap_or(0.0).sqrt()
 }
 
-/// Temperatures of the joint's motor; `None` where no run with points has them.
+/// Temperatures of the joint's motor; `None` if no run with points has them.
 ///
 /// # Errors
 ///
@@ -181,7 +181,7 @@ fn motor_temperatures(
     Ok(Some(MotorTemperatures { warm, cold, readings }))
 }
 
-/// Whether enough cycles of a run have the motor's temperature.
+/// Returns true if enough cycles of a run have the motor's temperature.
 fn has_readings(readings: &[[f64; 2]], run: &MapRun) -> bool {
     readings.len() as f64 >= (MIN_CYCLES * run.spans.len() as f64).max(1.0)
 }
@@ -196,8 +196,8 @@ fn motor_readings(joint: JointIndex, run: &MapRun, start: f64) -> Vec<[f64; 2]> 
     run.spans.iter().filter_map(reading).collect()
 }
 
-/// Ambient temperatures of the runs, relative to their median over the runs in the map; `None` where no run in the
-/// map has one.
+/// Ambient temperatures of the runs, relative to their median over the runs in the map; `None` if no run in the map has
+/// one.
 ///
 /// # Errors
 ///
@@ -228,7 +228,7 @@ fn mean_ambient(run: &MapRun) -> Option<f64> {
     mean(&kelvin)
 }
 
-/// The usual temperature less that of a run, K; an unknown one counts as the usual one.
+/// Usual temperature minus that of a run, K; an unknown one counts as the usual one.
 fn below(usual: f64, kelvin: Option<f64>) -> f64 {
     kelvin.map_or(0.0, |kelvin| usual - kelvin)
 }
@@ -244,7 +244,7 @@ mod tests {
             let found = reading_at(&readings, time).expect("readings");
             assert!((found - kelvin).abs() < 1e-9, "{time}: {found}");
         }
-        // the line is extended by one distance of readings at most
+        // extrapolation by at most one distance of readings
         assert_eq!(reading_at(&readings, 1e9), Some(312.0));
         assert_eq!(reading_at(&readings[..1], 7.0), Some(300.0));
         assert_eq!(reading_at(&[], 7.0), None);

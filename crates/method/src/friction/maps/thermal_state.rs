@@ -1,25 +1,24 @@
 //! Thermal state of gearboxes from the history of their motion.
 //!
-//! The state is a thermal deficit `x` of a slow and of a fast part of the gearbox. A deficit is 1 where the part is
-//! as cold as its surroundings, and 0 where it is as warm as steady motion in the standard test makes it. Each part
-//! follows
+//! The state is a thermal deficit `x` of a slow and of a fast part of the gearbox. A deficit is 1 if the part is at
+//! ambient temperature, and 0 at its temperature in steady motion in the standard test. Each part follows
 //!
 //! `T dx/dt = (1 - u) - x`
 //!
-//! with the activity `u`, 0 at rest and 1 in the standard test. `T` is the part's time constant: `heating` in
-//! motion, `cooling_ratio heating` at rest. The state continues through the rest between two runs, so that the
-//! deficit at a warm start is predicted.
+//! with the activity `u`, 0 at rest and 1 in the standard test. `T` is the part's time constant: `heating` in motion,
+//! `cooling_ratio heating` at rest. The state continues through the rest between two runs, so that it predicts the
+//! deficit at a warm start.
 
 use armwatch_model::analysis::friction::ThermalLaw;
 
-/// A stretch of motion. Outside all stretches the robot rests.
+/// Stretch of motion. The robot is at rest outside all stretches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionSpan {
     /// Start, s.
     pub start: f64,
     /// End, s.
     pub end: f64,
-    /// Heat that the motion makes, as a multiple of that of the standard test; 0 or more.
+    /// Heat of the motion, as a multiple of that of the standard test; 0 or more.
     pub activity: f64,
 }
 
@@ -40,7 +39,7 @@ impl Rates {
     }
 }
 
-/// Thermal deficit of the slow and of the fast part; 1 is as cold as the surroundings.
+/// Thermal deficit of the slow and of the fast part; 1 is at ambient temperature.
 pub type ThermalDeficit = [f64; 2];
 
 /// Thermal deficit of a joint that has rested for a long time.
@@ -58,7 +57,7 @@ pub fn after(rates: &Rates, from: ThermalDeficit, seconds: f64, u: f64) -> Therm
 
 /// Thermal deficit at each of `times`, s.
 ///
-/// `spans` and `times` must rise, and spans must not overlap. The joint is cold before the first span.
+/// `spans` and `times` must be in ascending order, and spans must not overlap. The joint is cold before the first span.
 #[must_use]
 pub fn thermal_deficits(rates: &Rates, spans: &[MotionSpan], times: &[f64]) -> Vec<ThermalDeficit> {
     let (mut state, mut now) = (COLD, f64::NEG_INFINITY);
@@ -96,7 +95,7 @@ mod tests {
     use super::*;
 
     const RATES: Rates = Rates { heating: [2000.0, 200.0], cooling_ratio: 2.0 };
-    /// Of states between 0 and 1, after a dozen exponentials.
+    /// Tolerance for states between 0 and 1, after a dozen exponentials.
     const TOLERANCE: f64 = 1e-12;
 
     fn span(start: f64, end: f64) -> MotionSpan {

@@ -1,4 +1,4 @@
-//! Friction over speed against truths that are known.
+//! Tests of friction over speed with known truth.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,11 +13,11 @@ use armwatch_model::robot::JointIndex;
 const JOINT: JointIndex = JointIndex::new(0);
 const LEVELS: [f64; 6] = [0.05, 0.2, 0.4, 0.6, 0.8, 1.0];
 const TOP: f64 = 4.0;
-/// Half a second at 250 Hz behind a low-pass of 12 Hz.
+/// Number of rows: half a second at 250 Hz after a low-pass of 12 Hz.
 const ROWS: usize = 125;
 const FRACTION: f64 = 24.0 / 250.0;
 const SEEDS: u64 = 200;
-/// What 200 draws of nominal 95 % may show; the lower end is three standard deviations away.
+/// Accepted coverage of nominal 95 % in 200 draws; the lower end is three standard deviations away.
 const HONEST: [f64; 2] = [0.90, 0.98];
 
 type Curve = fn(f64) -> f64;
@@ -121,7 +121,7 @@ fn without_noise_every_form_gives_back_its_coefficients() {
         let fit =
             fit_speed_model(JOINT, &points(curve, &LEVELS, 0.0, 0.0, 1), FRACTION, model, -1).expect("fits");
         for (c, truth) in fit.coefficients.iter().zip(&truth) {
-            // a golden section finds a minimum to the root of what its cost resolves
+            // a golden section finds a minimum to the root of the resolution of its cost
             assert!((c.estimate.value - truth).abs() < 1e-3 * truth.abs(), "{model:?} {c:?} {truth}");
         }
         for v in [0.3, 1.7, 4.0] {
@@ -174,7 +174,7 @@ fn one_speed_is_refused_and_one_direction_is_said() {
 
 #[test]
 fn friction_that_would_drive_is_held_at_zero() {
-    // falls with speed so steeply that a line would end below zero
+    // falls so steeply with speed that a line would end below zero
     let falling: Curve = |v| 0.5 * v;
     let mut noisy = points(falling, &LEVELS, 0.05, 0.0, 4);
     for p in &mut noisy {

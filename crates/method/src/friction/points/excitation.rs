@@ -1,22 +1,22 @@
-//! Friction of a run's excitation: what the identified friction coefficients say at one speed.
+//! Friction from a run's excitation: the identified friction coefficients at one speed.
 //!
-//! Recordings without a friction stage have no friction points; their identified coefficients still follow the
-//! friction of the joints, so that they can be held against those of the same arm's earlier runs.
+//! Recordings without a friction stage have no friction points. Their identified coefficients still follow the friction
+//! of the joints, so they are comparable with those of the same arm's earlier runs.
 
 use crate::statistics::descriptive::{mean, median};
 use armwatch_model::analysis::measurements::CycleParameters;
 use armwatch_model::analysis::{IdentifiedParameter, WarmFriction};
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterKind, Robot};
 
-/// Largest speed that a joint is believed to reach in the excitation, as a multiple of its mean speed: a sine reaches
-/// 1.57 times its mean, sums of sines more. Beyond, a polynomial is extrapolated.
+/// Largest assumed speed of a joint in the excitation, as a multiple of its mean speed: a sine reaches 1.57 times its
+/// mean, sums of sines more. Beyond it, a polynomial is an extrapolation.
 const REACHED: f64 = 2.0;
 
 /// Friction torque of each joint over the last third of a run's cycles, `[n]`: the median over these cycles of the
-/// identified friction, the mean of both directions, at `reference_fraction` of the joint's largest speed, or at a
-/// half, a quarter or an eighth of it, so that it is not beyond twice the joint's mean speed. The standard error takes
-/// those of the coefficients as uncorrelated, which is too much for neighbouring powers of the speed. `None` for a
-/// joint without friction coefficients.
+/// identified friction, as the mean of both directions. The speed is `reference_fraction` of the joint's largest speed,
+/// or a half, a quarter or an eighth of it, so that it does not exceed twice the joint's mean speed. The standard error
+/// assumes uncorrelated coefficients, which is too large for neighbouring powers of the speed. `None` for a joint
+/// without friction coefficients.
 #[must_use]
 pub fn excitation_friction(
     robot: &Robot,
@@ -53,8 +53,8 @@ fn of_joint(
     })
 }
 
-/// The largest of 1, 1/2, 1/4 and 1/8 that brings `speed` to `reached` or below: a speed of its own for each mean
-/// speed would differ from run to run.
+/// Largest of 1, 1/2 and 1/4 that reduces `speed` to `reached` or below, otherwise 1/8. A separate speed for each mean
+/// speed would differ between runs.
 fn halved(speed: f64, reached: f64) -> f64 {
     [1.0, 0.5, 0.25].into_iter().find(|part| part * speed <= reached).unwrap_or(0.125)
 }
@@ -67,7 +67,7 @@ fn friction_at(
     parameters: &[IdentifiedParameter],
 ) -> Option<(f64, f64)> {
     let (forth, back) = (robot.friction.columns(speed), robot.friction.columns(-speed));
-    // an offset of the torque signal is no friction; it is not in the mean of both directions either
+    // an offset of the torque signal is no friction, and cancels in the mean of both directions
     let wanted = robot.friction.terms().iter().filter(|term| **term != FrictionTerm::Offset).count();
     let mut known = 0;
     let (mut torque, mut variance) = (0.0, 0.0);

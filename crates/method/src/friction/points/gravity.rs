@@ -1,4 +1,4 @@
-//! The load of gravity and springs on a joint that moves alone, told from its friction [5.3].
+//! Load of gravity and springs on a joint that moves alone, separated from its friction [5.3].
 
 use faer::Mat;
 
@@ -10,37 +10,37 @@ use crate::statistics::descriptive::{mean, standard_deviation};
 use armwatch_model::analysis::GravityRemoval;
 use armwatch_model::robot::{FrictionModel, JointIndex, JointKind, MAX_JOINTS, Robot, Spring, SpringForm};
 
-/// An axis within this angle of the vertical, rad, carries no gravity: 0.5 degrees of tilt is what
-/// floors have, and changes a plateau's mean over both directions by nothing.
+/// Largest angle to the vertical, rad, of an axis without gravity. Floors tilt by up to 0.5 degrees, which does not
+/// change a plateau's mean over both directions.
 const VERTICAL_TOLERANCE: f64 = 0.02;
 
-/// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly
-/// parallel, which harms their coefficients but not their sum inside the travel.
+/// Largest scaled condition number of the gravity fit. Sine and cosine of a short travel are nearly parallel, which
+/// harms their coefficients but not their sum inside the travel.
 const MAX_GRAVITY_CONDITION: f64 = 1e6;
 
-/// The same of the fit in which the torque's own constant is told from the load: with less travel than some 0.2 rad either way,
-/// that constant would be noise, and the load takes it.
+/// Largest scaled condition number of the fit that separates the torque's own constant from the load. If the travel is
+/// less than about 0.2 rad in each direction, that constant would be noise, and the load includes it.
 const MAX_OFFSET_CONDITION: f64 = 200.0;
 
-/// A fitted load may make the variance of a plateau's friction this many times that of the plateau's mean torque. Back
-/// and forth over one travel, loads cost a factor of one to four.
+/// Largest allowed ratio of the variance of a plateau's friction, after removal of a fitted load, to that of its mean
+/// torque. A motion back and forth over one travel has a ratio of one to four.
 const MAX_INFLATION: f64 = 10.0;
 
-/// Beyond [`MAX_INFLATION`], the error of the load may still be this part of the friction: half of the least change
-/// of friction that matters.
+/// Largest error of the load, as a fraction of friction, if the factor exceeds [`MAX_INFLATION`]: half of the smallest
+/// change of friction that matters.
 const MAX_LOAD_ERROR: f64 = 0.025;
 
-/// Friction that is left when gravity is taken from a plateau.
+/// Friction of a plateau after gravity is removed.
 pub(super) struct Freed {
     /// Mean torque, Nm (N).
     pub(super) torque: f64,
-    /// As [`armwatch_model::analysis::FrictionPoint::std`], Nm (N).
+    /// Same as [`armwatch_model::analysis::FrictionPoint::std`], Nm (N).
     pub(super) std: f64,
-    /// How gravity was removed.
+    /// Method of removing gravity.
     pub(super) how: GravityRemoval,
 }
 
-/// What is known of the load of gravity on the joint under test.
+/// Load of gravity on the joint under test.
 pub(super) struct Gravity<'a> {
     robot: &'a Robot,
     filtered: &'a FilteredSignals,
@@ -51,7 +51,7 @@ pub(super) struct Gravity<'a> {
 }
 
 impl<'a> Gravity<'a> {
-    /// Fits the load on the rows `tested`, at least one, of the joint.
+    /// Fits the load on the rows `tested` of the joint, at least one.
     pub(super) fn new(
         robot: &'a Robot,
         filtered: &'a FilteredSignals,
@@ -68,7 +68,7 @@ impl<'a> Gravity<'a> {
         Self { robot, filtered, joint, acts, fit, model }
     }
 
-    /// Friction over the rows of a plateau; `None` where neither its motion nor a model tells it from the load.
+    /// Friction over the rows of a plateau; `None` if neither its motion nor a model separates it from the load.
     pub(super) fn remove(&self, plateau: &[usize]) -> Option<Freed> {
         if !self.acts {
             return self.less(plateau, |_| 0.0, GravityRemoval::AxisVertical);
@@ -107,13 +107,13 @@ impl<'a> Gravity<'a> {
     }
 }
 
-/// Share of rows that are independent, of all rows rather than of every n-th: a low-pass at `f_c` leaves `2 f_c` a second.
+/// Share of all rows (not of every n-th) that are independent: a low-pass at `f_c` leaves `2 f_c` per second.
 fn independent_share(filtered: &FilteredSignals) -> f64 {
     (2.0 * filtered.cutoff / filtered.sample_rate).min(1.0)
 }
 
-/// Whether gravity does work on the joint in the posture of `row`: a turning axis that is not
-/// vertical, a sliding axis that is not horizontal.
+/// Returns true if gravity does work on the joint in the posture of `row`: a rotary axis that is not vertical, a
+/// sliding axis that is not horizontal.
 fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex, row: usize) -> bool {
     let g = robot.gravity.norm();
     if g == 0.0 {
@@ -128,7 +128,7 @@ fn carries_gravity(robot: &Robot, filtered: &FilteredSignals, joint: JointIndex,
     }
 }
 
-/// What may load a joint beside its springs.
+/// Possible loads of a joint in addition to its springs.
 #[derive(Clone, Copy)]
 struct Loaded {
     with_gravity: bool,
@@ -136,17 +136,17 @@ struct Loaded {
 }
 
 /// Least squares of [5.3] over the moving rows of the joint's friction stage:
-/// `tau = -mPx sin(theta) - mPy cos(theta) + I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant: an offset of the
-/// torque signal, which is no load and stays in the torque. A sliding joint has a constant load, and a spring has one that
-/// no motion tells from an offset.
+/// `tau = -mPx sin(theta) - mPy cos(theta) + I_m qdd + f1 sign(qd) + .. + f4 qd³`, and a constant. The constant is an
+/// offset of the torque signal; it is no load and remains in the torque. A sliding joint has a constant load, and so
+/// has a spring that no motion distinguishes from an offset.
 struct GravityFit<'a> {
     joint: JointIndex,
     kind: JointKind,
-    /// Columns of gravity, which come first.
+    /// Number of gravity columns, which are the first ones.
     of_gravity: usize,
     springs: Vec<&'a Spring>,
     with_offset: bool,
-    /// Coefficients of the load, which come first among the columns.
+    /// Coefficients of the load, the first among the columns.
     load: Vec<f64>,
     /// `R⁻¹` of the columns `X = Q R`.
     inverse: Mat<f64>,
@@ -155,7 +155,7 @@ struct GravityFit<'a> {
 }
 
 impl<'a> GravityFit<'a> {
-    /// `None` where the motion does not tell the columns apart, or has too few rows to know the residual.
+    /// Fits the columns; `None` if the motion does not distinguish them, or has too few rows to estimate the residual.
     fn new(
         robot: &'a Robot,
         filtered: &FilteredSignals,
@@ -184,7 +184,7 @@ impl<'a> GravityFit<'a> {
             inverse: Mat::new(),
             residual_std: 0.0,
         };
-        // where the motion begins or turns, low-passed friction is on its way between two values
+        // near the start or a reversal of the motion, low-passed friction is between two values
         let margin = (0.5 * filtered.sample_rate / filtered.cutoff).ceil() as usize;
         let goes_on = |row: usize, other: Option<usize>| {
             other
@@ -219,7 +219,7 @@ impl<'a> GravityFit<'a> {
         self.of_gravity + self.springs.iter().map(|spring| self.columns_of(spring)).sum::<usize>()
     }
 
-    /// A constant load is that of gravity for a sliding joint.
+    /// Number of columns of a spring. For a sliding joint, its constant load coincides with that of gravity.
     fn columns_of(&self, spring: &Spring) -> usize {
         match (self.kind, spring.form) {
             (JointKind::Prismatic, SpringForm::Direct) if self.of_gravity > 0 => 1,
@@ -227,7 +227,7 @@ impl<'a> GravityFit<'a> {
         }
     }
 
-    /// The columns of one row: loads, inertia, friction, constant.
+    /// Columns of one row: loads, inertia, friction, constant.
     fn row(&self, filtered: &FilteredSignals, row: usize) -> impl Iterator<Item = f64> {
         let j = self.joint.index();
         let q = filtered.q[j][row];
@@ -254,9 +254,9 @@ impl<'a> GravityFit<'a> {
 
     /// Variance of the friction of a plateau over that of its mean torque, at least 1.
     ///
-    /// With the mean `x` of the plateau's rows of `X`, its load `c` (the entries of `x` at the loads, zeros elsewhere) and
-    /// `g = (XᵀX)⁻¹ c`, friction is the sum of `w_i tau_i` with `w_i = 1/n - x_i·g` on the plateau and `-x_i·g`
-    /// elsewhere, so that `n sum w_i² = 1 + n (c·g - 2 x·g)`.
+    /// Let `x` be the mean of the plateau's rows of `X`, `c` its load (the entries of `x` at the loads, zeros
+    /// elsewhere) and `g = (XᵀX)⁻¹ c`. Friction is the sum of `w_i tau_i` with `w_i = 1/n - x_i·g` on the plateau
+    /// and `-x_i·g` elsewhere, so that `n sum w_i² = 1 + n (c·g - 2 x·g)`.
     fn inflation(&self, filtered: &FilteredSignals, plateau: &[usize]) -> f64 {
         let columns = self.inverse.ncols();
         let n = plateau.len() as f64;
@@ -280,7 +280,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::StandardNormal;
 
-    /// Moves from `-travel / 2` to `travel / 2` and, where `back`, back, at two thirds and all of `speed` rad/s.
+    /// Motion from `-travel / 2` to `travel / 2` at `speed` rad/s, and back if `back`.
     fn moves(travel: f64, speed: f64, back: bool, noise: &mut ChaCha8Rng) -> Samples {
         const ACCELERATION: f64 = 4.0;
         let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };
@@ -317,7 +317,7 @@ mod tests {
         samples
     }
 
-    /// Of 100 recordings, errors over stated errors of all points, and the remarks of the last one.
+    /// Errors over stated errors of all points in 100 recordings, and the remarks of the last one.
     fn errors(travel: f64, speed: f64, back: bool) -> (Vec<f64>, Vec<String>) {
         let robot = one_joint(true);
         let (mut found, mut remarks) = (Vec::new(), Vec::new());
@@ -350,7 +350,8 @@ mod tests {
         }
     }
 
-    /// Of 100 errors within 1.96 with a probability of 95 %, 86 are four standard deviations below the mean.
+    /// If each of 100 errors is within 1.96 with a probability of 95 %, 86 of them are four standard deviations below
+    /// the mean.
     #[test]
     fn stated_errors_cover_the_truth() {
         let back_and_forth = [0.3, 0.5, 1.0, 2.0, 4.0].map(|travel| (travel, true));

@@ -1,11 +1,11 @@
-//! Friction of both directions in one number: what is compared over time, where offsets cancel.
+//! Mean friction of both directions, for comparisons over time: offsets cancel.
 
 use crate::statistics::descriptive::mean;
 use armwatch_model::analysis::FrictionPoint;
 use armwatch_model::robot::JointIndex;
 
-/// Plateaus of the two directions belong together if they are no further apart, s: a joint goes back and
-/// forth at one level within seconds, and cycles are minutes apart.
+/// Longest time between plateaus of the two directions that belong together, s: a joint moves back and forth at one
+/// level within seconds, and cycles are minutes apart.
 pub(crate) const SAME_PASS_S: f64 = 60.0;
 
 /// Friction at one level in one cycle.
@@ -21,10 +21,10 @@ pub struct FrictionMean {
     pub torque: f64,
 }
 
-/// Means over both directions of neighbouring plateaus of one joint and level, in the order of `points`.
-/// Where a joint was never measured in both directions, its single ones.
+/// Means over both directions of neighbouring plateaus of one joint and level, in the order of `points`. If a joint was
+/// never measured in both directions, its single values.
 ///
-/// `points` may be those of several runs one after another, as long as those of a cycle are together.
+/// `points` may contain several consecutive runs, if the points of each cycle are consecutive.
 #[must_use]
 pub fn friction_means(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> Vec<FrictionMean> {
     let found = |time, torque| FrictionMean { joint, time, speed_fraction, torque };
@@ -39,8 +39,8 @@ pub fn friction_means(points: &[FrictionPoint], joint: JointIndex, speed_fractio
     pairs.into_iter().map(middle).collect()
 }
 
-/// Mean difference of the directions, forward less backward magnitude, over neighbouring plateaus of one joint
-/// and level, Nm; zero without any.
+/// Mean difference of the directions, forward minus backward magnitude, over neighbouring plateaus of one joint and
+/// level, Nm; zero without any.
 #[must_use]
 pub(crate) fn direction_difference(points: &[FrictionPoint], joint: JointIndex, speed_fraction: f64) -> f64 {
     let along = |p: &FrictionPoint| p.torque.abs() * f64::from(p.direction);
@@ -59,7 +59,7 @@ pub(crate) fn at_level(
     points.iter().filter(move |p| p.joint == joint && p.speed_fraction == level)
 }
 
-/// The level nearest to `wanted`, both fractions of the largest speed.
+/// Level nearest to `wanted`, both as fractions of the largest speed.
 #[must_use]
 pub fn nearest_level(levels: impl Iterator<Item = f64>, wanted: f64) -> Option<f64> {
     let distance = |level: f64| (level - wanted).abs();

@@ -1,4 +1,4 @@
-//! Friction points of one cycle: at constant speed, from slow passes, from the excitation, and what they come to.
+//! Friction points of one cycle: at constant speed, from slow passes, from the excitation, and their means.
 
 mod gravity;
 mod plateau;

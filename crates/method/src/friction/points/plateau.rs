@@ -1,6 +1,6 @@
 //! Rows of one joint at one speed.
 
-/// A plateau's rows lie within this fraction of its speed.
+/// Largest relative deviation of a plateau's rows from its speed.
 pub(super) const SPEED_TOLERANCE: f64 = 0.10;
 
 pub(super) struct Plateau {

@@ -10,48 +10,48 @@ use armwatch_model::analysis::{CarriedLoad, FrictionPoint};
 use armwatch_model::robot::{JointIndex, LoadFriction, MAX_JOINTS, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Thirds of a plateau agree to this fraction of its speed. On a ramp through the tolerance band they
-/// differ by more than a tenth; at a turning point inside the band, which thirds see and halves do
-/// not, by more than this unless the speed is constant for any purpose.
+/// Largest difference between thirds of a plateau, as a fraction of its speed. On a ramp through the tolerance band
+/// they differ by more than a tenth. At a turning point inside the band, which thirds show and halves do not, they
+/// differ by more than this unless the speed is practically constant.
 const THIRDS_TOLERANCE: f64 = 0.025;
 
-/// Shortest plateau, s. Shorter ones are ramps that pass through a level.
+/// Shortest plateau, s. Shorter ones are ramps through a level.
 const MIN_PLATEAU_S: f64 = 0.12;
 
-/// Of the rows of one level and direction, this quantile of speed is on the plateau: ramps and
-/// reversals are slower, and overshoot is short.
+/// Quantile of speed, among the rows of one level and direction, that is on the plateau: ramps and reversals are
+/// slower, and overshoot is short.
 const PLATEAU_QUANTILE: f64 = 0.7;
 
-/// Measured speed may differ from the level's nominal speed by this fraction before it is said.
+/// Smallest relative difference between measured and nominal speed of a level that a remark reports.
 const NOMINAL_TOLERANCE: f64 = 0.15;
 
-/// Controllers reduce speed by steps of this fraction. The speed of a stage is rounded to it, so that tests at one override
-/// have the same levels.
+/// Steps of reduced speed in controllers, as a fraction. The speed of a stage is rounded to them, so that tests with
+/// one override have the same levels.
 const REDUCED_STEP: f64 = 0.05;
 
-/// Levels of a stage at reduced speed agree on the part to this fraction of it.
+/// Largest relative difference between the reductions of a stage's levels.
 const REDUCED_TOLERANCE: f64 = 0.04;
 
-/// Levels count as the same speed within this fraction.
+/// Relative difference below which two levels are the same speed.
 const SAME_LEVEL: f64 = 0.02;
 
-/// Joints other than the one under test stand still within this fraction of their largest speed.
+/// Largest speed of the joints that are not under test, as a fraction of their largest speed.
 const STILL_FRACTION: f64 = 0.01;
 
-/// Friction points of a cycle, and what is missing.
+/// Friction points of a cycle, and remarks about missing ones.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrictionPoints {
     /// At most one point for each joint, speed level and direction.
     pub points: Vec<FrictionPoint>,
-    /// Levels without a plateau and the like, in sentences.
+    /// Remarks, such as levels without a plateau.
     pub remarks: Vec<String>,
 }
 
 /// Mean friction torque by joint, level and direction over the friction stage of one cycle.
 ///
-/// Rows of a joint and level come from the controller's signals where recorded, otherwise from the
-/// motion: one joint moves, the others stand still, and the speed is near a level. `model` removes
-/// gravity where the fit of [5.3] cannot.
+/// The controller's signals assign rows to a joint and level if they were recorded, otherwise the motion does: one
+/// joint moves, the others are at rest, and the speed is near a level. `model` removes gravity if the fit of [5.3]
+/// cannot.
 #[must_use]
 pub fn friction_points(
     robot: &Robot,
@@ -72,7 +72,7 @@ pub fn friction_points(
     found
 }
 
-/// What is said of joints that the friction stage leaves out: one may be tested in each file.
+/// Remark about joints that the friction stage does not test; each file may test one joint.
 fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
     let listed = |joints: &mut dyn Iterator<Item = JointIndex>| -> String {
         joints.map(|joint| joint.to_string()).collect::<Vec<_>>().join(", ")
@@ -93,7 +93,7 @@ fn untested_remark(robot: &Robot, untested: &[JointIndex]) -> Option<String> {
     }
 }
 
-/// Adds the points of one joint; `false` if it is not tested.
+/// Adds the points of one joint; returns `false` if it is not tested.
 fn joint_points(
     robot: &Robot,
     samples: &Samples,
@@ -149,7 +149,7 @@ fn joint_points(
     true
 }
 
-/// What the gear of a joint carries in these rows, where its friction depends on that.
+/// Mean load of a joint's gear in these rows, if its friction depends on the load.
 fn carried_load(
     robot: &Robot,
     filtered: &FilteredSignals,
@@ -173,7 +173,7 @@ fn carried_load(
     Some(CarriedLoad { torque: carried / rows.len().max(1) as f64, friction })
 }
 
-/// Rows in which `joint` is under test.
+/// Rows with `joint` under test.
 fn tested_rows(
     robot: &Robot,
     samples: &Samples,
@@ -263,8 +263,8 @@ fn plateaus(
     plateaus
 }
 
-/// Speed of a test at reduced speed (override), as a part of the described one, a multiple of [`REDUCED_STEP`]. `None` if
-/// the stage has the described speeds, or if its levels do not agree on another one.
+/// Speed of a test at reduced speed (override), as a part of the described speed, a multiple of [`REDUCED_STEP`].
+/// `None` if the stage has the described speeds, or if its levels do not agree on another one.
 fn reduced_speed(ratios: &[f64]) -> Option<f64> {
     let middle = median(ratios)?;
     let reduced = ((middle / REDUCED_STEP).round() * REDUCED_STEP).max(REDUCED_STEP);
@@ -272,14 +272,14 @@ fn reduced_speed(ratios: &[f64]) -> Option<f64> {
     ((reduced - 1.0).abs() > 0.5 * REDUCED_STEP && ratios.iter().all(agrees)).then_some(reduced)
 }
 
-/// The level that is `fraction` of the largest speed, within [`SAME_LEVEL`]; `fraction` itself, to four digits, without one.
+/// Level at `fraction` of the largest speed, within [`SAME_LEVEL`]; without one, `fraction` rounded to four digits.
 fn level_at(levels: &[f64], fraction: f64) -> f64 {
     let same = levels.iter().copied().find(|level| (level - fraction).abs() <= SAME_LEVEL * level);
     same.unwrap_or((fraction * 1e4).round() / 1e4)
 }
 
-/// Rows of all plateaus at `speed` among `rows`, without their ends: there the low-passed torque
-/// still carries the ramp.
+/// Rows of all plateaus at `speed` among `rows`, without their ends, because the low-passed torque still contains the
+/// ramp there.
 fn constant_rows(
     filtered: &FilteredSignals,
     rows: &[usize],
@@ -293,7 +293,7 @@ fn constant_rows(
     for near_range in ranges_where(rows.len(), near) {
         for part in ranges_where(near_range.len(), |i| {
             let at = near_range.start + i;
-            // neighbours in `rows` are neighbours in time unless a reversal lies between
+            // neighbours in `rows` are neighbours in time unless a reversal separates them
             at == near_range.start || rows[at] == rows[at - 1] + 1
         }) {
             let part = near_range.start + part.start..near_range.start + part.end;
@@ -330,10 +330,10 @@ pub(in crate::friction) mod tests {
     use armwatch_model::run::FrictionSignal;
 
     pub(in crate::friction) const RATE: f64 = 250.0;
-    /// Of a mean over a second of noise-free torque: what is left is the low-pass on the ramps.
+    /// Tolerance of a mean over a second of noise-free torque: the remaining effect of the low-pass on the ramps.
     pub(in crate::friction) const TOLERANCE: f64 = 2e-3;
 
-    /// A joint of the ER3A alone, so that its axis is vertical, or horizontal where `lying`.
+    /// First joint of the ER3A, with a vertical axis, or a horizontal one if `lying`.
     pub(in crate::friction) fn one_joint(lying: bool) -> Robot {
         let mut robot = armwatch_testing::er3a();
         robot.joints.truncate(1);
@@ -343,8 +343,8 @@ pub(in crate::friction) mod tests {
         robot
     }
 
-    /// Position, speed and acceleration back and forth at `speed` with ramps of `acceleration`, each
-    /// way holding the speed for `hold` seconds.
+    /// Position, speed and acceleration of a motion back and forth at `speed`, with ramps of `acceleration` and `hold`
+    /// seconds of constant speed in each direction.
     fn shuttle(speed: f64, acceleration: f64, hold: f64) -> Vec<[f64; 3]> {
         let ramp = speed / acceleration;
         let way = 2.0 * ramp + hold;
@@ -369,7 +369,7 @@ pub(in crate::friction) mod tests {
         2.0 * v.signum() + 3.0 * v
     }
 
-    /// A friction stage through the given levels, with the torque of `load` added to friction.
+    /// Friction stage through the given levels, with the torque of `load` added to friction.
     fn stage(robot: &Robot, levels: &[usize], signals: bool, load: impl Fn(f64) -> f64) -> Samples {
         let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };
         let (mut velocity, mut signal) = (Vec::new(), Vec::new());
@@ -416,14 +416,14 @@ pub(in crate::friction) mod tests {
         }
     }
 
-    /// The same programme at another override: friction belongs to the speed that was measured.
+    /// The same programme at another override: friction belongs to the measured speed.
     #[test]
     fn a_stage_at_reduced_speed_has_the_levels_that_it_moves_at() {
         let robot = one_joint(false);
         let levels = [2, 3, 4, 5, 6];
         for (part, tolerance) in [(0.5, 0.0), (0.8, 0.01), (0.9, 0.0), (1.0, 0.02)] {
             let mut described = robot.clone();
-            // the program says level by number; its speeds are a part of those that the description has
+            // the program gives levels by number; its speeds are a part of the described ones
             described.speed_levels =
                 robot.speed_levels.iter().map(|level| level / (part * (1.0 + tolerance))).collect();
             let found = points(&described, &stage(&robot, &levels, true, |_| 0.0));
@@ -473,7 +473,7 @@ pub(in crate::friction) mod tests {
     #[test]
     fn a_ramp_through_a_level_is_no_plateau() {
         let robot = one_joint(false);
-        // 0.6 s through the band around 60 %, but never constant
+        // 0.6 s in the band around 60 %, but never constant
         let mut samples = stage(&robot, &[6], false, |_| 0.0);
         let velocity: Vec<f64> =
             (0..samples.rows()).map(|row| 4.0 * row as f64 / samples.rows() as f64).collect();

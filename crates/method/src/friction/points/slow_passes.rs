@@ -1,4 +1,4 @@
-//! Friction over speed from slow motion that holds no speed.
+//! Friction over speed from slow motion without constant speed.
 
 use super::plateau::{Plateau, SPEED_TOLERANCE};
 use crate::segment::cycles::ranges_where;
@@ -8,13 +8,13 @@ use armwatch_model::robot::{JointIndex, Robot};
 /// Shortest pass of a slow motion through a level's speed, s.
 const MIN_PASS_S: f64 = 0.15;
 
-/// Least ratio between the rows in which a slow motion gets faster and those in which it gets slower: below, inertia
-/// would be taken for friction.
+/// Smallest ratio between the numbers of rows with acceleration and with deceleration, or its inverse; below it,
+/// inertia would appear as friction.
 const LEAST_BALANCE: f64 = 0.5;
 
-/// Friction over speed from slow motion to and fro, such as a sinusoid of one joint, that holds no speed: the rows within
-/// the tolerance of a level's speed, over passes in which the joint gets faster and as long ones in which it gets slower.
-/// Inertia counts against each other in the two, so that their mean is friction, gravity removed as elsewhere.
+/// Friction over speed from slow motion back and forth without constant speed, such as a sinusoid of one joint. It uses
+/// the rows within the tolerance of a level's speed, over passes with acceleration and passes of equal length with
+/// deceleration. Inertia has opposite signs in the two, so their mean is friction. Gravity is removed as elsewhere.
 pub(super) fn slow_passes(
     robot: &Robot,
     filtered: &FilteredSignals,
@@ -38,7 +38,7 @@ pub(super) fn slow_passes(
                 if pass.len() < shortest || !is_whole {
                     continue;
                 }
-                // around a largest speed one pass does both
+                // around a maximum of the speed, one pass does both
                 let peak =
                     pass.iter().copied().max_by(|a, b| along(*a).total_cmp(&along(*b))).unwrap_or(*last);
                 faster += peak - first;
@@ -54,7 +54,7 @@ pub(super) fn slow_passes(
     found
 }
 
-/// What is said of a joint whose points come from slow passes.
+/// Remark about a joint with points from slow passes.
 pub(super) fn slow_remark(robot: &Robot, joint: JointIndex, passes: &[Plateau]) -> String {
     let mut seen: Vec<f64> = passes.iter().map(|pass| pass.speed_fraction).collect();
     seen.dedup();
@@ -85,7 +85,7 @@ mod tests {
     use armwatch_model::robot::Robot;
     use armwatch_model::run::{Samples, Stage};
 
-    /// A joint that swings with a slow sinusoid, `peak` its largest speed.
+    /// Joint in a slow sinusoidal motion with the largest speed `peak`.
     fn sinusoid(robot: &Robot, peak: f64, frequency: f64, load: impl Fn(f64) -> f64) -> Samples {
         let omega = std::f64::consts::TAU * frequency;
         let mut samples = Samples { position: vec![vec![]], torque: vec![vec![]], ..Samples::default() };

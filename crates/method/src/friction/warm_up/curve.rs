@@ -1,4 +1,4 @@
-//! Exponentials over the minutes of a run: means that they are fitted to, candidates, their terms and starting points.
+//! Exponentials over the minutes of a run: the means for the fit, candidates, their terms and starting points.
 
 use nalgebra::{DMatrix, DVector};
 use varpro::fit::FitResult;
@@ -13,7 +13,7 @@ use armwatch_model::analysis::{Decay, Estimate, FastShown};
 pub(super) struct Mean {
     pub(in crate::friction) minute: f64,
     pub(in crate::friction) torque: f64,
-    /// Points that it stands for, of mean one over all.
+    /// Relative number of points in the mean; one on average.
     pub(in crate::friction) weight: f64,
 }
 
@@ -22,7 +22,7 @@ pub(super) struct Mean {
 pub(super) struct CandidateFit {
     pub(in crate::friction) a: Estimate,
     pub(in crate::friction) parts: Vec<Decay>,
-    /// What the points show of the faster of two parts.
+    /// Information about the faster of two parts.
     pub(super) fast_shown: Option<FastShown>,
     pub(in crate::friction) rmsd: f64,
 }
@@ -48,11 +48,11 @@ pub(super) fn decay_slope(minute: &DVector<f64>, log_time: f64) -> DVector<f64> 
     })
 }
 
-/// A search that has ended.
+/// Result of a search.
 pub(super) type ExponentialFit = FitResult<SeparableModel<f64>, SingleRhs>;
 
-/// What is made of the search that ended lowest of several; of the next one where nothing can be made of it. Searches
-/// that end in one minimum differ by the root of the rounding only, so that one of them is finished for all.
+/// Result of `make` for the search with the smallest sum of squares, or for the next one if it gives none. Searches
+/// that end in the same minimum differ only by the root of the rounding, so one of them is enough.
 pub(super) fn from_the_best<T>(
     points: &[Mean],
     searches: Vec<ExponentialFit>,
@@ -68,8 +68,8 @@ pub(super) fn from_the_best<T>(
     judged.into_iter().find_map(|(_, fit)| make(fit))
 }
 
-/// Logarithms of time constants near `log_times` at which the sum of squares of `a`, the terms `held` and one decay for
-/// each time constant has no slope.
+/// Logarithms of time constants near `log_times` with zero slope of the sum of squares. The curve is `a`, the terms
+/// `held` and one decay for each time constant.
 pub(super) fn finished_log_times(
     points: &[Mean],
     held: &[&dyn Fn(f64) -> f64],

@@ -1,9 +1,9 @@
-//! A fast part of warming that only the first points of a run see.
+//! Fast part of warming that only the first points of a run show.
 //!
-//! With cycles of five minutes and a time constant of one, the first cycle alone shows the fast part. Its height at
-//! t = 0 and its time constant then cannot be told apart: any faster part of larger height gives the same points. What
-//! the points do show is its value at the first of them, and how slow it can be at most. So the time constant is not
-//! fitted but gone through, and the others are fitted for each (profile likelihood, Venzon & Moolgavkar 1988).
+//! If cycles take five minutes and the time constant is one minute, only the first cycle shows the fast part. Its
+//! height at t = 0 and its time constant are then not distinguishable: any faster part of larger height gives the same
+//! points. The points do show its value at the first of them, and an upper bound of its time constant. So the fit tries
+//! a series of time constants and fits the other parameters for each (profile likelihood, Venzon & Moolgavkar 1988).
 
 use nalgebra::DVector;
 use varpro::prelude::*;
@@ -18,29 +18,30 @@ use super::curve::{
 use crate::statistics::distributions::{f_quantile, student_quantile};
 use armwatch_model::analysis::{Decay, Estimate, FastShown};
 
-/// Time constants that are gone through.
+/// Number of time constants to try.
 const STEPS: usize = 16;
 
-/// The fastest is this part of the time of the first point: the height at t = 0 is then twenty times the value there. A
-/// faster one gives the same points and a height without meaning.
+/// Fastest time constant relative to the time of the first point: the height at t = 0 is then twenty times the value
+/// there. A faster one gives the same points and a meaningless height.
 const FASTEST_IN_FIRST: f64 = 1.0 / 3.0;
 
-/// Fastest of all, min: the thesis's fastest is 0.3.
+/// Fastest time constant in any case, min: the thesis's fastest is 0.3.
 const FASTEST: f64 = 0.05;
 
-/// The slowest is this part of the record; slower ones are not fast.
+/// Slowest time constant relative to the record; slower ones are not fast.
 const SLOWEST_IN_RECORD: f64 = 0.25;
 
-/// Points that show the part, each by this many times the deviation of all. With one point a cycle there may be one
-/// only, which has to stand out so far that chance gives it to one curve in so many.
+/// Smallest number of points that show the part, each by `SHOWN_BY` times the deviation of all. If each cycle has one
+/// point, there may be only one; it must then exceed the level that chance reaches in `CHANCE_OF_ONE_POINT` of all
+/// curves.
 const FEWEST_POINTS: f64 = 2.0;
 const SHOWN_BY: f64 = 2.0;
 const CHANCE_OF_ONE_POINT: f64 = 1e-4;
 
-/// Two exponentials of which the faster is known by its value at the first point and by the longest that its time
-/// constant may be. `None` where the points do not bound it, or too few show it.
+/// Fit of two exponentials. The result describes the faster one by its value at the first point and an upper bound of
+/// its time constant. `None` if the points do not bound it, or too few show it.
 pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
-    // as many parameters as two exponentials, and something left to judge by
+    // as many parameters as two exponentials, and at least one degree of freedom for the residual
     let freedom = points.len().checked_sub(5).filter(|freedom| *freedom > 0)? as f64;
     let (first, last) = extent(points.iter().map(|p| p.minute));
     let (fastest, slowest) = ((FASTEST_IN_FIRST * first).max(FASTEST), SLOWEST_IN_RECORD * (last - first));
@@ -53,11 +54,11 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
         .iter()
         .filter_map(|(time, fit)| Some((*time, fit.as_ref()?)))
         .min_by(|a, b| a.1.squares.total_cmp(&b.1.squares))?;
-    // the ends of the 95 % interval, as of all other estimates
+    // ends of the 95 % interval, as for all other estimates
     let limit = best.squares * (1.0 + f_quantile(0.95, 1.0, freedom) / freedom);
     let fits_as_well = |fit: &Option<Fixed>| fit.as_ref().is_some_and(|fit| fit.squares <= limit);
     let last_that_fits = fits.iter().rposition(|(_, fit)| fits_as_well(fit))?;
-    // the next of the steps is beyond the bound; without one there is no bound
+    // the next step is beyond the bound; without a next step there is no bound
     let longest = fits.get(last_that_fits + 1)?.0;
     let rmsd = (best.squares / points.len() as f64).sqrt();
     let value = |minute: f64| best.at_first.value * (-(minute - first) / time).exp();
@@ -72,13 +73,13 @@ pub(super) fn early_fit(points: &[Mean]) -> Option<CandidateFit> {
     })
 }
 
-/// A part whose height and time constant are known from one side only.
+/// Part whose height and time constant have only a one-sided bound.
 fn unbounded(height: f64, time: f64) -> Decay {
     let estimate = |value| Estimate { value, std_error: f64::NAN };
     Decay { amplitude: estimate(height), time_constant: estimate(time) }
 }
 
-/// The fit for one time constant of the fast part.
+/// Fit for one time constant of the fast part.
 struct Fixed {
     a: Estimate,
     slow: Decay,
@@ -86,7 +87,7 @@ struct Fixed {
     squares: f64,
 }
 
-/// The best of the searches from several starts, finished; the next best where that cannot be.
+/// Best of the searches from several starts, refined; if that fails, the next best.
 fn fixed(points: &[Mean], first: f64, time: f64) -> Option<Fixed> {
     let starts = single_starts(points);
     let sought = starts.iter().filter_map(|start| sought_from(points, first, time, start));
@@ -115,7 +116,8 @@ fn finished(points: &[Mean], first: f64, time: f64, sought: ExponentialFit) -> O
     })
 }
 
-/// `a`, a decay of the given time constant and one whose logarithm is sought from `start`.
+/// Fits `a`, a decay of the given time constant, and a decay whose time constant has the logarithm `start` at the start
+/// of the search.
 fn sought_from(points: &[Mean], first: f64, time: f64, start: &[f64]) -> Option<ExponentialFit> {
     let column = |of: &dyn Fn(&Mean) -> f64| DVector::from_iterator(points.len(), points.iter().map(of));
     let (torques, roots) = (column(&|p| p.torque), column(&|p| p.weight.sqrt()));

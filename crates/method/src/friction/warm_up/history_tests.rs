@@ -26,7 +26,7 @@ const TABLE_5_6: [[f64; 5]; 6] = [
 const HONEST: [f64; 2] = [0.90, 0.98];
 const SEEDS: u64 = 200;
 
-/// `cycles` means, every `step` minutes.
+/// Means of `cycles` cycles, every `step` minutes.
 fn curve(truth: &[f64; 5], cycles: usize, step: f64, sigma: f64, seed: u64) -> Vec<WarmUpPoint> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let [a, b, t1, c, t2] = *truth;
@@ -52,7 +52,7 @@ fn estimates(fit: &WarmUpFit) -> Option<[Estimate; 5]> {
 #[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn table_5_6_lies_inside_its_intervals_as_often_as_they_say() {
     for (j, truth) in TABLE_5_6.iter().enumerate() {
-        // cycles as dense as the joint's fast part asks: a five-minute cycle cannot show 20 s
+        // the shorter the joint's fast part, the shorter the cycles: a five-minute cycle cannot show 20 s
         let (step, cycles) = if truth[4] > 2.0 { (1.0, 150) } else { (0.1, 1000) };
         let mut held = [0_u32; 5];
         let mut doubles = 0;
@@ -92,7 +92,7 @@ fn single_and_constant_are_chosen_when_true() {
 #[test]
 #[ignore = "statistics over histories of many simulated arms: some seconds a test"]
 fn no_curve_promises_what_its_record_cannot_hold() {
-    // every joint of the table over records of all lengths, and trends that are none
+    // all joints of the table over records of all lengths, and trends that are no warm-up
     for seed in 0..SEEDS {
         for truth in TABLE_5_6.iter().chain(&[[0.1, 26.0, 1587.0, 19.0, 4.3], [5.0, -2.0, 20.0, 1.0, 2.0]]) {
             for cycles in [4, 6, 10, 24] {
@@ -129,7 +129,7 @@ fn a_mixed_fit_is_narrower_than_each_of_its_runs() {
     }
 }
 
-/// Runs of which each has a, b and c of its own, by a part `scatter` of them.
+/// Runs with random a, b and c, with the relative scatter `scatter`.
 fn scattered_runs(truth: &[f64; 5], runs: usize, scatter: f64, seed: u64) -> Vec<WarmUpPoint> {
     let mut rng = ChaCha8Rng::seed_from_u64(7000 + seed);
     let mut all = Vec::new();
@@ -166,7 +166,7 @@ fn mixed_fits_are_as_certain_as_their_runs_agree() {
     }
 }
 
-/// Friction points of a run of 24 cycles of five minutes, as the simulator's gearboxes have them.
+/// Friction points of a run of 24 cycles of five minutes, from the simulator's gearboxes.
 fn simulated_run(seed: u64) -> Vec<FrictionPoint> {
     let robot = er3a();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -181,7 +181,7 @@ fn simulated_run(seed: u64) -> Vec<FrictionPoint> {
                 let state = ThermalState { seconds: time, ambient_offset_k: 0.0 };
                 let speed = 0.6 * description.limits.velocity;
                 let noise: f64 = rng.sample(StandardNormal);
-                // rows of the torque signal over half a second behind the low-pass
+                // rows of the torque signal over half a second after the low-pass
                 let torque = friction_torque(&friction, &coefficients_at(&friction, state), speed)
                     + 0.09 * nominal.torque_noise * noise;
                 points.push(FrictionPoint {
@@ -217,8 +217,8 @@ fn a_simulated_run_is_followed_to_one_percent_of_every_joint() {
     }
 }
 
-/// 24 cycles of five and a half minutes, both directions half a minute apart: only the first cycle sees a fast part of a
-/// minute.
+/// 24 cycles of five and a half minutes, both directions half a minute apart: only the first cycle shows a fast part of
+/// a minute.
 fn long_cycles(fast: f64, sigma: f64, seed: u64) -> Vec<WarmUpPoint> {
     let mut rng = ChaCha8Rng::seed_from_u64(40_000 + seed);
     (0..48)
@@ -252,7 +252,7 @@ fn a_fast_part_that_only_the_first_cycle_sees_is_stated_by_what_it_shows() {
         assert!(
             slow.time_constant.value > fast.time_constant.value && fast.time_constant.value <= shown.longest
         );
-        // the curve that the points show is kept: the parts give the value at the first point
+        // the curve is kept: the parts give the value at the first point
         let at_first = fast.amplitude.value * (-1.2 / fast.time_constant.value).exp();
         assert!((at_first / shown.at_first.value - 1.0).abs() < 1e-9);
     }
@@ -315,7 +315,7 @@ fn chance_gives_a_single_exponential_no_fast_part() {
         let fit = fit_warm_up(JOINT, 0.6, &sparse_cycles(0.0, 1.0, 0.05, seed)).expect("fits");
         fit.fast.is_some()
     });
-    // corrected Akaike lets some through as told in full; one point alone must not add to them
+    // the corrected Akaike criterion accepts some as complete fits; the rule for a single point must not add to them
     let with_fast = with_fast.count();
     assert!(with_fast <= 25, "{with_fast} of 500");
 }

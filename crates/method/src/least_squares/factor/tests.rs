@@ -7,7 +7,7 @@ use super::*;
 const ROUNDING: f64 = 1e-10;
 
 fn value(i: usize, j: usize) -> f64 {
-    // badly scaled on purpose: columns differ by five decades
+    // badly scaled on purpose: columns differ by six decades
     let x = (i as f64) * 0.01;
     [x.sin(), (1.7 * x).cos(), x, 1.0][j] * decade(j)
 }
@@ -28,7 +28,7 @@ fn problem(rows: usize) -> Mat<f64> {
     })
 }
 
-/// The same problem by another road: normal equations of the columns brought to one scale.
+/// The same problem by another method: normal equations of the columns, scaled to one size.
 fn by_normal_equations(all: &Mat<f64>) -> Vec<f64> {
     use faer::linalg::solvers::Solve;
     let whole = Mat::from_fn(all.nrows(), 4, |i, j| all[(i, j)] / decade(j));
@@ -79,23 +79,23 @@ fn joining_two_factors_equals_folding_all_rows() {
     }
 }
 
-/// The dense form that the block-wise one must equal: one QR of all rows.
+/// Reference for the factor in blocks: one QR of all rows.
 fn dense(all: &Mat<f64>) -> Mat<f64> {
     all.qr().thin_R().to_owned()
 }
 
-/// Rounding of either QR, against the lengths of the columns.
+/// Rounding of either QR, relative to the lengths of the columns.
 const EQUAL: f64 = 1e-12;
 
-/// A column shorter than this is zero but for underflow.
+/// Length of a column below which it is zero except for underflow.
 const NOTHING: f64 = 1e-120;
 
-/// Holds a factor against dense QR: the products of its columns, and the residual.
+/// Compares a factor with dense QR: the products of its columns, and the residual.
 ///
-/// The residual of `[w | tau]` is `tau` less its part in the columns' space. Either QR is the exact one of columns
-/// that are changed by rounding of their lengths (Higham, Accuracy and Stability of Numerical Algorithms, 19.4), so
-/// that each knows the residual to rounding of `|tau| + sum |w_k theta_k|` and no better: of few rows it is nearly
-/// nothing beside them. Where it is a hundredth of the torque, as in any recording, that is 1e-10 of itself.
+/// The residual of `[w | tau]` is `tau` minus its part in the columns' space. Either QR is the exact one of columns
+/// with changes of the size of their rounding (Higham, Accuracy and Stability of Numerical Algorithms, 19.4). So each
+/// gives the residual only to rounding of `|tau| + sum |w_k theta_k|`; with few rows the residual is much smaller than
+/// these. If it is a hundredth of the torque, as in any recording, the relative error is 1e-10.
 fn assert_factor_of(found: &TriangularFactor, all: &Mat<f64>) {
     let (r, expected) = (found.upper(), dense(all));
     let (gram, dense_gram) = (r.transpose() * r, expected.transpose() * &expected);
@@ -106,7 +106,7 @@ fn assert_factor_of(found: &TriangularFactor, all: &Mat<f64>) {
         assert!(i <= j || r[(i, j)] == 0.0);
     }
     let last = r.ncols() - 1;
-    // of dependent columns either QR may take any part of the torque
+    // with dependent columns, each QR may assign any part of the torque to them
     let Ok(solved) = found.solve(1e8, |i| i.to_string()) else { return };
     let parts: f64 = (0..last).map(|k| solved.theta[k].abs() * length(k)).sum();
     let error = (r[(last, last)].abs() - expected[(last, last)].abs()).abs();
@@ -135,7 +135,7 @@ fn the_factor_is_that_of_a_dense_qr() {
     }
 }
 
-/// Rows of lanes that go to two builders in turn are those that were chosen, in any pattern.
+/// Rows of lanes that go alternately to two builders: each receives exactly the chosen ones, in any pattern.
 #[test]
 fn lanes_that_are_not_chosen_leave_nothing() {
     let all = problem(1500);
@@ -164,7 +164,7 @@ fn rows_pushed_one_by_one_make_the_factor_of_the_blocks() {
         (0..5000).for_each(|i| folder.push((0..5).map(|j| all[(i, j)])));
         let found = folder.take();
         assert_eq!(found.rows(), 5000);
-        // reflections leave the sign of a row open
+        // reflections do not determine the sign of a row
         for (a, b) in found.packed().iter().zip(expected.packed()) {
             assert!((a.abs() - b.abs()).abs() < ROUNDING * all.norm_max() * 5000.0_f64.sqrt(), "{a} {b}");
         }
@@ -174,13 +174,12 @@ fn rows_pushed_one_by_one_make_the_factor_of_the_blocks() {
     assert_eq!(folder.take(), TriangularFactor::new(4));
 }
 
-/// Whole blocks give the very bits, since they are folded at the same rows; other pieces the same factor.
 #[test]
 fn a_factor_gives_the_sums_of_squares_of_its_rows() {
     let all = problem(3000);
     let mut factor = TriangularFactor::new(4);
     factor.fold(all.as_ref());
-    // any parameters, not only those that fit best
+    // any parameters, not only the best-fitting ones
     for theta in [[0.0; 4], [100.0, -3.0, 0.25, 0.001]] {
         let deviation = |i: usize| (0..4).map(|k| all[(i, k)] * theta[k]).sum::<f64>() - all[(i, 4)];
         let expected: f64 = (0..3000).map(|i| deviation(i).powi(2)).sum();
@@ -193,7 +192,7 @@ fn a_factor_gives_the_sums_of_squares_of_its_rows() {
 
 #[test]
 fn columns_that_are_zero_at_first_lose_nothing() {
-    // the last columns come to life after the first block, as for a joint that rests at first
+    // the first column is zero at first, as for a joint that rests at first
     let all = Mat::from_fn(3000, 5, |i, j| match j {
         0 if i < 2500 => 0.0,
         _ => problem_entry(i, j),
@@ -239,7 +238,7 @@ fn a_column_that_repeats_another_is_named() {
 
 #[test]
 fn all_that_a_motion_hides_is_named_and_nothing_else() {
-    // two columns of zeros, one that repeats another, and one that stands alone
+    // two zero columns, one that repeats another, and one independent column
     let all = Mat::from_fn(500, 6, |i, j| match j {
         1 | 3 => 0.0,
         4 => 3.0 * value(i, 0),
@@ -250,7 +249,7 @@ fn all_that_a_motion_hides_is_named_and_nothing_else() {
     let error = factor.solve(1e8, |i| format!("p{i}")).expect_err("rank two of five");
     let NumericsError::RankDeficient { count, columns, names } = error else { panic!("{error}") };
     assert_eq!((count, columns), (3, 5));
-    // of p0 and p4 either may stand for the pair
+    // either p0 or p4 may represent the pair
     assert!(["p0, p1, p3", "p1, p3, p4"].contains(&names.as_str()), "{names}");
 }
 
@@ -263,8 +262,8 @@ fn a_column_of_zeros_is_named() {
     assert!(error.to_string().contains("p1"), "{error}");
 }
 
-/// Rows of every kind that recordings have made: columns of zeros, columns that repeat others or hold one number,
-/// lengths over many decades, numbers below the smallest normal one; fewer rows than columns and many more.
+/// Rows of every kind that recordings contain: zero columns, columns that repeat others or are constant, lengths over
+/// many decades, numbers below the smallest normal one; fewer rows than columns and many more.
 fn rows_of_any_kind() -> impl Strategy<Value = Mat<f64>> {
     let column = (0..5_u8, -9..9_i32, any::<u64>());
     (prop::collection::vec(column, 2..41), 1..300_usize).prop_map(|(columns, rows)| {
@@ -296,7 +295,7 @@ proptest! {
         let (rows, width) = (all.nrows(), all.ncols());
         let mut builder = FactorBuilder::new(width - 1);
         (0..rows).for_each(|i| builder.push((0..width).map(|j| all[(i, j)])));
-        // the same in two parts, of which one may be small beneath a wide triangle
+        // the same in two parts; one may be small below a wide triangle
         let first = (rows as f64 * cut) as usize;
         let mut parts = TriangularFactor::new(width - 1);
         parts.fold(all.as_ref().subrows(0, first));

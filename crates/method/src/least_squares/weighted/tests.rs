@@ -1,4 +1,4 @@
-//! Estimators against problems whose answer is known.
+//! Tests of estimators with known answers.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -32,7 +32,7 @@ impl Noise {
     }
 }
 
-/// Two joints that see the same three parameters.
+/// Two joints that depend on the same three parameters.
 struct Problem {
     rows: Vec<[[f64; 3]; 2]>,
     tau: Vec<[f64; 2]>,
@@ -77,7 +77,7 @@ fn weights_find_the_noise_of_each_joint_and_solve_the_weighted_problem() {
     // The scatter of a standard deviation from 4000 rows is 1 %.
     assert!((found.rule.sigma[0] / 0.1 - 1.0).abs() < 0.04, "{:?}", found.rule);
     assert!((found.rule.sigma[1] / 2.0 - 1.0).abs() < 0.04, "{:?}", found.rule);
-    // The same by another road: all rows divided by their joint's deviation, in one factor.
+    // The same by another method: all rows divided by their joint's deviation, in one factor.
     let rows = Mat::from_fn(8000, 4, |i, k| {
         let (row, j) = (i / 2, i % 2);
         let value = if k < 3 { problem.rows[row][j][k] } else { problem.tau[row][j] };
@@ -143,17 +143,17 @@ fn clustered_errors_are_the_classical_ones_for_white_noise_and_larger_for_slow_n
         (ratios, clustered)
     };
     let (ratios, covariance) = ratio(&white);
-    // 33 degrees of freedom leave a scatter of 12 % a standard error: three times that.
+    // 33 degrees of freedom leave a scatter of 12 % per standard error; the tolerance is three times that.
     assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.37), "{ratios:?}");
     assert!(covariance.freedom.iter().all(|freedom| (28.0..36.0).contains(freedom)), "{covariance:?}");
     let (ratios, _) = ratio(&red);
-    // AR(1) with 0.98 has a correlation time of 99 rows: a constant's error grows by its root, which
-    // the other joint's column, a cosine, halves.
+    // AR(1) with 0.98 has a correlation time of 99 rows. A constant's error grows by the root of that; the other
+    // joint's column, a cosine, halves it.
     assert!(ratios[2] > 3.0, "{ratios:?}");
 }
 
-/// The sandwich by another road: with the whole observation matrix at hand, and the covariance of all
-/// residuals that independent rows would have.
+/// Sandwich estimate by another method: from the whole observation matrix, and the covariance that all residuals would
+/// have with independent rows.
 #[test]
 fn clustered_errors_are_those_of_the_whole_matrix() {
     let mut noise = Noise(6);
@@ -170,7 +170,7 @@ fn clustered_errors_are_those_of_the_whole_matrix() {
     let found = clustered(&problem, &theta, &rule).expect("a covariance");
     let (mut scatter, mut expected) = (Mat::<f64>::zeros(3, 3), Mat::<f64>::zeros(3, 3));
     for block in 0..41 {
-        // a hump over ten samples, of which the first and the last block have half
+        // taper over ten samples; the first and the last block have half of it
         let taper = |i: usize| {
             let inside = (i / 2 + 5).checked_sub(5 * block).filter(|at| *at < 10);
             inside.map_or(0.0, |at| (std::f64::consts::PI * (at as f64 + 0.5) / 10.0).sin())
@@ -191,8 +191,8 @@ fn clustered_errors_are_those_of_the_whole_matrix() {
     }
 }
 
-/// A parameter that a tenth of the record decides: stated errors are right on average, not only with
-/// many blocks of equal weight.
+/// A tenth of the record decides one parameter: stated errors are right on average, even without many blocks of equal
+/// weight.
 #[test]
 fn leverage_does_not_swell_the_errors() {
     let problems = 300;
@@ -218,7 +218,7 @@ fn leverage_does_not_swell_the_errors() {
     assert!((ratio - 1.0).abs() < 0.12, "stated over true error {ratio}");
 }
 
-/// The noise of a differentiated signal hardly reaches parameters whose columns change slowly.
+/// Noise of a differentiated signal hardly affects parameters whose columns change slowly.
 #[test]
 fn noise_that_takes_back_what_it_gave_counts_little() {
     let mut ratios = Vec::new();
@@ -233,15 +233,15 @@ fn noise_that_takes_back_what_it_gave_counts_little() {
         let solution =
             joined(&joint_factors(&problem), &rule, 3).solve(1e6, |k| k.to_string()).expect("solves");
         let found = clustered(&problem, &solution.theta, &rule).expect("errors");
-        // the constant: the sum of differences is what the ends leave, and hard-edged blocks of 100 rows
-        // would state twenty times as much
+        // for the constant, the sum of differences depends only on the ends; rectangular blocks of 100 rows would state
+        // twenty times as much
         let error = found.matrix[(2, 2)].sqrt();
         let variance = solution.residual_sum_of_squares / 4000.0;
         ratios.push(error / (variance * solution.unscaled_variance[2]).sqrt());
         assert!(found.independent_share.iter().all(|share| *share > 1.0), "{:?}", found.independent_share);
     }
     let mean = ratios.iter().sum::<f64>() / 20.0;
-    // a hump of 100 rows passes (pi / 100)² / 2 of the power of differences beside the constant's own
+    // a taper of 100 rows passes (pi / 100)² / 2 of the power of differences, in addition to the constant's own
     assert!(mean < 0.12, "{ratios:?}");
 }
 
@@ -251,7 +251,7 @@ fn stated_errors_of_a_robust_estimate_are_its_scatter() {
     let (mut sum, mut squares, mut stated) = ([0.0; 3], [0.0; 3], [0.0; 3]);
     for seed in 0..problems {
         let mut noise = Noise(100 + seed);
-        // sums of uniform numbers are normal enough for a scale by the median
+        // sums of uniform numbers are close enough to normal for a scale by the median
         let mut normal = || (0..6).map(|_| noise.next()).sum::<f64>() / 6_f64.sqrt();
         let problem = Problem::new(500, [0.5, 0.2], |_, _| normal());
         let found = huber(&problem, &RobustSettings::default(), |k| k.to_string()).expect("an estimate");
@@ -301,14 +301,14 @@ fn errors_from_factors_and_shares_are_nearly_those_from_the_rows() {
     for estimator in [Estimator::Ordinary, Estimator::Weighted] {
         let rows = identify_rows(&kept, &factors, &problem, estimator).expect("parameters");
         let shares: Vec<f64> = rows.residuals.iter().map(|residual| residual.independent_share).collect();
-        // An AR(1) with 0.9 has 0.1 / 1.9 independent rows for what hardly changes. A variance of three
-        // parameters with 33 degrees of freedom scatters by an eighth, and leaving out blocks adds some.
+        // An AR(1) with 0.9 has 0.1 / 1.9 independent rows for slow columns. A variance of three parameters with 33
+        // degrees of freedom scatters by an eighth; leaving out blocks adds to this.
         assert!((0.6..1.4).contains(&shares[0]) && (0.03..0.12).contains(&shares[1]), "{shares:?}");
         let stored = identify_factors(&kept, &factors, &shares, estimator).expect("parameters");
         assert_eq!(rows.residuals, stored.residuals);
         for (rows, stored) in rows.parameters.iter().zip(&stored.parameters) {
             assert_eq!(rows.value, stored.value);
-            // one share a joint stands for all parameters, and each has its own frequencies
+            // all parameters of a joint share one value, although each has its own frequencies
             let ratio = stored.std_error / rows.std_error;
             assert!((0.6..1.6).contains(&ratio), "{} {ratio}", rows.id);
         }
@@ -357,7 +357,7 @@ fn the_last_joint_alone_gives_its_own_friction() {
     let factors = probed(&robot, &base, 0.0);
     let truth = base.group(&natural(&robot));
     let found = per_joint(&factors[5], 1e6, |k| base.kept[k].to_string()).expect("an estimate");
-    // Only the last link and its joint reach the last joint's torque.
+    // Only the last link and its joint contribute to the last joint's torque.
     assert!(found.kept.iter().chain(&found.grouped).all(|&k| base.kept[k].joint.index() == 5));
     for (&column, theta) in found.kept.iter().zip(&found.solution.theta) {
         if let ParameterKind::Friction(_) = base.kept[column].kind {
@@ -390,12 +390,12 @@ fn fitted(
 fn exact_torques_of_a_body_are_reproduced_from_a_wrong_start() {
     let robot = er3a();
     let base = base_parameters(&robot).expect("base parameters");
-    // Fine noise lets the data drive a link to the border of bodies, where a plain descent stalls.
+    // If the noise is small, the data drive a link to the border of physical bodies, and a plain descent stalls.
     for sigma in [0.05, 1e-2, 1e-3] {
         let fit = fitted(&robot, &base, &probed(&robot, &base, 0.0), sigma, &nominal(&robot, 1.6));
         assert!(fit.settled, "{} steps", fit.steps);
         assert!(fit.definiteness.iter().all(|d| *d > POSITIVE), "{:?}", fit.definiteness);
-        // What is left is the pull towards the wrong start: far below the noise that was claimed.
+        // The remainder is the effect of the wrong start, far below the stated noise.
         let rms = sigma * (fit.residual_sum_of_squares / (6 * PROBE_STATES) as f64).sqrt();
         assert!(rms < 0.01 * sigma, "{sigma} {rms} Nm");
     }
@@ -409,7 +409,7 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
     let factors = probed(&robot, &base, sigma);
     let rule = WeightRule { sigma: vec![sigma; 6], huber: None };
     let plain = joined(&factors, &rule, base.kept.len()).solve(1e6, |k| k.to_string()).expect("solves");
-    // A motor inertia that nothing is grouped into has to be positive.
+    // A motor inertia without grouped parameters must be positive.
     let motor = |k: &usize| base.kept[*k].kind == ParameterKind::MotorInertia && base.grouping[*k].is_empty();
     let motors: Vec<usize> = (0..base.kept.len()).filter(motor).collect();
     assert!(motors.iter().any(|&k| plain.theta[k] < 0.0), "the noise is too small to show anything");
@@ -418,14 +418,14 @@ fn noise_that_makes_least_squares_unphysical_leaves_a_body() {
         fit.definiteness.iter().all(|d| *d > POSITIVE) && fit.model.motor_inertia.iter().all(|i| *i > 0.0)
     );
     assert!(fit.residual_sum_of_squares >= fit.unconstrained_sum_of_squares);
-    // Torques without noise: the constraint must not cost anything that the noise has not.
+    // Torques without noise: the constraint must not cost more than the noise.
     let clean = joined(&probed(&robot, &base, 0.0), &rule, base.kept.len());
     let error = |theta: &[f64]| clean.residual_sum_of_squares(theta);
     let (physical, free) = (error(&base.group(&fit.phi)), error(&plain.theta));
     assert!(physical <= 1.05 * free, "{physical} {free}");
 }
 
-/// Two columns of two joints: the first joint's rows show both, with noise `coarse`; the second's show their sum alone,
+/// Two columns of two joints. The first joint's rows show both, with noise `coarse`; the second's show only their sum,
 /// with noise `fine`.
 fn coarse_and_fine(coarse: f64, fine: f64, truth: [f64; 2]) -> Vec<TriangularFactor> {
     let mut state = 7_u64;
@@ -460,7 +460,7 @@ fn a_joint_of_fine_or_perfect_torques_refuses_nothing() {
         let ordinary = find(Estimator::Ordinary).expect("parameters");
         let weighted = find(Estimator::Weighted).expect("parameters");
         let sum = |of: &Identification| of.parameters.iter().map(|p| p.value).sum::<f64>();
-        // what the fine joint says counts, and nothing else suffers
+        // the rows of the fine joint count, and nothing else suffers
         let off = |of: &Identification| (sum(of) - 1.0).abs();
         assert!(fine >= coarse || off(&weighted) <= off(&ordinary) + 1e-9, "{coarse} {fine}");
         for (parameter, truth) in weighted.parameters.iter().zip(truth) {

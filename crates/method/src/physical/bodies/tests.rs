@@ -1,4 +1,4 @@
-//! Full parameters of arms whose truth is known: any friction model, couplings, nobody's weights.
+//! Tests of full parameters with known truth: all friction models, couplings, and links of unknown mass.
 
 use faer::Mat;
 use proptest::prelude::*;
@@ -18,7 +18,7 @@ use armwatch_model::robot::{CouplingTerm, FrictionTerm, ParameterId, ParameterKi
 use armwatch_testing::arms::any_arm;
 use armwatch_testing::er3a;
 
-/// Share of the noise that was claimed which the assumption may leave in torques without noise.
+/// Largest effect of the assumption on torques without noise, as a share of the stated noise.
 const PULL: f64 = 0.05;
 
 /// Deterministic noise, uniform with standard deviation 1.
@@ -36,8 +36,8 @@ fn tx40() -> Robot {
     parse_robot("tx40.toml", text).unwrap_or_else(|errors| panic!("{errors}"))
 }
 
-/// A truth in natural order: cylinders of another density, turned and moved out of their places, with
-/// friction, motors and couplings of usual size.
+/// True parameters in natural order: cylinders of another density, displaced and rotated, with friction, motors and
+/// couplings of usual size.
 fn truth(robot: &Robot) -> Vec<f64> {
     let bodies = uniform_bodies(robot, 3100.0);
     let value = |id: ParameterId| {
@@ -57,7 +57,7 @@ fn truth(robot: &Robot) -> Vec<f64> {
     ParameterId::natural_order(robot).into_iter().map(value).collect()
 }
 
-/// Each joint's factor of torques over states inside the limits, with noise of `sigma` of their RMS.
+/// Each joint's factor of torques over states inside the limits, with noise of `sigma` relative to their RMS.
 fn probed(robot: &Robot, base: &BaseParameters, phi: &[f64], sigma: f64) -> Vec<TriangularFactor> {
     let (n, b) = (robot.joint_count(), base.kept.len());
     let kept = KeptColumns::new(&base.kept_columns);
@@ -93,8 +93,8 @@ fn fitted(robot: &Robot, sigma: f64) -> (BaseParameters, PhysicalFit) {
     (base, fit)
 }
 
-/// Without noise, what the fit leaves beside the unconstrained parameters is far below the noise that
-/// was claimed for the joint, a ten-thousandth of its torque.
+/// Asserts that without noise, the fit is worse than the unconstrained parameters by far less than the stated noise of
+/// the joint, a ten-thousandth of its torque.
 fn assert_reached(fit: &PhysicalFit) {
     assert!(fit.estimate.settled, "{} steps", fit.estimate.steps);
     for price in &fit.price {
@@ -113,7 +113,7 @@ fn a_coupled_wrist_without_weights_is_reached_from_cylinders() {
     for ((found, expected), id) in found.iter().zip(&expected).zip(&base.kept) {
         assert!((found - expected).abs() < 1e-3 * expected.abs().max(0.1), "{id}: {found} {expected}");
     }
-    // The start's density is the truth's but for what moving the cylinders did.
+    // The start's density is the true one except for the effect of the displaced cylinders.
     let density = fit.start.density.expect("cylinders");
     assert!((1000.0..10_000.0).contains(&density), "{density}");
 }
@@ -139,24 +139,24 @@ fn standard_deviations_say_what_data_decide_and_hold_the_truth() {
     let robot = tx40();
     let truth_of = truth(&robot);
     let (base, fit) = fitted(&robot, 0.01);
-    // Mass and centre of the first link, which turns about the vertical, never change a torque; its
-    // inertia about the axis does, but no motion tells it from the motor's.
+    // Mass and centre of the first link, which turns about the vertical, never change a torque. Its inertia about the
+    // axis does, but no motion distinguishes it from the motor's.
     let [first, .., last] = &fit.estimate.bodies[..] else { panic!("six links") };
     assert!(first.values[..4].iter().all(|of| of.data_share() < 0.01), "{first:?}");
     assert!(!first.values[9].is_decided(), "{first:?}");
-    // half of the variance is the least that lets one speak of data
+    // data must explain at least half of the variance
     assert!(last.values[1..3].iter().all(|of| of.data_share() > 0.5), "{last:?}");
     for value in fit.estimate.bodies.iter().flat_map(|body| body.values) {
         assert!(value.std > 0.0 && value.std <= value.std_without_data * (1.0 + 1e-9), "{value:?}");
     }
-    // Motors that nothing is grouped with are estimated within four of their own standard deviations.
+    // Motors without grouped parameters are accurate to four of their own standard deviations.
     for (k, id) in base.kept.iter().enumerate().filter(|(k, _)| base.grouping[*k].is_empty()) {
         let ParameterKind::MotorInertia = id.kind else { continue };
         let found = fit.estimate.motor_inertia[id.joint.index()];
         assert!(found.is_decided(), "{id} {found:?}");
         assert!((found.value - truth_of[base.kept_columns[k]]).abs() < 4.0 * found.std, "{id} {found:?}");
     }
-    // Physics costs next to nothing where the truth is physical.
+    // Physical consistency costs very little if the truth is physical.
     for price in &fit.price {
         assert!(price.consistent_rmsd < 1.01 * price.unconstrained_rmsd, "{price:?}");
     }
@@ -172,7 +172,8 @@ fn rows_that_do_not_show_the_arm_are_refused() {
 }
 
 proptest! {
-    // always the same arms: of one in some two thousand, a link ends at the border of bodies, which is not understood yet
+    // fixed seed, always the same arms: in about one of two thousand, a link ends at the border of physical bodies, for
+    // an unknown reason
     #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(2), ..ProptestConfig::with_cases(100) })]
 
     #[test]
@@ -180,7 +181,7 @@ proptest! {
         prop_assume!(robot.joint_count() <= 4);
         let base = base_parameters(&robot);
         prop_assume!(base.is_ok());
-        // gravity that is off an axis' normal by a tenth of a degree shows its mass too badly: such rows are refused
+        // if gravity is off an axis' normal by a tenth of a degree, it hardly shows the mass: such rows are refused
         let base = base.expect("it is");
         let tried = physical_fit(&robot, &base, &probed(&robot, &base, &truth(&robot), 0.0), 1.0);
         prop_assume!(!matches!(tried, Err(NumericsError::RankDeficient { .. })));
@@ -189,7 +190,7 @@ proptest! {
         for price in &fit.price {
             prop_assert!(price.consistent_rmsd < 1e-4 * price.torque_rms.max(1e-9), "{price:?}");
         }
-        // the truth is a body too, so that what costs least costs no more
+        // the truth is physical too, so the cheapest solution costs no more
         let factors = probed(&robot, &base, &truth(&robot), 0.0);
         let mut rule = WeightRule::equal(factors.len());
         for price in &fit.price {

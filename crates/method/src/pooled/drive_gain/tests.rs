@@ -1,4 +1,4 @@
-//! Drive gains from made-up recordings whose gains are known.
+//! Tests of drive gains on synthetic recordings with known gains.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -14,7 +14,7 @@ use armwatch_model::robot::{JointIndex, Robot, StandardParameters};
 use armwatch_model::run::Stage;
 use armwatch_testing::er3a;
 
-/// Rounding of the factors over the share of the load's column that is new, squared.
+/// Rounding of the factors over the squared new share of the load's column.
 const EXACT: f64 = 1e-7;
 const ROWS: usize = 80;
 const CYCLES: usize = 5;
@@ -43,7 +43,7 @@ fn first_joints(n: usize) -> Robot {
 }
 
 impl Bench {
-    /// The ER3A over five cycles, each at other states, moved alike without and with `load`.
+    /// Robot over five cycles, each in other states, with the same motion without and with `load`.
     fn new(robot: Robot, load: &StandardParameters) -> Self {
         let base = base_parameters(&robot).expect("base parameters");
         let columns = FactorColumns::new(&robot, &base);
@@ -59,7 +59,7 @@ impl Bench {
             robot.joints.iter().flat_map(|joint| joint.nominal.expect("described").inertial.0).collect();
         phi.resize(robot.parameter_count(), 0.4);
         let theta = base.group(&phi);
-        // by another road than load_change: the heavier arm less the arm
+        // by another method than load_change: the heavier arm minus the arm
         let first = StandardParameters::COUNT * (robot.joint_count() - 1);
         for (k, x) in load.0.iter().enumerate() {
             phi[first + k] += x;
@@ -68,8 +68,7 @@ impl Bench {
         Self { robot, base, columns, rows, theta, change }
     }
 
-    /// One cycle: torque as recorded with the factors `scale`, friction that is `warmth` times as
-    /// large, and noise.
+    /// One cycle: torque as recorded with the factors `scale`, friction times `warmth`, and noise.
     fn cycle(
         &self,
         loaded: bool,
@@ -117,7 +116,7 @@ impl Bench {
     }
 }
 
-/// Normal numbers from a fixed sequence: twelve even ones make a normal one well enough.
+/// Approximately normal numbers from a fixed sequence, as sums of twelve uniform ones.
 fn normal(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut even = move || {
@@ -164,7 +163,7 @@ fn nineteen_of_twenty_intervals_hold_the_truth() {
             held += f64::from(u8::from(error <= found.half_width));
         }
     }
-    // 95 % of 160 vary by 1.7 %; the jackknife errs on the wide side
+    // 95 % of 160 vary by 1.7 %; the jackknife tends to wide intervals
     assert!((0.91..=0.99).contains(&(held / all)), "{held} of {all}");
 }
 
@@ -178,7 +177,7 @@ fn errors_from_rows_and_from_cycles_agree_for_white_noise() {
     for (all, few) in all.iter().zip(&few).skip(1) {
         let (all, few) = (all.estimate.expect("shown"), few.estimate.expect("shown"));
         assert_eq!((all.error_from, few.error_from), (GainErrorSource::Cycles, GainErrorSource::Rows));
-        // three fifths of the rows: 1.29 times the error; scatter of ten cycles is known to a quarter
+        // three fifths of the rows: 1.29 times the error; the scatter of ten cycles is accurate to a quarter
         let ratio = few.std_error / all.std_error;
         assert!((0.6..=2.6).contains(&ratio), "{ratio}");
         assert!((few.residual_std - 1.0).abs() < 0.15, "noise of 1 Nm: {}", few.residual_std);
@@ -208,7 +207,7 @@ fn a_recording_that_says_nothing_of_the_arm_is_told() {
         cycle.factors.retain(|of| of.joint.index() != 3);
     }
     assert_eq!(bench.gains(&still)[3].estimate, Err(Unseen::NoRows));
-    // without load, rows in which only friction acts
+    // without load, rows with friction only
     for of in cycles.iter_mut().filter(|cycle| !cycle.loaded).flat_map(|cycle| &mut cycle.factors) {
         let ids = &bench.columns.by_joint()[of.joint.index()];
         let (r, b) = (of.factor.upper(), ids.len());

@@ -1,4 +1,4 @@
-//! Estimators on cycles' factors against the same cycles' rows, and intervals against the truth.
+//! Tests of estimators on cycles' factors against the same cycles' rows, and of intervals against the truth.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
@@ -15,7 +15,7 @@ use armwatch_model::analysis::Motion;
 use armwatch_model::robot::{FrictionTerm, JointIndex, ParameterId, ParameterKind};
 use armwatch_model::run::Stage;
 
-/// Rounding of a QR of some thousand rows, times the condition of the problem, stays below.
+/// Tolerance for the rounding of a QR of some thousand rows, times the condition of the problem.
 const EQUAL: f64 = 1e-9;
 /// Values of the five parameters, in the order of [`kept`].
 const TRUTH: [f64; 5] = [2.0, -1.0, 0.5, 4.0, 1.5];
@@ -32,7 +32,7 @@ fn kept() -> [ParameterId; 5] {
     [id(0, inertia), id(0, f1), id(1, moment), id(1, inertia), id(1, f1)]
 }
 
-/// Columns of each joint among all: the first joint does not feel the second one's friction.
+/// Columns of each joint among all: the first joint does not depend on the second one's friction.
 const PLACES: [&[usize]; 2] = [&[0, 1, 2, 3], &[2, 3, 4]];
 
 /// Deterministic noise, uniform with standard deviation 1.
@@ -44,7 +44,7 @@ impl Noise {
         ((self.0 >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// Normal, as a sum of twelve.
+    /// Approximately normal number, as a sum of twelve.
     fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.next()).sum::<f64>() / 12_f64.sqrt()
     }
@@ -57,7 +57,7 @@ struct Test {
 }
 
 impl Test {
-    /// `error(cycle, row, joint)` in units of the joint's noise.
+    /// Creates cycles with the error `error(cycle, row, joint)`, in units of the joint's noise.
     fn new(cycles: usize, rows: usize, mut error: impl FnMut(usize, usize, usize) -> f64) -> Self {
         let mut row = |c: usize, i: usize| {
             [0, 1].map(|j| {
@@ -68,7 +68,7 @@ impl Test {
         Self { rows, tau: (0..cycles).map(|c| (0..rows).map(|i| row(c, i)).collect()).collect() }
     }
 
-    /// White noise.
+    /// Creates cycles with white noise.
     fn plain(cycles: usize, rows: usize, seed: u64) -> Self {
         let mut noise = Noise(seed);
         Self::new(cycles, rows, |_, _, _| noise.next())
@@ -106,8 +106,7 @@ impl Test {
         factor
     }
 
-    /// Dense least squares over all rows times the root of their weight, and over further rows of
-    /// `[w | tau]`.
+    /// Dense least squares over all rows times the root of their weight, and over additional rows of `[w | tau]`.
     fn raw(&self, weight: impl Fn(usize, usize) -> f64, further: &[[f64; 6]]) -> Vec<f64> {
         let mut rows: Vec<[f64; 6]> = further.to_vec();
         for (c, cycle) in self.tau.iter().enumerate() {
@@ -204,7 +203,7 @@ fn each_joint_alone_is_the_dense_solution_of_its_rows() {
     }
 }
 
-/// Root of `(C - 1) / C sum (theta without c - theta)²`.
+/// Jackknife error: root of `(C - 1) / C sum (theta without c - theta)²`.
 fn jackknife(theta: &[f64], left_out: &[Vec<f64>]) -> Vec<f64> {
     let count = left_out.len() as f64;
     let of = |k: usize| left_out.iter().map(|other| (other[k] - theta[k]).powi(2)).sum::<f64>();
@@ -244,7 +243,7 @@ fn a_prior_is_further_rows_and_its_share_is_said() {
 #[test]
 fn a_prior_carries_what_the_motion_does_not_show() {
     let mut test = Test::plain(8, 200, 6);
-    // without the second joint's rows nothing is seen of its friction
+    // without rows of the second joint, its friction is not visible
     test.tau.iter_mut().flatten().for_each(|tau| tau[1] = 0.0);
     let columns = test.union().columns().clone();
     let mut union = PooledFactors::new(columns.clone());
@@ -264,7 +263,7 @@ fn a_prior_carries_what_the_motion_does_not_show() {
     let estimator = StackedEstimator::Prior { priors, strength: PriorStrength::AsGiven };
     let found = estimate(&union, &estimator).expect("parameters");
     assert!((values(&found)[4] - 1.4).abs() < EQUAL && (sigma(&found)[4] - 0.25).abs() < EQUAL);
-    // all that is known of it is the prior: the normal quantile, to 4.5e-4
+    // the prior is the only information: the normal quantile, to 4.5e-4
     assert!((found.half_width[4] / 0.25 - 1.96).abs() < 0.001, "{found:?}");
     assert!(found.prior.expect("a report").data_share[4] < EQUAL);
     assert_eq!(found.errors, ErrorBasis::Cycles { count: 8 });
@@ -298,7 +297,7 @@ fn a_cycle_with_a_collision_loses_its_weight() {
 #[test]
 fn a_parameter_that_is_nothing_is_not_essential() {
     let mut noise = Noise(8);
-    // the torque holds nothing of the third parameter
+    // the torque does not contain the third parameter
     let test = Test::new(10, 200, |c, i, j| noise.next() - TRUTH[2] * entries(c, i, j)[2] / SIGMA[j]);
     let found = estimate_essential(&test.union(), &StackedEstimator::Weighted, &EssentialSettings::default());
     let found = found.expect("parameters");
@@ -314,8 +313,8 @@ fn a_parameter_that_is_nothing_is_not_essential() {
     assert_eq!(found.errors, ErrorBasis::Cycles { count: 10 });
 }
 
-/// Part of 95 % intervals that hold the truth over `repeats` tests of `cycles` cycles, whose noise is
-/// correlated inside each and has a slow part that only whole cycles show.
+/// Share of 95 % intervals that contain the truth over `repeats` tests of `cycles` cycles, whose noise is correlated
+/// within each cycle and has a slow part that only whole cycles show.
 fn coverage(cycles: usize, repeats: u64, estimator: &StackedEstimator) -> f64 {
     let mut held = 0;
     for seed in 0..repeats {
@@ -339,12 +338,12 @@ fn coverage(cycles: usize, repeats: u64, estimator: &StackedEstimator) -> f64 {
 
 #[test]
 fn intervals_between_cycles_hold_the_truth_as_often_as_they_say() {
-    // 1500 intervals, of which those of one test depend on each other: a standard error of at most 1 %
+    // 1500 intervals; those of one test depend on each other: a standard error of at most 1 %
     for (cycles, estimator) in [(8, StackedEstimator::Ordinary), (24, StackedEstimator::Weighted)] {
         let found = coverage(cycles, 300, &estimator);
         assert!((0.93..=0.97).contains(&found), "{cycles} cycles: {found}");
     }
-    // the noise of rows alone does not know what their correlation does
+    // the noise of rows alone does not show the effect of their correlation
     let few = coverage(7, 100, &StackedEstimator::Ordinary);
     assert!(few < 0.8, "{few}");
 }

@@ -1,4 +1,4 @@
-//! Payloads of simulated arms with drawn loads and gains.
+//! Tests of payloads of simulated arms with random loads and gains.
 
 use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -19,7 +19,7 @@ use armwatch_testing::er3a;
 
 const CYCLES: u32 = 5;
 const CUTOFF_HZ: f64 = 12.0;
-/// Largest relative error of a drawn gain.
+/// Largest relative error of a random gain.
 const BOUND: f64 = 0.12;
 
 struct Bench {
@@ -41,7 +41,7 @@ impl Bench {
         Self { method, columns, settings }
     }
 
-    /// Cycles of a simulated run, each joint's torque times its gain.
+    /// Cycles of a simulated run, with each joint's torque times its gain.
     fn recorded(&self, run: u32, load: Option<Load>, gains: &[f64]) -> Vec<RecordedCycle> {
         let n = self.method.robot.joint_count();
         let settings = SimulationSettings { load, ..self.settings.clone() };
@@ -84,7 +84,7 @@ impl Bench {
     }
 }
 
-/// A ball: mass, centre and radius drawn.
+/// Ball with random mass, centre and radius.
 fn drawn_load(rng: &mut ChaCha8Rng) -> Load {
     let mass = rng.random_range(0.5..4.0);
     let radius: f64 = rng.random_range(0.02..0.08);
@@ -99,8 +99,8 @@ fn contains(of: &Interval, truth: f64) -> bool {
     (of.low..=of.high).contains(&truth)
 }
 
-/// Shares of the intervals of mass, centre and inertia that contain the truth, and the mean half width of the mass as a part
-/// of it. All joints have a gain of their own, or one in common.
+/// Shares of the intervals of mass, centre and inertia that contain the truth, and the mean half width of the mass
+/// relative to it. The joints have independent gains, or one in common.
 fn coverage(draws: u64, in_common: bool) -> [f64; 4] {
     let bench = Bench::new(er3a());
     let mut held = [0.0; 4];
@@ -193,9 +193,9 @@ fn without_a_load_the_mass_is_about_zero_and_nothing_else_is_shown() {
 #[test]
 fn one_gain_alone_is_anywhere_within_its_bounds() {
     let found = CommonFactor::of(&[1.0], &[0.0], 0.1).interval(2.0, 0.0, true);
-    // 2.5 % of the bounds are left out at each end
+    // 2.5 % of the bounds are omitted at each end
     assert!((found.low - 2.0 / 1.095).abs() < 1e-3 && (found.high - 2.0 / 0.905).abs() < 1e-3, "{found:?}");
-    // joints of one ratio leave little room
+    // gains with a given ratio leave little room
     let narrow = CommonFactor::of(&[1.09, 0.91], &[1e-4; 2], 0.1).interval(2.0, 0.0, true);
     assert!(narrow.half_width() < 0.03 && contains(&narrow, 2.0), "{narrow:?}");
 }
