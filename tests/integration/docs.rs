@@ -391,3 +391,16 @@ fn every_document_that_the_sources_name_exists() {
     }
     assert!(missing.is_empty(), "documents that do not exist:\n{}", missing.join("\n"));
 }
+
+/// Files that ARCHITECTURE.md names in code exist.
+#[test]
+fn every_path_of_the_architecture_exists() {
+    let text = fs::read_to_string(repository("ARCHITECTURE.md")).expect("the page");
+    let path = regex::Regex::new(r"`((?:config|crates|docs|fuzz|lab|src|tests)/[a-zA-Z0-9_/.-]+)`")
+        .expect("a pattern");
+    let named: Vec<&str> =
+        path.captures_iter(&text).filter_map(|found| found.get(1)).map(|found| found.as_str()).collect();
+    assert!(named.len() > 100, "{named:?}");
+    let missing: Vec<&str> = named.into_iter().filter(|name| !repository(name).exists()).collect();
+    assert!(missing.is_empty(), "paths that do not exist: {missing:?}");
+}
