@@ -1,4 +1,4 @@
-//! Files in an odd form: the proposal reads its own file, or says what is wrong.
+//! Files in an unusual form: the proposal reads its own file, or reports the problem.
 
 use std::path::Path;
 
@@ -78,7 +78,7 @@ fn a_column_without_a_name_and_names_that_are_there_twice_do_not_disturb() {
         let found = proposed(&text);
         assert_eq!(rows(&text, &found) as usize, text.lines().count() - 1, "{}", found.toml);
     }
-    // a number in front of the first name: nothing tells which name belongs to which column
+    // a number before the first name: the names cannot be assigned to columns
     let text = changed(|at, line| if at == 0 { line.to_owned() } else { format!("{at},{line}") });
     let found = proposed(&text);
     assert!(found.questions > 0 && found.toml.contains("header = false"), "{}", found.toml);
