@@ -140,7 +140,6 @@ pub struct Control {
 /// outcome of every export and the conclusions of each robot.
 ///
 /// # Errors
-///
 /// [`PipelineError`] if the daemon cannot continue, for example with a full disk.
 pub async fn watch(
     pipeline: &Pipeline,

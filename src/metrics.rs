@@ -308,7 +308,6 @@ impl Metrics {
     /// Writes all metrics in the text format of Prometheus.
     ///
     /// # Errors
-    ///
     /// Those of the writer.
     pub fn write(&self, text: &mut impl fmt::Write) -> fmt::Result {
         self.0.as_ref().map_or(Ok(()), |of| prometheus_text::encode(text, &of.registry))

@@ -47,7 +47,6 @@ impl HttpClient {
     /// Posts `body` with `headers`; returns when the server has answered 2xx.
     ///
     /// # Errors
-    ///
     /// [`SendError::Refused`] for 4xx except 408, 425 and 429; these, 3xx, 5xx and no answer are
     /// [`SendError::Unreached`].
     pub async fn post(&self, url: &str, headers: &[(&str, String)], body: String) -> Result<(), SendError> {

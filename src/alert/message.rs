@@ -1,6 +1,7 @@
 //! Content for a receiver: one alarm, or a digest of several, as text and as JSON.
 //!
-//! Titles, sentences and details are for people and show hidden characters ([`text::shown`]). Names in JSON are as they are.
+//! Titles, sentences and details are for people and show hidden characters ([`text::shown`]). Names in JSON are
+//! unchanged.
 
 use jiff::Timestamp;
 use serde_json::{Value, json};

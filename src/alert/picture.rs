@@ -8,7 +8,7 @@ use jiff::Timestamp;
 
 const WIDTH: usize = 480;
 const HEIGHT: usize = 160;
-/// Room for lines and points at the edges, in pixels.
+/// Space for lines and points at the edges, in pixels.
 const MARGIN: f64 = 8.0;
 const CURVE: [u8; 3] = [0x00, 0x5a, 0x9e];
 const LIMIT: [u8; 3] = [0xc0, 0x3a, 0x00];

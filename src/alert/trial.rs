@@ -20,7 +20,6 @@ pub fn problems(settings: &AlertSettings) -> Vec<(String, Unusable)> {
 /// Sends a message that is marked as a test over a route, ignoring its filters and hours.
 ///
 /// # Errors
-///
 /// `SendError`, also for a receiver that cannot be used as configured.
 pub async fn send(
     settings: &AlertSettings,

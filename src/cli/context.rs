@@ -78,7 +78,6 @@ impl Global {
     /// The configuration, with the command line's database.
     ///
     /// # Errors
-    ///
     /// [`CliError::Config`] for an invalid configuration, [`CliError::Usage`] for an address of another kind of server.
     pub fn read_config(&self) -> Result<Config, CliError> {
         let (mut config, _) = Config::find(self.config.as_deref())?;
@@ -136,7 +135,6 @@ const MOST_BLOCKING_THREADS: usize = 4096;
 /// The asynchronous runtime of a command.
 ///
 /// # Errors
-///
 /// [`CliError::Internal`] if the system provides no threads.
 pub fn runtime() -> Result<tokio::runtime::Runtime, CliError> {
     tokio::runtime::Builder::new_multi_thread()
@@ -186,7 +184,6 @@ fn no_database(config: &Config) -> CliError {
 /// Opens the database of a command that writes; creates it if there is none.
 ///
 /// # Errors
-///
 /// [`CliError::Store`] if the database cannot be opened.
 pub async fn open_store(config: &Config) -> Result<Store, CliError> {
     Ok(Store::open_as(&config.database, &config.cluster).await?)

@@ -115,7 +115,7 @@ fn from_standard_input(is_asked_for: bool) -> Result<String, CliError> {
     Ok(text)
 }
 
-/// Reads `NAME=VALUE`; the name may have the prefix of the statement.
+/// Reads `NAME=VALUE`; the name may begin with `:`, `@` or `$`, like in the statement.
 fn named_value(text: &str) -> Result<(String, Value), String> {
     let (name, value) = text.split_once('=').unwrap_or((text, ""));
     let name = name.trim().trim_start_matches([':', '@', '$']);

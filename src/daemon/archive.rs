@@ -25,15 +25,14 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(60);
 /// Slowest accepted copy, bytes per millisecond: an export is written, and read twice.
 const SLOWEST_BYTES_MS: u64 = 500;
 
-/// Copies into the archive that have not ended in time. Until they end, further exports stay, so an archive that does not
-/// answer blocks no export and only one thread.
+/// Copies into the archive that have not ended in time. Until they end, further exports stay, so that an archive
+/// without answer blocks no export and only one thread.
 static HANGING: AtomicUsize = AtomicUsize::new(0);
 
 /// Archives the export at `path`, of `bytes` bytes, if its run is complete. If the archive refuses, that is logged and
 /// the source stays. The daemon tries again when it next sees the file, at the latest after a restart.
 ///
 /// # Errors
-///
 /// [`PipelineError`] if the database cannot be synced. Linux reports a lost write only once, so the daemon cannot
 /// continue: committed rows may be missing after the next start, when this source is read again.
 pub async fn after(

@@ -137,7 +137,7 @@ pub struct FileSchedule {
     settled: BTreeMap<String, BTreeSet<(Option<OsString>, PathBuf)>>,
     /// Files being read. By number, so that a file with two names is read once.
     open: HashSet<FileId>,
-    /// Looks and files opened so far.
+    /// Number of scans and of opened files so far.
     count: u64,
     /// Counts at which a file of each lane was last opened, so that robots take turns.
     turns: HashMap<String, u64>,

@@ -1,5 +1,5 @@
-//! The watched folders. A separate thread scans each of them, because a call to a dead file server never returns. The other
-//! folders are scanned all the same, and the daemon knows the time of the last scan of each.
+//! The watched folders. A separate thread scans each of them, because a call to a dead file server never returns. The
+//! other folders are scanned nevertheless, and the daemon knows the time of the last scan of each.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};

@@ -45,7 +45,6 @@ impl OpenTests {
     /// The next evaluated test, with its conclusions to report; `None` while none is being evaluated.
     ///
     /// # Errors
-    ///
     /// [`PipelineError`] if the daemon cannot continue, for example with a full disk.
     pub async fn next(&mut self) -> Option<Result<Option<Concluded>, PipelineError>> {
         let judged = self.judging.join_next().await?;

@@ -9,7 +9,6 @@ use tokio_util::sync::CancellationToken;
 /// Handles SIGHUP: requests that the configuration is read again, or, if the program's terminal was closed, a stop.
 ///
 /// # Errors
-///
 /// If the handler cannot be installed.
 pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Receiver<()>> {
     let mut hangup = signal(SignalKind::hangup())?;
@@ -35,7 +34,6 @@ pub fn reload_on_hangup(stop: &CancellationToken) -> std::io::Result<mpsc::Recei
 /// committed.
 ///
 /// # Errors
-///
 /// If the handlers cannot be installed.
 #[expect(clippy::exit, reason = "the second signal ends the process at once")]
 pub fn stop_on_signal() -> std::io::Result<CancellationToken> {

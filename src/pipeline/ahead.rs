@@ -141,7 +141,6 @@ impl Pipeline {
     /// decide: its treatment is final, a run continues with it, its name gives no robot, or it is not a test.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn read_ahead(
         &self,
@@ -263,7 +262,6 @@ impl Pipeline {
     /// unusual: the export must then be taken the normal way, which reports the problem.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub(super) async fn take_unhashed(
         &self,

@@ -26,7 +26,6 @@ use armwatch_store::{
 /// Fits friction over speed of each cycle of run `run_id`, on several threads while some are `spare`.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn over_speed(
     store: &Store,
@@ -80,7 +79,6 @@ pub struct Planned {
 /// plan of all tests.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn planned(
     store: &Store,
@@ -108,7 +106,6 @@ pub async fn planned(
 /// `of_all` has the same meaning as in [`planned`].
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn friction_conclusion(
     store: &Store,

@@ -78,7 +78,6 @@ impl Pipeline {
     /// Runs work with files on a thread for blocking work.
     ///
     /// # Errors
-    ///
     /// A panic of the work.
     pub(in crate::pipeline) async fn with_files<T: Send + 'static>(
         &self,
@@ -133,7 +132,6 @@ impl Pipeline {
     /// Closes the database. Committed data is safe without it, but the write-ahead log is left.
     ///
     /// # Errors
-    ///
     /// Those of the last checkpoint.
     pub async fn close(self) -> Result<(), StoreError> {
         self.store.close().await
@@ -142,7 +140,6 @@ impl Pipeline {
     /// Processes one export from the file to stored results.
     ///
     /// # Errors
-    ///
     /// [`PipelineError`] if other files would fail too, or the database was busy.
     pub async fn process(
         &self,
@@ -157,7 +154,6 @@ impl Pipeline {
     /// Like [`process`](Self::process), for an export that may be read ahead.
     ///
     /// # Errors
-    ///
     /// Those of [`process`](Self::process).
     pub async fn process_ahead(
         &self,
@@ -250,7 +246,6 @@ impl Pipeline {
     /// repeat their outcome.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn known_as_they_are(&self, files: &[&FoundFile]) -> Result<Vec<PathBuf>, PipelineError> {
         let names: Vec<String> =
@@ -478,7 +473,7 @@ impl Pipeline {
     }
 }
 
-/// Whether an export was read ahead by its turn.
+/// State of reading ahead when it is an export's turn.
 enum AheadReading {
     /// Not yet: it is read ahead now.
     NotBegun,

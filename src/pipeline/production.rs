@@ -142,7 +142,6 @@ pub(super) type NewChecks = (i64, Vec<(u32, ProductionCheck)>);
 /// configured one or its counterpart on factors.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub(super) async fn settle(
     store: &Store,

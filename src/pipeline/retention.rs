@@ -41,7 +41,6 @@ pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
 /// runs.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn prune(
     store: &Store,

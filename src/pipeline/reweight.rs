@@ -38,7 +38,7 @@ pub struct Reweighting {
 pub struct Reweighted {
     /// Cycles that now have the configured estimator.
     pub cycles: u64,
-    /// Cycles that keep another one; `estimator_reason` in the view `cycles` says why.
+    /// Cycles that keep another one; `estimator_reason` in the view `cycles` gives the reason.
     pub kept: u64,
     /// True if a stop was requested before all cycles were done: the rest follows at the next start, and no conclusions
     /// are drawn before.
@@ -50,7 +50,6 @@ impl Pipeline {
     /// `progress` is called after some cycles.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn reweight(
         &self,

@@ -94,7 +94,6 @@ impl<E> Tasks<E> {
     /// How reading ended. The receiver must have taken all analyses or dropped the rest, so that both tasks end.
     ///
     /// # Errors
-    ///
     /// A panic of either.
     pub(super) async fn ended(self) -> Result<E, JoinError> {
         self.analyser.await?;

@@ -14,7 +14,7 @@ pub struct Page {
     pub title: String,
     /// A line below the title.
     pub subtitle: String,
-    /// Parts, in order; in print, the first part has a sheet of its own.
+    /// Parts, in order; in print, the first part has a separate sheet.
     pub sections: Vec<PageSection>,
     /// Its language.
     pub language: Language,

@@ -32,8 +32,8 @@ pub fn trajectory_figure(
     Figure { title, subtitle, legend, panels, columns: 2 }
 }
 
-/// Draws positions, velocities and accelerations of all joints over a motion of any kind, each in per cent of its limit.
-/// `states` has `[q, qd, qdd]` of each joint at each of the `times`, s.
+/// Draws positions, velocities and accelerations of all joints over any motion, each in per cent of its limit. `states`
+/// has `[q, qd, qdd]` of each joint at each of the `times`, s.
 #[must_use]
 pub fn motion_figure(
     robot: &Robot,

@@ -60,7 +60,6 @@ fn read_host(value: &Value<'_>) -> Option<String> {
 /// Checks that a name is valid for a host: paths of exports are reported with it, `line1:/data/exports/R01.csv`.
 ///
 /// # Errors
-///
 /// The fault.
 pub fn host_name(name: &str) -> Result<String, String> {
     let is_allowed = |of: char| of.is_ascii_alphanumeric() || matches!(of, '-' | '_' | '.');

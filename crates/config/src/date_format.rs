@@ -22,7 +22,6 @@ impl DateFormats {
     /// The local time in `date` and `time`, and true if they give a time of day; midnight without one.
     ///
     /// # Errors
-    ///
     /// The fault in one of them.
     pub(super) fn moment(&self, date: &str, time: Option<&str>) -> Result<(DateTime, bool), String> {
         let (day, with_it) = match &self.date {

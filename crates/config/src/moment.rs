@@ -92,7 +92,6 @@ impl MomentFormat {
     /// decimals after a point or comma. `%b` and `%B` accept names of months in English, German and Italian.
     ///
     /// # Errors
-    ///
     /// An unknown conversion, one that depends on the language of a computer, half a date, a month without a name or
     /// number, or twelve hours without AM and PM, as a clause about the format.
     pub fn new(text: &str) -> Result<Self, String> {

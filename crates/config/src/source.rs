@@ -102,7 +102,6 @@ impl ConfigSource {
     ///
     /// # Errors
     ///
-    ///
     /// Every problem of the entries' names and of that description.
     pub fn read_description(&self, robot: &str) -> Result<Option<Robot>, ConfigErrors> {
         match self {
@@ -139,7 +138,6 @@ impl Config {
     /// ER3A arms.
     ///
     /// # Errors
-    ///
     ///
     /// None in a tested build; the files are read by the same reader as any other.
     pub fn shipped() -> Result<Self, ConfigErrors> {

@@ -43,7 +43,6 @@ pub fn of_rejection(rejection: &Rejection, around: u64, most: u64) -> Option<Exc
 /// decompressed bytes. Reads up to the place, in memory that does not grow with the file.
 ///
 /// # Errors
-///
 /// A rejection of a file that cannot be opened.
 pub fn excerpt(
     path: &Path,

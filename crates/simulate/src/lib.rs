@@ -80,7 +80,6 @@ pub struct RunFiles {
 /// export ten times per second of its time, when the rows until then are in the file.
 ///
 /// # Errors
-///
 /// [`SimulateError`]: a description that cannot be simulated, a setting out of range, a file that cannot be written. No
 /// partial export is left behind, except a growing one.
 pub fn simulate_run(
@@ -120,7 +119,6 @@ pub fn simulate_run(
 /// Passes each row of run `run_index`, counted from 0, to `sink`: the numbers that [`simulate_run`] writes.
 ///
 /// # Errors
-///
 /// Those of [`recording_of_run`].
 pub fn rows_of_run(
     robot: &Robot,
@@ -150,7 +148,6 @@ pub fn file_stem(joint_count: usize, settings: &SimulationSettings, started_at: 
 /// Everything that determines the rows of a run, except noise.
 ///
 /// # Errors
-///
 /// Those of [`simulate_run`], without those of files.
 pub fn recording_of_run(
     robot: &Robot,

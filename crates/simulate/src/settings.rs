@@ -38,7 +38,7 @@ pub struct SimulationSettings {
     pub cycles: u32,
     /// Duration of each warming stage, s; 0 omits it.
     pub warming_s: f64,
-    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    /// Speed levels of the friction stage, from 1; `None` for all of the description. An empty list omits the stage.
     pub levels: Option<Vec<u8>>,
     /// Parts of the excitation stage.
     pub excitation: ExcitationParts,

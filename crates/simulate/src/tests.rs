@@ -116,7 +116,7 @@ fn a_seed_gives_the_same_bytes_and_another_seed_others() {
 
 #[test]
 fn recorded_torque_on_plateaus_is_the_stated_friction_where_gravity_does_no_work() {
-    // Joint 1 stands upright: its plateau torque is friction alone, apart from ripple and noise.
+    // Joint 1 is vertical: its plateau torque is friction alone, apart from ripple and noise.
     let (_folder, files) = simulate(&er3a_with_excitation(), &quick(), 0);
     let table = Table::read(&files.export);
     let truth = truth_of(&files);

@@ -129,7 +129,6 @@ impl Clearance {
     /// Name of a pair, such as `link 2 and link 5`, `link 3 and floor`.
     ///
     /// # Panics
-    ///
     /// If there is no such pair.
     #[must_use]
     pub fn name(&self, pair: usize) -> String {

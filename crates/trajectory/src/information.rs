@@ -29,7 +29,6 @@ impl Information {
     /// Information of a recording of a series.
     ///
     /// # Errors
-    ///
     /// Those of [`recorded_factors`].
     pub fn of_series(
         robot: &Robot,
@@ -50,7 +49,6 @@ impl Information {
     /// Information of the rows of `factors`, at the noise of each joint's torque signal `[n]`, Nm (N).
     ///
     /// # Errors
-    ///
     /// [`NumericsError::ColumnsDiffer`] for a factor with other columns than its joint has.
     pub fn of_factors(
         base: &BaseParameters,
@@ -85,11 +83,9 @@ impl Information {
     /// Essential parameters of robots).
     ///
     /// # Errors
-    ///
     /// [`NumericsError::NotFinite`] if the eigenvalues cannot be computed.
     ///
     /// # Panics
-    ///
     /// If there are fewer values than parameters.
     pub fn essential(&self, values: &[f64], relative: f64) -> Result<Vec<usize>, NumericsError> {
         // a parameter with the value zero has an infinite relative deviation
@@ -111,7 +107,6 @@ impl Information {
     /// Combined information, if the noise of both is independent.
     ///
     /// # Panics
-    ///
     /// If they have different numbers of parameters.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
@@ -133,7 +128,6 @@ impl Information {
     /// [`UNSEEN`] sizes.
     ///
     /// # Errors
-    ///
     /// [`NumericsError::NotFinite`] if eigenvalues cannot be computed.
     pub fn standard_deviations(&self, sizes: &[f64]) -> Result<Vec<Option<f64>>, NumericsError> {
         let b = sizes.len();
@@ -200,7 +194,7 @@ mod tests {
         let robot = er3a();
         let base = base_parameters(&robot).expect("base parameters");
         let mut series = robot.excitation.clone().expect("Table 4.1");
-        // the first joint stands still
+        // the first joint is at rest
         series.a[0].iter_mut().chain(&mut series.b[0]).for_each(|of| *of = 0.0);
         let recording =
             RecordingPlan { sample_rate_hz: 50.0, periods: 1, cutoff_hz: 12.0, noise: vec![0.3; 6] };

@@ -104,7 +104,6 @@ pub struct Extremes {
 /// Extremes of a joint's motion over one period of a series, among the checked instants.
 ///
 /// # Panics
-///
 /// If the series has no such joint.
 #[must_use]
 pub fn extremes(series: &FourierExcitation, joint: usize) -> Extremes {
@@ -298,7 +297,6 @@ const LONGEST_INTERVAL_S: f64 = 0.05;
 /// intervals so long that the rounding of the last digit has little effect.
 ///
 /// # Panics
-///
 /// If there are fewer joints than the robot has or columns of another length than the times.
 #[must_use]
 pub fn broken_by_samples(robot: &Robot, motion: &SampledMotion) -> SampleCheck {

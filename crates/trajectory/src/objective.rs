@@ -39,7 +39,6 @@ impl Objective {
     /// `[b]`; a parameter with infinite scale does not count.
     ///
     /// # Errors
-    ///
     /// [`NumericsError::NotFinite`] if the product has an eigenvalue that is not positive: a column is zero or
     /// dependent.
     pub fn of_product(

@@ -49,7 +49,6 @@ impl<'a> ObservationColumns<'a> {
     /// The columns `chosen` of the base parameters, by their indices in [`BaseParameters::kept`].
     ///
     /// # Panics
-    ///
     /// If an index is beyond the last parameter.
     #[must_use]
     pub fn new(robot: &'a Robot, base: &BaseParameters, chosen: &[usize]) -> Self {

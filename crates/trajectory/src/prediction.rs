@@ -62,7 +62,6 @@ pub fn conditioning(
 /// Predicts the results of a test with this series for all base parameters.
 ///
 /// # Errors
-///
 /// [`NumericsError::NotFinite`] if the motion does not identify every parameter, and those of [`recorded_factors`].
 pub fn predict(
     robot: &Robot,

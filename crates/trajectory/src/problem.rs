@@ -167,7 +167,6 @@ impl<'a> SearchProblem<'a> {
     /// range.
     ///
     /// # Panics
-    ///
     /// If there are fewer variables than [`SearchProblem::dimension`].
     #[must_use]
     pub fn series(&self, x: &[f64]) -> FourierExcitation {
@@ -203,7 +202,6 @@ impl<'a> SearchProblem<'a> {
     /// exceeded limits.
     ///
     /// # Errors
-    ///
     /// [`NumericsError::NotFinite`] if the motion does not identify every chosen parameter.
     pub fn cost(&self, x: &[f64], strictness: Strictness) -> Result<(f64, Vec<f64>), NumericsError> {
         let series = self.series(x);
@@ -243,7 +241,6 @@ impl<'a> SearchProblem<'a> {
     /// Logarithm of the true objective of a series, plus the penalties of limits that a smaller motion does not fulfil.
     ///
     /// # Errors
-    ///
     /// Those of [`SearchProblem::cost`].
     pub fn value(&self, series: &FourierExcitation) -> Result<f64, NumericsError> {
         let mut regressors = RegressorLanes::new(self.robot);

@@ -96,7 +96,6 @@ impl Programme {
     /// The programme as JSON text.
     ///
     /// # Errors
-    ///
     /// The message for a number that JSON does not support; a search gives none.
     pub fn json(&self) -> Result<String, String> {
         let joint = |(j, kind): (usize, &JointKind)| {
@@ -120,7 +119,6 @@ impl Programme {
     /// Reads a programme.
     ///
     /// # Errors
-    ///
     /// The fault in the text, with its line if known.
     pub fn parse(text: &str) -> Result<Self, String> {
         let value: Value = serde_json::from_str(text).map_err(|error| format!("not JSON: {error}"))?;
@@ -183,7 +181,6 @@ impl Programme {
     /// Checks that this programme fits `robot`.
     ///
     /// # Errors
-    ///
     /// The reason why it does not.
     pub fn fits(&self, robot: &Robot) -> Result<(), String> {
         let of_robot: Vec<JointKind> = robot.joints.iter().map(|joint| joint.kind).collect();

@@ -36,7 +36,6 @@ pub struct RecordingPlan {
 /// parameters; the torque is zero. A joint that is always slow has a factor without rows.
 ///
 /// # Errors
-///
 /// Those of [`filter_signals`].
 pub fn recorded_factors(
     robot: &Robot,

@@ -154,7 +154,7 @@ struct Exports {
 }
 
 impl Exports {
-    /// Writes `count` copies of an export below a folder, each with a robot and times of its own.
+    /// Writes `count` copies of an export below a folder, each with a separate robot and separate times.
     fn write(origin: &Path, folder: &Path, count: u32, first: u32) -> Result<Self, CliError> {
         let waiting = folder.join("waiting");
         for made in [&waiting, &folder.join("inbox")] {

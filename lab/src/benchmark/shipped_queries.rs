@@ -1,5 +1,5 @@
-//! The shipped queries, as statements about the first robot of a synthetic history: those of `examples/questions.sql`, of
-//! `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
+//! The shipped queries, as statements about the first robot of a synthetic history: those of `examples/questions.sql`,
+//! of `dashboards/` with their defaults, and of the panels for Grafana over the last 90 days.
 
 use armwatch::cli::context::CliError;
 

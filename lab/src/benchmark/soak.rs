@@ -195,7 +195,7 @@ impl Backlog {
     }
 }
 
-/// Whether a quantity is constant.
+/// Verdict on the constancy of a quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Steadiness {
     Flat,

@@ -49,7 +49,6 @@ pub struct DetectorScore {
 /// `on_robot` is called after each robot.
 ///
 /// # Errors
-///
 /// [`NumericsError`] if a drawn design has no base parameters.
 pub fn evaluate(
     settings: &FleetSettings,

@@ -1,6 +1,6 @@
 //! Webhooks: the payload of Alertmanager's, version 4
-//! (<https://prometheus.io/docs/alerting/latest/configuration/#webhook_config>), signed as Standard Webhooks
-//! (<https://www.standardwebhooks.com>) say.
+//! (<https://prometheus.io/docs/alerting/latest/configuration/#webhook_config>), signed according to Standard Webhooks
+//! (<https://www.standardwebhooks.com>).
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

@@ -28,7 +28,6 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// Prints a page to a PDF file and reports it.
 ///
 /// # Errors
-///
 /// [`CliError::Io`] if there is no browser, or it fails.
 pub(super) async fn print(html: &str, path: &Path, browser: Option<&Path>) -> Result<(), CliError> {
     let browser = find(browser, std::env::var_os("PATH").as_deref())?;

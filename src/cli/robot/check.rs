@@ -92,7 +92,7 @@ fn excitation_states(excitation: &FourierExcitation) -> Vec<JointState> {
     (0..EXCITATION_STATES).map(state).collect()
 }
 
-/// Tells if the described excitation identifies friction under load: one line per joint whose friction depends on it,
+/// Reports if the described excitation identifies friction under load: one line per joint whose friction depends on it,
 /// or one line about where it would be identified.
 fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<String> {
     let Some(shown) = shown else {

@@ -81,7 +81,7 @@ pub(in crate::cli) struct RobotCodeArgs {
     force: bool,
 }
 
-/// A language as it is typed.
+/// A language as an argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct LanguageArg(Language);
 

@@ -19,7 +19,6 @@ pub fn programme(path: &Path, robot: &Robot) -> Result<Programme, CliError> {
 /// The text of a named file.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`] if the file does not exist or is not text; [`CliError::Io`] if it cannot be read.
 pub fn read(path: &Path) -> Result<String, CliError> {
     if metadata(path)?.is_dir() {

@@ -70,7 +70,6 @@ pub(in crate::cli) fn objection(path: &Path) -> Option<String> {
 /// Refuses to replace a file that is not an earlier result.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`] with the [`objection`].
 fn refuse_other(path: &Path) -> Result<(), CliError> {
     match objection(path) {
@@ -82,7 +81,6 @@ fn refuse_other(path: &Path) -> Result<(), CliError> {
 /// Refuses a database, or a file that belongs to one, even if a user permits replacement.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`].
 pub(in crate::cli) fn refuse_database(path: &Path) -> Result<(), CliError> {
     if database_beside(path).is_some() || is_database(path) {
@@ -97,7 +95,6 @@ pub(in crate::cli) fn refuse_database(path: &Path) -> Result<(), CliError> {
 /// Refuses to overwrite a source of the results; `what` names it, such as "the export itself".
 ///
 /// # Errors
-///
 /// [`CliError::Usage`] if both names refer to one file.
 pub(in crate::cli) fn refuse_source(
     target: Option<&Path>,
@@ -118,7 +115,6 @@ pub(in crate::cli) fn refuse_source(
 /// Writes a file of these lines and reports it.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`] if the existing file is not an earlier result, [`CliError::Io`] if it cannot be written.
 pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = String>) -> Result<(), CliError> {
     refuse_other(path)?;
@@ -137,7 +133,6 @@ pub(in crate::cli) fn write_lines(path: &Path, lines: impl Iterator<Item = Strin
 /// Copies a finished result file to its place and reports it.
 ///
 /// # Errors
-///
 /// Those of [`write_lines`].
 pub(in crate::cli) fn copy(finished: &Path, path: &Path) -> Result<(), CliError> {
     refuse_other(path)?;
@@ -253,7 +248,7 @@ mod tests {
             assert!(refuse_database(&of(name)).is_err(), "{name}");
         }
         assert!(objection(&of("link.svg")).is_some_and(|said| said.contains("database")));
-        // a name alone says nothing
+        // a name alone is no evidence
         for name in ["other.db-wal", "-wal", "fleet.svg", "fleet.db.svg"] {
             assert_eq!(objection(&of(name)), None, "{name}");
             assert!(refuse_database(&of(name)).is_ok(), "{name}");

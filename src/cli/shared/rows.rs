@@ -28,7 +28,6 @@ impl RowArgs {
 /// Prints rows in the requested form; a table without rows is replaced by `nothing`.
 ///
 /// # Errors
-///
 /// [`CliError::Internal`] if rows cannot be written as CSV.
 pub fn print(table: &ResultTable, args: RowArgs, json: bool, nothing: &str) -> Result<(), CliError> {
     if json {

@@ -21,7 +21,6 @@ pub(in crate::cli) async fn unknown_robot(store: &Store, name: &str) -> CliError
 /// Refuses a robot without runs.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`], with the robots that have runs, and those of the database.
 pub(in crate::cli) async fn require_robot(store: &Store, name: &str) -> Result<(), CliError> {
     let known = robots(store).await?;

@@ -16,7 +16,6 @@ const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 /// Returns a sentence about existing ones that will be replaced.
 ///
 /// # Errors
-///
 /// [`CliError::Usage`] for a start in an invalid year.
 pub(super) fn replaced(
     joint_count: usize,

@@ -25,7 +25,6 @@ impl Pipeline {
     /// robot and logged once.
     ///
     /// # Errors
-    ///
     /// Those of the store that affect every robot, such as a full disk, and a lock that stays.
     pub async fn conclude_isolated(&self, robot: &str) -> Result<Conclusion, PipelineError> {
         if !self.store.claim_work(ClaimKind::Robot, robot).await? {
@@ -100,7 +99,6 @@ async fn isolated<T: Send + 'static>(
 /// The message of a task that has panicked.
 ///
 /// # Errors
-///
 /// The end of a task that has not panicked: the program is ending.
 pub fn panic_reason(error: JoinError) -> Result<String, PipelineError> {
     let panic = error.try_into_panic().map_err(PipelineError::from)?;

@@ -39,13 +39,12 @@ impl Pipeline {
     /// Evaluates a test that is still being written, from its stored cycles.
     ///
     /// # Errors
-    ///
     /// Those of the store, and panics as [`PipelineError::Task`].
     pub async fn conclude_open(&self, run_id: i64) -> Result<OpenConclusion, PipelineError> {
         let _turn = self.concluding.lock().await;
         let begun = Instant::now();
         let Some(test) = self.store.open_test(run_id).await? else { return Ok(OpenConclusion::Quiet) };
-        // a slowly copied old recording says nothing about the present
+        // a slowly copied old recording contains no news of the present
         if test.cycles == 0 || !test.is_latest {
             return Ok(OpenConclusion::Quiet);
         }
@@ -102,7 +101,6 @@ impl Pipeline {
     /// whole when it is complete.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn conclude_open_isolated(&self, run_id: i64) -> Result<OpenConclusion, PipelineError> {
         let pipeline = self.clone();

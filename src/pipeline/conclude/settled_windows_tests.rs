@@ -90,7 +90,7 @@ async fn what_is_settled_stays_until_a_person_opens_it() {
     load(&store, 40, 44).await;
     load(&store, 90, 160).await;
     short(&store).await;
-    // boundaries at 30, 60, 90, 120: thirty tests are behind each
+    // boundaries at 30, 60, 90, 120: thirty tests are after each
     assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Test).await), (4, 120));
     assert!(short(&store).await.settled.is_empty());
     let before = stored(&store).await;
@@ -224,7 +224,7 @@ async fn settled_production_stays_until_a_person_opens_it() {
     change(&store, &worn(85, 93, 0.5)).await;
     change(&store, &worn(140, 240, 0.5)).await;
     let (first, reconciled) = conclude_work(&store).await;
-    // boundaries at 30, 60, 90, 120, 150: thirty logs are behind each, and thirty more behind the last
+    // boundaries at 30, 60, 90, 120, 150: thirty logs are after each, and thirty more after the last
     assert_eq!((boundaries(&store).await, settled_runs(&store, RunKind::Production).await), (5, 150));
     assert!(reconciled.events.iter().any(|event| event.what.name() == "opened"));
     assert!(first.settled.iter().any(|of| !of.ended.is_empty()), "wear that was over");

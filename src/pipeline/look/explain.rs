@@ -82,7 +82,7 @@ pub struct ExportReading {
     pub duration: f64,
     /// Rows per second, Hz; zero if unknown.
     pub sample_rate: f64,
-    /// The last line, left out because the writer did not complete it.
+    /// The last line, omitted because the writer did not complete it.
     pub left_out: Option<LeftOut>,
     /// Bad rows that are skipped.
     pub passed_over: PassedOver,
@@ -177,7 +177,6 @@ impl Explainer {
     /// Explains one export; analyses its cycles unless `quick`.
     ///
     /// # Errors
-    ///
     /// [`PipelineError`] of the database, or of a task that panicked. A bad export is a result, not an error.
     pub async fn explain(&mut self, path: &Path, quick: bool) -> Result<Explanation, PipelineError> {
         let recognised = intake::recognise(&self.config, path, intake::file_time(path));

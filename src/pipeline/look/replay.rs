@@ -32,7 +32,7 @@ pub enum ReplayError {
     /// The export is not at its path, or is another one.
     #[error("{0}")]
     Source(String),
-    /// The export is not understood as it was.
+    /// The export is no longer understood.
     #[error("{0}")]
     Rejected(#[from] Rejection),
     /// The numbers cannot be computed.
@@ -62,7 +62,6 @@ pub struct Replay {
 /// watched folders, that has the run's content. The inner error lists what was found instead.
 ///
 /// # Errors
-///
 /// The end of the task that reads.
 pub async fn export_of(
     run: &RunSource,
@@ -112,7 +111,6 @@ impl Replay {
     /// Looks up cycle `cycle` of run `run_id`.
     ///
     /// # Errors
-    ///
     /// [`ReplayError::Refused`] for an unknown run or cycle, a cycle that could not be filtered, and a robot whose
     /// description is gone or has changed.
     pub async fn find(config: &Config, store: &Store, run_id: i64, cycle: u32) -> Result<Self, ReplayError> {
@@ -144,7 +142,6 @@ impl Replay {
     /// configuration's watched folders, that has the run's content.
     ///
     /// # Errors
-    ///
     /// [`ReplayError::Source`] if there is none, with what was found instead.
     pub async fn export(&self, config: &Config, named: Option<&Path>) -> Result<PathBuf, ReplayError> {
         let found = export_of(&self.run, config, named).await?;
@@ -154,7 +151,6 @@ impl Replay {
     /// Reads the cycle from `export`, no further than its end, and applies `parameters` to it.
     ///
     /// # Errors
-    ///
     /// [`ReplayError::Rejected`] if the export is no longer understood, [`ReplayError::Source`] if it changes during
     /// reading or its cycles are cut differently than before, [`ReplayError::Numerics`] for parameters that the robot
     /// does not have.
@@ -185,7 +181,6 @@ impl Replay {
     /// Reads the cycle from `export`, no further than its end.
     ///
     /// # Errors
-    ///
     /// Those of [`Replay::torque`] about the export.
     pub fn read(&self, export: &Path) -> Result<Cycle, ReplayError> {
         let CycleState { cycle: wanted, rows, .. } = self.cycle;

@@ -59,7 +59,6 @@ pub struct JointTorque {
 /// the smallest and largest torques and residuals of each section.
 ///
 /// # Errors
-///
 /// [`ReplayError::Refused`] for a cycle that is not stored or has no parameters, others as for [`Replay::export`] and
 /// [`Replay::torque`].
 pub async fn cycle_torque(

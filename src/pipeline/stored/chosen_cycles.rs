@@ -121,7 +121,6 @@ pub struct PooledCycles {
 /// Combines the chosen cycles. Within whole runs, cycles that were refused during reading are skipped.
 ///
 /// # Errors
-///
 /// [`StoredError::PassedOver`] if none is left; [`StoredError::Refused`] if a run has no cycles, a requested cycle has
 /// no factors, the cycles belong to different descriptions, or there are more than [`MAX_CYCLES_TOGETHER`].
 pub async fn take(store: &Store, chosen: &[RunCycles]) -> Result<PooledCycles, StoredError> {
@@ -174,7 +173,6 @@ pub(in crate::pipeline) fn source(cycle: StoredCycle) -> SourceCycle {
 /// the configured `estimator` or its counterpart on factors ([`analysis::Estimator::of_factors`]).
 ///
 /// # Errors
-///
 /// Those of [`take`]; [`StoredError::Numerics`] if the motion is too poor.
 pub async fn unit_identification(
     store: &Store,
@@ -187,7 +185,6 @@ pub async fn unit_identification(
 /// The same on cycles that are already combined.
 ///
 /// # Errors
-///
 /// [`StoredError::Numerics`] if the motion is too poor.
 pub async fn identify_taken(
     taken: PooledCycles,
@@ -212,7 +209,6 @@ pub async fn identify_taken(
 /// RMSD of one parameter set over the combined chosen cycles, by joint and stage.
 ///
 /// # Errors
-///
 /// Those of [`take`].
 pub async fn rmsd_on(
     store: &Store,
@@ -235,7 +231,6 @@ pub async fn rmsd_on(
 /// parameters that a view omits count as zero.
 ///
 /// # Errors
-///
 /// Those of [`take`].
 pub async fn rmsd_of_views(
     store: &Store,
@@ -261,7 +256,6 @@ pub async fn rmsd_of_views(
 /// Applies each candidate to each run. Runs are read one after another, so that memory does not grow with their number.
 ///
 /// # Errors
-///
 /// Those of [`take`].
 pub async fn cross_verification(
     store: &Store,

@@ -15,7 +15,6 @@ use armwatch_store::{FactorsWanted, Store, StoredCycle};
 /// link.
 ///
 /// # Errors
-///
 /// [`StoredError::Refused`] if a run has no factors, lacks a requested cycle, or was analysed with another description
 /// than `robot`; [`StoredError::Numerics`] if the factors have other columns.
 pub async fn stored_drive_gains(

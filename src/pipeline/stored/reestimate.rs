@@ -63,7 +63,6 @@ pub enum PooledOutcome {
 /// explain the torque as well.
 ///
 /// # Errors
-///
 /// [`StoredError::Numerics`] for too few rows or cycles, and for numbers that are not finite.
 pub async fn estimate_together(
     taken: &PooledCycles,
@@ -110,7 +109,6 @@ pub struct ChosenNotes {
 /// whole runs that cannot be used are returned separately. `progress` is called with the number of completed cycles.
 ///
 /// # Errors
-///
 /// [`StoredError::Refused`] as for [`take`](super::chosen_cycles::take), and for [`StackedEstimator::Huber`], which
 /// needs several cycles to weight.
 pub async fn reestimate(

@@ -21,7 +21,6 @@ pub struct RunInformation {
 /// joint's torque signal `[n]`, Nm (N).
 ///
 /// # Errors
-///
 /// [`StoredError::Refused`] if the run has no factors or was analysed with another description.
 pub async fn run_information(
     store: &Store,

@@ -36,6 +36,6 @@ pub struct AdmittedExport {
     pub memory: CycleMemory,
     /// The header that the file had before it was cut, if it has none now.
     pub header_before: Option<String>,
-    /// Whether its analyses are recorded as they end.
+    /// Turn to record its analyses.
     pub turn: RecordingTurn,
 }

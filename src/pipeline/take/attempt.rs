@@ -17,7 +17,6 @@ impl Pipeline {
     /// old enough for a last attempt, or a stop is requested.
     ///
     /// # Errors
-    ///
     /// Those of the store; the file must not be read then.
     pub(in crate::pipeline) async fn begin_attempt(
         &self,
@@ -46,7 +45,6 @@ impl Pipeline {
     /// Notes that an attempt has ended. An attempt that a stop interrupted proves nothing about the file.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub(in crate::pipeline) async fn end_attempt(
         &self,
@@ -64,7 +62,6 @@ impl Pipeline {
     /// run keeps its cycles. Otherwise the hash of the path replaces that of the content, as for an unreadable file.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub(in crate::pipeline) async fn quarantine_unread(
         &self,

@@ -89,7 +89,6 @@ impl<'i> Cutting<'i> {
     /// read so far.
     ///
     /// # Errors
-    ///
     /// A rejection if the robot's transmission cannot be inverted.
     pub fn new(
         intake: &'i AdmittedExport,
@@ -151,7 +150,6 @@ impl<'i> Cutting<'i> {
     /// requested or the receiver is dropped.
     ///
     /// # Errors
-    ///
     /// A rejection of rows that form no cycle, after the cycles before them.
     pub fn push(&mut self, chunk: Chunk) -> Result<bool, Rejection> {
         let began = Instant::now();
@@ -196,7 +194,6 @@ impl<'i> Cutting<'i> {
     /// cycles. They have no resume point, since the end of the file has cut them.
     ///
     /// # Errors
-    ///
     /// A rejection of an export without stages.
     pub fn end(mut self, rows: u64, rows_skipped: u64) -> Result<ReadEnd, Rejection> {
         self.cutter.finish();

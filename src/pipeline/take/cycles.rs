@@ -75,7 +75,7 @@ pub struct RowCutter {
     most_bytes: usize,
     /// Bytes of memory of a row.
     row_bytes: usize,
-    /// Short cycles in a row that no longer one has followed.
+    /// Consecutive short cycles without a longer one after them.
     short: Vec<Cycle>,
     /// First row of the first of them in the recording.
     short_from: u64,
@@ -124,7 +124,6 @@ impl RowCutter {
     /// Creates a cutter at the start of an export; `path` is used only in messages.
     ///
     /// # Errors
-    ///
     /// A rejection if the robot's transmission cannot be inverted.
     pub fn new(path: &Path, layout: &Layout, robot: &Robot) -> Result<Self, Rejection> {
         let motor = layout.motor_side;
@@ -301,7 +300,6 @@ impl RowCutter {
     /// fault. A short cycle is held back until a longer one follows.
     ///
     /// # Errors
-    ///
     /// A rejection of rows that form no cycle, after the cycles before them, and of an export without stages.
     pub fn next_cycle(&mut self) -> Result<Option<Cycle>, Rejection> {
         loop {
@@ -549,7 +547,6 @@ impl FirstRows {
 /// its end.
 ///
 /// # Errors
-///
 /// A rejection of the file, of its rows, or of a recording without cycles.
 pub fn read_cycle(
     path: &Path,

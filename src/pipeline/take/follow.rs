@@ -68,7 +68,6 @@ impl Pipeline {
     /// A file that has not changed for `settle` is complete; `ends` lists the other causes that end reading.
     ///
     /// # Errors
-    ///
     /// Those of [`Pipeline::process`].
     pub async fn follow(
         &self,

@@ -34,7 +34,7 @@ use armwatch_store::{EarlierRun, Identity, KnownRun, RecordingName, RunStart, So
 pub enum Admission {
     /// It needs reading.
     Read(Box<AdmittedExport>),
-    /// Its fate is decided.
+    /// Its treatment is final.
     Decided(Outcome),
 }
 
@@ -42,7 +42,6 @@ pub enum Admission {
 /// number of bytes, if they are known.
 ///
 /// # Errors
-///
 /// Those of the store. A file that cannot be read is quarantined; one that vanished is [`Outcome::Changed`].
 pub async fn admit(
     pipeline: &Pipeline,
@@ -164,7 +163,6 @@ async fn admit_content(
 /// Starts or continues the run of a file.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub(in crate::pipeline) async fn begin(
     pipeline: &Pipeline,
@@ -214,7 +212,6 @@ pub(in crate::pipeline) async fn begin(
 /// Writes nothing.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub(in crate::pipeline) async fn facts(
     pipeline: &Pipeline,
@@ -301,7 +298,6 @@ impl Pipeline {
     /// Stores why a file or link is not read, unless that is stored already.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn list_skipped(&self, path: &Path, rejection: Rejection) -> Result<(), PipelineError> {
         let identity = path_identity(self.store(), path);
@@ -317,7 +313,6 @@ impl Pipeline {
     /// Deletes the entry that [`Pipeline::list_skipped`] stored.
     ///
     /// # Errors
-    ///
     /// Those of the store.
     pub async fn unlist_skipped(&self, path: &Path) -> Result<(), PipelineError> {
         forget_unreadable(self, path).await
@@ -486,7 +481,6 @@ impl Recognised<'_> {
 /// Recognises the robot of an export, and its time, by the file name.
 ///
 /// # Errors
-///
 /// A rejection of a name that gives no robot, or a robot without description.
 pub fn recognise<'a>(
     config: &'a Config,

@@ -39,7 +39,7 @@ pub struct RecordedExport {
 /// Records analyses in the order of their cycles.
 ///
 /// # Errors
-/// Those of the store. A panic of an analysis is a rejection of this run; other runs go on.
+/// Those of the store. A panic of an analysis is a rejection of this run; other runs continue.
 pub(in crate::pipeline) async fn cycles(
     pipeline: &Pipeline,
     intake: &AdmittedExport,
@@ -135,7 +135,6 @@ fn too_many_without_result(intake: &AdmittedExport, without: &WithoutResult) -> 
 /// start is that time minus the recording's duration, for growing and settled files.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn finish(
     pipeline: &Pipeline,
@@ -234,7 +233,6 @@ async fn analyse_test(
 /// Quarantines an admitted export; whole cycles before the fault stay stored.
 ///
 /// # Errors
-///
 /// Those of the store.
 pub async fn quarantine(
     pipeline: &Pipeline,

@@ -101,7 +101,6 @@ pub(in crate::pipeline) async fn of_run(
 /// that a stop was requested.
 ///
 /// # Errors
-///
 /// A rejection of a file that is unreadable within this part.
 pub fn pass_to_point<R: std::io::Read>(
     export: &mut ExportReader<R>,

@@ -17,9 +17,9 @@ const LEFT: f64 = 66.0;
 const MARGIN: f64 = 0.05;
 /// The same of a horizontal axis without bands.
 const X_MARGIN: f64 = 0.02;
-/// Room of a tick of the horizontal axis, px.
+/// Space for a tick of the horizontal axis, px.
 const X_TICK_ROOM: f64 = 62.0;
-/// Room of a tick of the vertical axis, px.
+/// Space for a tick of the vertical axis, px.
 const Y_TICK_ROOM: f64 = 42.0;
 
 /// Draws a panel at the position 0, 0.

@@ -11,7 +11,7 @@ pub(super) struct Syntax {
     pub(super) function_name: fn(Function) -> &'static str,
     /// Before a line of comment.
     pub(super) comment: &'static str,
-    /// Behind it.
+    /// After it.
     pub(super) comment_end: &'static str,
     /// Between code and a comment on its line.
     pub(super) comment_gap: &'static str,
@@ -21,7 +21,7 @@ pub(super) struct Syntax {
     pub(super) constant: &'static str,
     /// Between the name of a constant and its value.
     pub(super) is: &'static str,
-    /// Behind a value.
+    /// After a value.
     pub(super) end: &'static str,
     /// Around a value of several lines.
     pub(super) parentheses: [&'static str; 2],

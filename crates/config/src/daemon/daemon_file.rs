@@ -285,7 +285,6 @@ fn refer<T>(
 ///
 /// # Errors
 ///
-///
 /// Problems of syntax, of the entry, and of the description.
 pub(crate) fn read_description(
     path: &Path,

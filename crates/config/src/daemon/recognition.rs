@@ -90,7 +90,6 @@ impl Recognition {
     ///
     /// # Errors
     ///
-    ///
     /// If the pattern does not match, date and time in the name are invalid, or the robot is called [`UNKNOWN_ROBOT`].
     pub fn recognise(&self, file_name: &str) -> Result<RecognisedName, RecogniseError> {
         let recognised = self.recognise_any(file_name)?;

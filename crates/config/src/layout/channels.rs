@@ -273,7 +273,6 @@ impl Layout {
     /// The factors for reading exports of `robot`.
     ///
     /// # Errors
-    ///
     /// [`Misfit`] if a list of the layout has another length than the joints, or the description lacks a value that
     /// converts current or percent to torque.
     pub fn factors(&self, robot: &Robot) -> Result<JointFactors, Misfit> {

@@ -73,7 +73,6 @@ fn unit_name(units: &[NamedUnit], to_si: f64) -> &'static str {
 ///
 /// # Errors
 ///
-///
 /// Every problem of the layout at once.
 pub fn parse_layout(file_name: &str, text: &str) -> Result<Layout, ConfigErrors> {
     read_document(file_name, text, read_root)
@@ -82,7 +81,6 @@ pub fn parse_layout(file_name: &str, text: &str) -> Result<Layout, ConfigErrors>
 /// Reads a layout from the file at `path`.
 ///
 /// # Errors
-///
 ///
 /// Every problem of the layout at once, or a failed read.
 pub fn read_layout(path: &Path) -> Result<Layout, ConfigErrors> {

@@ -18,7 +18,6 @@ const EDGE: Limits = Limits::above(0.0, 100.0, "m");
 ///
 /// # Errors
 ///
-///
 /// Every problem of the file at once, or a failed read.
 pub fn read_cell(path: &Path) -> Result<Cell, ConfigErrors> {
     parse_cell(&path.display().to_string(), &files::read_text(path)?)

@@ -29,7 +29,6 @@ const MAX_HARMONICS: usize = 50;
 ///
 /// # Errors
 ///
-///
 /// Every problem of the description at once.
 pub fn parse_robot(file_name: &str, text: &str) -> Result<Robot, ConfigErrors> {
     parse_robot_with(file_name, text, &files::read_text)
@@ -38,7 +37,6 @@ pub fn parse_robot(file_name: &str, text: &str) -> Result<Robot, ConfigErrors> {
 /// Reads the description of an arm from the file at `path`.
 ///
 /// # Errors
-///
 ///
 /// Every problem of the description at once, or a failed read.
 pub fn read_robot(path: &Path) -> Result<Robot, ConfigErrors> {

@@ -50,8 +50,6 @@ pub(crate) struct UrdfJoint {
 /// merged into the link that carries them.
 ///
 /// # Errors
-///
-///
 /// The fault of the file, in words.
 pub(crate) fn read_chain(text: &str, tip: Option<&str>) -> Result<UrdfChain, String> {
     let mut robot = urdf_rs::read_from_string(text).map_err(|error| format!("is no URDF: {error}"))?;
@@ -235,7 +233,6 @@ impl Tree {
     /// Inertial tag of a link about the link's frame; `None` without mass.
     ///
     /// # Errors
-    ///
     /// Why no body has these values.
     fn own_body(&self, name: &str) -> Result<Option<StandardParameters>, String> {
         let Some(link) = self.robot.links.iter().find(|link| link.name == name) else { return Ok(None) };

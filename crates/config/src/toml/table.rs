@@ -21,7 +21,6 @@ const SHOWN_CHARACTERS: usize = 60;
 ///
 /// # Errors
 ///
-///
 /// Every mistake of syntax, or otherwise every mistake that `read` found.
 pub(crate) fn read_document<T>(
     file: &str,

@@ -119,7 +119,6 @@ impl<R: Read> Blocks<R> {
     /// Must be called before [`Blocks::next_block`].
     ///
     /// # Errors
-    ///
     /// A rejection for an unsupported encoding, NUL bytes, lines that end with carriage returns alone, a line that does
     /// not end, or a failed read.
     pub fn next_line(&mut self, path: &Path) -> Result<Option<Line>, Rejection> {
@@ -142,7 +141,6 @@ impl<R: Read> Blocks<R> {
     /// Does not check their cells.
     ///
     /// # Errors
-    ///
     /// Those of [`Blocks::next_block`].
     pub fn pass_to(&mut self, line: u64, byte: u64, path: &Path) -> Result<Passed, Rejection> {
         if self.line >= line {
@@ -199,7 +197,6 @@ impl<R: Read> Blocks<R> {
     /// The next block. Blank lines at the end of the file are omitted.
     ///
     /// # Errors
-    ///
     /// A rejection for a line that does not end, or a failed read.
     pub fn next_block(&mut self, path: &Path) -> Result<Next, Rejection> {
         let mut wanted = self.block_bytes;
@@ -243,7 +240,6 @@ impl<R: Read> Blocks<R> {
     /// restored.
     ///
     /// # Errors
-    ///
     /// A rejection of more than a line of NUL bytes before other bytes.
     fn set_nuls_aside(&mut self, known: usize, path: &Path) -> Result<(), Rejection> {
         let kept = self.pending.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
@@ -268,7 +264,7 @@ impl<R: Read> Blocks<R> {
         if bytes.iter().all(|byte| is_blank(*byte) || *byte == b'\n') {
             return None;
         }
-        // A carriage return is half of a line end, and says that the line is whole.
+        // A carriage return is half of a line end, and shows that the line is whole.
         let unterminated = bytes.last() != Some(&b'\r');
         bytes.push(b'\n');
         Some(self.block_here(bytes, unterminated))

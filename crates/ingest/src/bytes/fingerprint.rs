@@ -18,7 +18,6 @@ use armwatch_model::run::{ContentHash, ContentPrefix, FileId};
 /// Reads in pieces; memory does not grow with the file.
 ///
 /// # Errors
-///
 /// Those of opening or reading; [`io::ErrorKind::InvalidInput`] for anything except a regular file, since a pipe would
 /// block for ever.
 pub fn fingerprint(path: &Path) -> io::Result<(ContentHash, u64)> {
@@ -60,7 +59,6 @@ fn joined(parts: &[(ContentHash, u64)]) -> (ContentHash, u64) {
 /// The first `bytes` bytes of a file; `None` if it has fewer.
 ///
 /// # Errors
-///
 /// Those of [`fingerprint`].
 pub fn prefix(path: &Path, bytes: u64) -> io::Result<Option<ContentPrefix>> {
     let (mut found, mut left) = (Vec::new(), bytes);
@@ -127,7 +125,6 @@ pub fn of_bytes(bytes: &[u8]) -> ContentHash {
 /// [`FileAccess`](super::access::FileAccess) permits.
 ///
 /// # Errors
-///
 /// Those of [`fingerprint`].
 pub(crate) fn regular_file(path: &Path) -> io::Result<File> {
     // Checked before opening, since opening a pipe waits for its writer; and after, since another file may have taken

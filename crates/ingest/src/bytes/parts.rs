@@ -175,7 +175,6 @@ pub fn named_by(path: &Path) -> PathBuf {
 /// The state of the recording at `path`.
 ///
 /// # Errors
-///
 /// Those of the file system, for the first file that has one.
 pub fn state(path: &Path) -> io::Result<FileState> {
     let of_file = |file: &PathBuf| {

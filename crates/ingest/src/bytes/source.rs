@@ -37,7 +37,6 @@ pub(crate) const MAGIC_BYTES: u64 = scope::HEAD_BYTES;
 /// explains such an error.
 ///
 /// # Errors
-///
 /// A rejection for a path that is not a regular file, cannot be opened, or is an archive of another kind.
 pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
     open_hashing(path).map(|(reader, _)| reader)
@@ -47,7 +46,6 @@ pub fn open(path: &Path) -> Result<Box<dyn Read + Send>, Rejection> {
 /// [`super::fingerprint::fingerprint`], unless the file changed during reading.
 ///
 /// # Errors
-///
 /// Those of [`open`].
 pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     open_hashing_up_to(path, MAX_DECOMPRESSED_BYTES)
@@ -56,7 +54,6 @@ pub fn open_hashing(path: &Path) -> Result<(Box<dyn Read + Send>, RunningHash), 
 /// Like [`open_hashing`], with `most` bytes after decompression as the bound.
 ///
 /// # Errors
-///
 /// Those of [`open`].
 pub fn open_hashing_up_to(path: &Path, most: u64) -> Result<(Box<dyn Read + Send>, RunningHash), Rejection> {
     let failed = |error: io::Error| Rejection::from_io(path, &error);

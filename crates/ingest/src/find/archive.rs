@@ -38,7 +38,6 @@ pub enum Archived {
 /// with this name and another content is unchanged: the export's name then contains the beginning of its hash.
 ///
 /// # Errors
-///
 /// Those of the file system; the source still exists then.
 pub fn archive(source: &Path, content: &ContentHash, archive: &Path, below: &Path) -> io::Result<Archived> {
     let before = regular_file(source)?.metadata()?;

@@ -71,14 +71,13 @@ pub struct Growth {
 pub struct Growing {
     /// Its bytes, hashed as they are read.
     pub reader: HashingReader<Tail>,
-    /// Its fate.
+    /// Observer of its growth.
     pub growth: Growth,
 }
 
 /// Opens a file that may still grow; `None` for a compressed one, because no part of it is reliable.
 ///
 /// # Errors
-///
 /// A rejection for a path that is not a regular file or cannot be opened.
 pub fn open(path: &Path) -> Result<Option<Growing>, Rejection> {
     let file = regular_file(path).map_err(|error| Rejection::from_io(path, &error))?;
@@ -105,7 +104,6 @@ impl Growth {
     /// Number of the file, its size in bytes and the time of its last change, see [`changed_at`].
     ///
     /// # Errors
-    ///
     /// Those of the file system.
     pub fn state(&self) -> io::Result<(FileId, u64, SystemTime)> {
         let metadata = asking(|| self.file.metadata())?;
@@ -124,7 +122,6 @@ impl Growth {
     /// changed for `settle` over at least two looks, or has the mark.
     ///
     /// # Errors
-    ///
     /// Those of the file system.
     pub fn look(&mut self, settle: Duration, now: Instant) -> io::Result<Fate> {
         // read before the size: a writer creates it after the last row
@@ -147,7 +144,6 @@ impl Growth {
     /// Reads the part of the file that was read before, and returns true if it is unchanged.
     ///
     /// # Errors
-    ///
     /// Those of reading. The reader of this file must not be used afterwards.
     pub fn is_as_read(&self) -> io::Result<bool> {
         let read = self.read_so_far();

@@ -170,7 +170,7 @@ fn a_row_that_is_there_twice_is_no_counter_that_began_anew() {
 
 #[test]
 fn without_names_several_columns_of_few_values_are_a_question() {
-    // stages, cycles, joints and levels, as a whole test has them
+    // stages, cycles, joints and levels, like in a whole test
     let text = changed(|at, line| {
         let cells: Vec<&str> = line.rsplitn(4, ',').collect();
         format!("{},{},{},{}", cells[3], at / 700 + 1, if at % 500 < 250 { 0 } else { 2 }, at / 100 % 3)

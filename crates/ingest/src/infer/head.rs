@@ -155,7 +155,6 @@ impl Head {
 /// Reads the head of an export.
 ///
 /// # Errors
-///
 /// A rejection of a file that is unreadable or contains no table of numbers.
 pub(super) fn read(reader: impl Read, path: &Path) -> Result<Head, Rejection> {
     let mut text_reader = TextReader::new(reader, TextEncoding::Auto);

@@ -51,7 +51,6 @@ use crate::rejection::Rejection;
 /// Proposes a layout called `name` from the first rows of an export.
 ///
 /// # Errors
-///
 /// A rejection of a file that is unreadable or contains no table of numbers.
 pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Result<Proposed, Rejection> {
     let head = head::read(reader, path)?;
@@ -62,7 +61,6 @@ pub fn infer(reader: impl Read, path: &Path, name: &str, hints: Hints<'_>) -> Re
 /// layout's name. For an export of one arm, one layout without words.
 ///
 /// # Errors
-///
 /// Those of [`infer`].
 pub fn infer_each_arm(
     reader: impl Read,

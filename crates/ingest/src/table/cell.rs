@@ -27,7 +27,6 @@ pub struct NoNumber {
 /// The number in a cell without blanks around it. An exponent begins with `e` or, as in Fortran, with `d`.
 ///
 /// # Errors
-///
 /// [`NoNumber`], which recognises the other decimal mark, separators of thousands and characters that look like those
 /// of a number.
 pub fn number(cell: &str, decimal: DecimalMark) -> Result<f64, NoNumber> {
@@ -136,7 +135,6 @@ impl Decimal {
 /// Difference between the number in a cell and `origin`.
 ///
 /// # Errors
-///
 /// Those of [`number`].
 pub fn number_since(cell: &str, decimal: DecimalMark, origin: Decimal) -> Result<f64, NoNumber> {
     match Decimal::read(cell, decimal).and_then(|number| number.minus(origin)) {

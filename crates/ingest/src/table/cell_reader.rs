@@ -52,7 +52,6 @@ pub struct ReadRows {
 /// Reads a block whose last line is known to be whole.
 ///
 /// # Errors
-///
 /// A rejection of the first cell, in line and then column order, that is not understood.
 pub fn read(
     block: &Block,
@@ -88,7 +87,6 @@ impl PassedOver {
 /// If rows are counted instead of timed, a skipped row counts too.
 ///
 /// # Errors
-///
 /// Those of [`read`], for the first bad row beyond `most`.
 pub fn read_passing_over(
     block: &Block,
@@ -183,7 +181,6 @@ pub enum LastLine {
 /// `-12.345`: omitting one row of a recording is harmless, a wrong torque is not.
 ///
 /// # Errors
-///
 /// A rejection of a line that is not text.
 pub fn judge_last_line(
     line: &[u8],
@@ -454,7 +451,7 @@ impl Row<'_> {
     }
 }
 
-/// A time that was converted to seconds and back, as it was recorded.
+/// A time that was converted to seconds and back, in its recorded form.
 fn without_rounding(recorded: f64) -> f64 {
     format!("{recorded:.13e}").parse().unwrap_or(recorded)
 }

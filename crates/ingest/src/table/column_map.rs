@@ -152,7 +152,6 @@ impl ColumnMap {
 /// level are used if present, the last two only together. Temperatures are used if present, each independently.
 ///
 /// # Errors
-///
 /// A rejection at line 1: no header, a column twice, another number of joints than the robot has, no stage signal, or a
 /// missing column with its nearest spelling.
 pub fn map_columns(

@@ -29,7 +29,6 @@ impl ExportReader<Bytes> {
     /// returns the running hash of its bytes.
     ///
     /// # Errors
-    ///
     /// Those of [`ExportReader::new`], and a rejection of a file that cannot be opened and of a missing part.
     pub fn open(
         path: &Path,

@@ -77,7 +77,6 @@ impl Parser {
     /// The rows of a block whose lines are whole; time must be later than `previous`.
     ///
     /// # Errors
-    ///
     /// A rejection of the first cell that is not understood.
     pub fn read(
         &self,
@@ -91,7 +90,6 @@ impl Parser {
     /// Like [`Parser::read`], but skips at most `most` bad rows, see [`cell_reader::read_passing_over`].
     ///
     /// # Errors
-    ///
     /// Those of [`Parser::read`], for the first bad row beyond `most`.
     pub fn read_passing_over(
         &self,

@@ -27,7 +27,6 @@ pub struct Header {
 /// it is the last comment, if a row of numbers follows it. `None` as long as it is incomplete.
 ///
 /// # Errors
-///
 /// Those of [`Blocks::next_line`].
 pub fn read<R: Read>(
     blocks: &mut Blocks<R>,

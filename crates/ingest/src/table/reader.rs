@@ -128,7 +128,6 @@ impl<R: Read> ExportReader<R> {
     /// Reads the header. `path` is for messages only.
     ///
     /// # Errors
-    ///
     /// A rejection of the file or its header, from [`preamble::read`] and [`map_columns`].
     pub fn new(
         reader: R,
@@ -145,7 +144,6 @@ impl<R: Read> ExportReader<R> {
     /// for an empty file.
     ///
     /// # Errors
-    ///
     /// Those of [`ExportReader::new`].
     pub fn of_growing(
         reader: R,
@@ -254,7 +252,6 @@ impl<R: Read> ExportReader<R> {
     /// [`Passed::Elsewhere`] the export is another one, and this reader must not be used.
     ///
     /// # Errors
-    ///
     /// A rejection of a file that is unreadable within this part.
     pub fn pass_to(&mut self, position: &ReadPosition) -> Result<Passed, Rejection> {
         let passed = self.blocks.pass_to(position.line, position.byte, &self.path)?;
@@ -283,7 +280,6 @@ impl<R: Read> ExportReader<R> {
     /// The next rows. Must be called again after [`Step::Waiting`], and not after [`Step::End`] or a rejection.
     ///
     /// # Errors
-    ///
     /// A rejection of the first line that is not understood, after the rows before it.
     pub fn step(&mut self) -> Result<Step, Rejection> {
         if let Some(fault) = self.fault.take() {
@@ -382,7 +378,6 @@ impl<R: Read> ExportReader<R> {
     /// boundaries.
     ///
     /// # Errors
-    ///
     /// The rejection itself if there is no row before it.
     fn rows_before(
         &mut self,

@@ -23,7 +23,6 @@ const YEARS: std::ops::RangeInclusive<i16> = 1980..=2199;
 /// those of clocks in `zone`. Rows that are not understood are skipped, as many as the layout permits.
 ///
 /// # Errors
-///
 /// A rejection of a file that is unreadable, has no such column, or whose first row has no time there. It is temporary
 /// if the first row is not written yet.
 pub fn recorded_start(

@@ -37,7 +37,6 @@ struct ArmLink {
 /// Converts a description into centre-of-mass quantities.
 ///
 /// # Errors
-///
 /// [`SimulateError::NoNominal`] for a joint without nominal parameters, [`SimulateError::NoSpring`] for a spring or
 /// crank without them, [`SimulateError::FirstMomentWithoutMass`] if no centre of mass exists.
 pub fn rigid_chain(robot: &Robot) -> Result<RigidChain, SimulateError> {

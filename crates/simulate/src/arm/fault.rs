@@ -9,7 +9,7 @@ pub use text::FaultParseError;
 
 use armwatch_model::robot::{FRICTION_COUNT, JointIndex};
 
-/// Largest wear unless said otherwise: friction doubled.
+/// Default of the largest wear: friction doubled.
 const DEFAULT_CAP: f64 = 1.0;
 
 /// A fault. Runs and cycles count from 1.

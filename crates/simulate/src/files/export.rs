@@ -68,7 +68,6 @@ impl ExportWriter {
     /// Starts the export `path` in the native layout, compressed if its name ends in `.gz`, and writes the header.
     ///
     /// # Errors
-    ///
     /// Those of creating the file.
     pub fn create(path: &Path, joint_count: usize) -> io::Result<Self> {
         Self::create_with(path, joint_count, TemperatureColumns::default())
@@ -77,7 +76,6 @@ impl ExportWriter {
     /// The same with columns of temperatures.
     ///
     /// # Errors
-    ///
     /// Those of creating the file.
     pub fn create_with(
         path: &Path,
@@ -90,7 +88,6 @@ impl ExportWriter {
     /// The same with the columns of `format`.
     ///
     /// # Errors
-    ///
     /// Those of creating the file.
     pub fn create_in(path: &Path, format: ExportFormat) -> io::Result<Self> {
         Self::start(path, 0, TemperatureColumns::default(), Some(format))
@@ -123,7 +120,6 @@ impl ExportWriter {
     /// Appends a row.
     ///
     /// # Errors
-    ///
     /// Those of writing.
     pub fn push(&mut self, row: &RecordedRow) -> io::Result<()> {
         match &self.format {
@@ -136,7 +132,6 @@ impl ExportWriter {
     /// Gives the file its final name now, so that it visibly grows.
     ///
     /// # Errors
-    ///
     /// Those of writing or renaming.
     pub fn show(&mut self) -> io::Result<()> {
         self.write_out()?;
@@ -146,7 +141,6 @@ impl ExportWriter {
     /// Writes the pushed rows to the file.
     ///
     /// # Errors
-    ///
     /// Those of writing.
     pub fn write_out(&mut self) -> io::Result<()> {
         self.write_text()
@@ -155,7 +149,6 @@ impl ExportWriter {
     /// Writes the rest and gives the file its final name.
     ///
     /// # Errors
-    ///
     /// Those of writing or renaming.
     pub fn finish(mut self) -> io::Result<()> {
         self.write_text()?;

@@ -21,7 +21,6 @@ const CHECK_SAMPLES: u32 = 500;
 /// The robot's own series, after a check, or a random one for `seed`. Its own period is `1 / base_frequency`.
 ///
 /// # Errors
-///
 /// [`SimulateError::ExcitationShape`] if coefficients are missing, [`SimulateError::ExcitationOutsideLimits`] if the
 /// described motion exceeds the limits.
 pub fn fourier_excitation(robot: &Robot, seed: u64) -> Result<FourierExcitation, SimulateError> {

@@ -34,7 +34,6 @@ impl PointToPoint {
     /// The points as postures.
     ///
     /// # Errors
-    ///
     /// [`SimulateError::Point`] for one outside the range of a joint or with another number of joints,
     /// [`SimulateError::Setting`] for fewer than two points or an invalid dead time.
     pub fn postures(&self, robot: &Robot, seed: u64) -> Result<Vec<PerJoint>, SimulateError> {

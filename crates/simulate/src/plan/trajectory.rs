@@ -23,7 +23,7 @@ pub struct PlanSettings {
     pub warming_s: f64,
     /// Seed of random parts: the excitation of a robot whose description gives none, and random points.
     pub seed: u64,
-    /// Speed levels of the friction stage, from 1; all of the description if `None`. Without any there is no such stage.
+    /// Speed levels of the friction stage, from 1; `None` for all of the description. An empty list omits the stage.
     pub levels: Option<Vec<u8>>,
     /// Parts of the excitation stage.
     pub excitation: ExcitationParts,
@@ -113,8 +113,8 @@ impl Segment {
 /// Plans one cycle inside the limits of every joint.
 ///
 /// # Errors
-/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], [`SimulateError::NoSuchLevel`], those of the description's
-/// own excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
+/// [`SimulateError::JointCount`], [`SimulateError::BadLimits`], [`SimulateError::NoSuchLevel`], those of the
+/// description's own excitation, or [`SimulateError::NoBlend`] if its start cannot be reached from rest.
 pub fn plan_cycle(robot: &Robot, settings: &PlanSettings) -> Result<CyclePlan, SimulateError> {
     check_robot(robot)?;
     let levels = chosen_levels(robot, settings.levels.as_deref())?;

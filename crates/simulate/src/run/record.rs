@@ -30,7 +30,6 @@ const HUM_PHASE: f64 = 2.399_963;
 /// `seed` and `stream` select the noise.
 ///
 /// # Errors
-///
 /// The first error of `sink`.
 pub fn record<E>(
     recording: &Recording,

@@ -177,7 +177,6 @@ pub struct FrictionLevelTruth {
 /// Writes the truth as JSON.
 ///
 /// # Errors
-///
 /// Those of writing the file.
 pub fn write_truth(path: &Path, truth: &RunTruth) -> io::Result<()> {
     let mut file = BufWriter::new(File::create(path)?);
