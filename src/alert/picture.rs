@@ -1,4 +1,5 @@
-//! A small curve of an alarm as PNG, which every mail program shows. It has no letters: the text next to it names values.
+//! A small curve of an alarm as PNG, which every mail program shows. It has no letters: the text next to it names
+//! values.
 
 use std::io::Write;
 

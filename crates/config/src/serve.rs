@@ -84,8 +84,8 @@ pub struct ServeSettings {
     pub listen: SocketAddr,
     /// File with the token that clients must know; without it, the environment may give one.
     pub token_file: Option<PathBuf>,
-    /// Address of the dashboard for browsers, such as `https://plant.example/armwatch/`, if a proxy gives it another one
-    /// than `listen`; it ends with a slash.
+    /// Address of the dashboard for browsers, such as `https://plant.example/armwatch/`, if a proxy gives it another
+    /// one than `listen`; it ends with a slash.
     pub public_url: Option<String>,
     /// Addresses of reverse proxies whose `X-Forwarded-For` identifies the client of a request.
     pub trusted_proxies: Vec<IpAddr>,
@@ -106,7 +106,8 @@ pub struct UploadSettings {
     pub idle_timeout: Duration,
     /// Longest total time of one request.
     pub total_timeout: Duration,
-    /// Bytes that uploads leave free on the disks of the spool and the database; `None`: 5 % of each disk, at most 1 GiB.
+    /// Bytes that uploads leave free on the disks of the spool and the database; `None`: 5 % of each disk, at most 1
+    /// GiB.
     pub reserve_bytes: Option<u64>,
     /// True if exports are accepted whose name gives no robot of the configuration.
     pub unknown_robots: bool,

@@ -40,7 +40,8 @@ async fn findings_from_kept_figures_are_those_of_the_tables_whatever_changes() {
     assert_eq!(said(&first.findings), said(&from_tables(&store).await));
     assert_eq!(first.recomputed, 40, "nothing was kept");
     assert_eq!(from_kept(&store).await.recomputed, 0);
-    // tests of the robot have odd keys, its latest is 79; cycles and their rows change together, as the program writes them
+    // tests of the robot have odd keys, its latest is 79; cycles and their rows change together, as the program writes
+    // them
     let day = 86_400_000_000_i64;
     let with_cycles = |change: &str, runs: &str| {
         format!("{change}; UPDATE cycle SET estimator = estimator WHERE run_id {runs}")

@@ -29,8 +29,8 @@ const ROW_BYTES: i64 = 200;
 
 impl Default for WorkLimits {
     /// Two of either size; large from 64 MiB, some twenty minutes at 250 Hz; 64 GiB, which is three times a
-    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB; half of the
-    /// gigabyte that the shipped unit may take.
+    /// ten-hour recording of a nine-axis arm at 1 kHz; a million rows, an hour at 250 Hz, which take 200 MB; half of
+    /// the gigabyte that the shipped unit may take.
     fn default() -> Self {
         Self {
             backlog_files: 2,

@@ -16,8 +16,8 @@ use armwatch_model::robot::{Joint, JointIndex, JointKind, Robot};
 use armwatch_model::run::channel_delays::ChannelDelays;
 use armwatch_model::run::slower::SlowerChannels;
 
-/// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's `savetxt`,
-/// MATLAB's `-ascii` and `printf`.
+/// Delimiter of exports whose columns are separated by any number of blanks and tabs, such as those of numpy's
+/// `savetxt`, MATLAB's `-ascii` and `printf`.
 pub const BLANKS: u8 = b' ';
 
 /// A layout, which converts an export's columns to channels in SI.

@@ -18,7 +18,8 @@ const WAIT: Limits = Limits::between(0.0, 86_400.0, "s");
 /// Placeholder of the part in a pattern of file names.
 const PART: &str = "{part}";
 
-/// Names of parts that need no `[parts]`: `R01_20260301_0800_part2.csv`, and `R01_20260301_0800_2.mcap` as rosbag2 writes them.
+/// Names of parts that need no `[parts]`: `R01_20260301_0800_part2.csv`, and `R01_20260301_0800_2.mcap` as rosbag2
+/// writes them.
 static NUMBERED: LazyLock<Option<Regex>> = LazyLock::new(|| {
     let pattern = r"(?i)^.*(?:[_.-]part[_-]?(?<part>\d{1,6})(?:\.(?:csv|parquet|mcap))(?:\.(?:gz|zst))?|_(?<bag>\d{1,6})\.mcap)$";
     Regex::new(pattern).ok()

@@ -1,5 +1,5 @@
-//! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the type
-//! `sensor_msgs/JointState`.
+//! MCAP bags as the text of a CSV file, so that the same reader checks the rows of both: one row per message of the
+//! type `sensor_msgs/JointState`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Read, Write};

@@ -1,7 +1,7 @@
 //! Parquet exports as the text of a CSV file, so that the same reader checks the rows of both.
 //!
-//! Rows are decoded page by page, since a writer may put a whole recording into one row group. polars trusts the sizes that
-//! a file states and panics on some damaged pages, so sizes are bounded before it sees them.
+//! Rows are decoded page by page, since a writer may put a whole recording into one row group. polars trusts the sizes
+//! that a file states and panics on some damaged pages, so sizes are bounded before it sees them.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -323,7 +323,8 @@ impl ColumnChunk {
         }
     }
 
-    /// The next page and its bytes in the file. Its header has no fixed length, so more is read until the page is whole.
+    /// The next page and its bytes in the file. Its header has no fixed length, so more is read until the page is
+    /// whole.
     fn page_bytes(&self, file: &File) -> io::Result<(CompressedPage, Vec<u8>)> {
         let left = self.end - self.at;
         let mut size = FIRST_PAGE_BYTES.min(left);

@@ -1,8 +1,8 @@
 //! TwinCAT Scope exports as the text of a plain CSV file.
 //!
-//! Such an export has lines about the project, a line of names and further lines about the channels, and a column of times
-//! before each group of channels. Rows are those of the fastest group. A slower channel, and one that was recorded at other
-//! times, holds its last value.
+//! Such an export has lines about the project, a line of names and further lines about the channels, and a column of
+//! times before each group of channels. Rows are those of the fastest group. A slower channel, and one that was
+//! recorded at other times, holds its last value.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Cursor, Read, Write};

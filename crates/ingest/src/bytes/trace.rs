@@ -1,4 +1,5 @@
-//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) in the same folder.
+//! KUKA traces as the text of a CSV file: a header of DIAdem (`.dat`) and its binary channels (`.r64`) in the same
+//! folder.
 //!
 //! A trace of the drives has a pair of files per drive, `NAME#1.dat`, `NAME#2.dat` and so on, with channels of the same
 //! names. The first header represents the whole trace.

@@ -1,4 +1,5 @@
-//! Rows of `ros2 topic echo --csv` of joint states: the fields of the message one after another, without names of columns.
+//! Rows of `ros2 topic echo --csv` of joint states: the fields of the message one after another, without names of
+//! columns.
 
 use super::head::{Head, HeadColumn};
 use super::joints::{Found, Joints};

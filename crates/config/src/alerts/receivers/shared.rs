@@ -92,7 +92,8 @@ pub struct ServerSettings {
 }
 
 impl ServerSettings {
-    /// Reads the keys that mail and MQTT share. `kinds` lists names, encryptions and usual ports; the first is the default.
+    /// Reads the keys that mail and MQTT share. `kinds` lists names, encryptions and usual ports; the first is the
+    /// default.
     pub(super) fn read(table: &Table<'_>, kinds: &[(&str, Encryption, i64)]) -> Option<Self> {
         let host = table.text("host");
         let kind = match table.optional("encryption") {
