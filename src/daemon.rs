@@ -66,8 +66,8 @@ const UNANSWERED_AT_STOP: Duration = Duration::from_secs(5);
 /// After this time, the log reports that the configuration cannot be read. The earlier one stays in force.
 const REREAD_WITHIN: Duration = Duration::from_secs(5);
 
-/// Time for drawing waiting conclusions when the daemon stops; the others are drawn at the next start. A fleet's
-/// backlog takes minutes, and stopping a service should take seconds.
+/// Time for drawing waiting conclusions when the daemon stops; the next start draws the others. A fleet's backlog takes
+/// minutes, and stopping a service should take seconds.
 const CONCLUDE_AT_STOP: Duration = Duration::from_secs(5);
 
 /// Most files per database query.
@@ -357,8 +357,8 @@ impl RunningDaemon {
     }
 
     /// Skips files that are seen for the first time and have not changed since their treatment was decided: a start
-    /// with a hundred thousand of them needs a few hundred queries. With an archive, each file is processed, since it
-    /// may have to be archived.
+    /// with a hundred thousand of them needs a few hundred queries. If there is an archive, each file is processed,
+    /// since it may have to be archived.
     async fn leave_known(&mut self, files: &[Sighting<'_>]) -> Result<(), PipelineError> {
         if self.pipeline.config().watch.archive.is_some() {
             return Ok(());

@@ -95,7 +95,7 @@ pub struct FolderState {
 struct FolderLook {
     looked_at: Option<Timestamp>,
     is_silent: bool,
-    /// Time by which the next scan must have ended.
+    /// Latest end of the next scan.
     due: Instant,
     interval: Duration,
 }
@@ -135,7 +135,7 @@ impl Metrics {
         });
     }
 
-    /// Counts a cut cycle of `rows` rows, for which `bytes` bytes of its file were read.
+    /// Counts a cut cycle of `rows` rows and `bytes` bytes of its file.
     pub fn cycle_read(&self, rows: usize, bytes: u64) {
         self.with(|of| {
             of.rows.inc_by(rows as u64);

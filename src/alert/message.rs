@@ -275,7 +275,7 @@ pub struct Message {
     pub origin: Origin,
     /// Its alarms, in chronological order.
     pub alarms: Vec<Alarm>,
-    /// True if it combines several alarms that were held back.
+    /// True if it combines several delayed alarms.
     pub is_digest: bool,
     /// True if it is marked as a test.
     pub is_trial: bool,

@@ -7,7 +7,7 @@ use armwatch_config::{AlertSettings, QuietHours, Route};
 use armwatch_model::anomaly::Severity;
 use armwatch_store::{AlarmEvent, EventFate, EventKind, Held};
 
-/// States of an alarm in which people want no more messages about it.
+/// States of an alarm that people want no more messages about.
 const SILENT: [&str; 3] = ["shelved", "maintenance", "false_alarm"];
 
 /// Decides the fate of an event on a route.
@@ -31,7 +31,7 @@ pub fn judge(route: &Route, settings: &AlertSettings, event: &AlarmEvent, now: T
     }
 }
 
-/// The end of the quiet hours in which a message of this severity waits; `None` if it does not wait.
+/// The end of the quiet hours that delay a message of this severity; `None` if it does not wait.
 #[must_use]
 pub fn quiet_until(route: &Route, severity: Severity, now: Timestamp) -> Option<Timestamp> {
     let quiet = route.quiet?;
@@ -50,8 +50,8 @@ fn is_quiet(quiet: QuietHours, time: Time) -> bool {
     }
 }
 
-/// The next time after `now` at which the clocks of the route show a time of day. If the clocks skip that time, the
-/// result is the moment of the skip.
+/// The next time after `now` when the clocks of the route show a time of day. If the clocks skip that time, the result
+/// is the moment of the skip.
 fn next(route: &Route, now: Timestamp, at: Time) -> Timestamp {
     let today = now.to_zoned(route.zone.clone()).date();
     let moment = |date| -> Option<Zoned> { route.zone.to_zoned(DateTime::from_parts(date, at)).ok() };

@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_secs(2);
 /// Pause before the database is queried again after a failure.
 const STORE_PAUSE: Duration = Duration::from_secs(1);
 
-/// The period over which messages are counted.
+/// The period for counting messages.
 const HOUR: SignedDuration = SignedDuration::from_hours(1);
 
 /// A route's task.

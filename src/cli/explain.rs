@@ -280,7 +280,7 @@ fn stage_table(cycles: &[CycleSketch]) -> String {
     output::table(&header, &rows)
 }
 
-/// Levels at which friction was measured in all cycles, by joint; `None` if nothing was analysed.
+/// Levels of measured friction in all cycles, by joint; `None` if nothing was analysed.
 fn levels_seen(cycles: &[CycleSketch]) -> Option<BTreeMap<JointIndex, Vec<f64>>> {
     let mut seen: BTreeMap<JointIndex, Vec<f64>> = BTreeMap::new();
     for analysis in cycles.iter().filter_map(|cycle| cycle.analysis.as_ref()) {

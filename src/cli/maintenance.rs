@@ -176,7 +176,7 @@ async fn remove(global: &Global, config: Config, store: &Store, number: i64) -> 
     Ok(EXIT_DONE)
 }
 
-/// Refuses a time at which no maintenance can have taken place.
+/// Refuses an impossible time of maintenance.
 fn check_time(at: Timestamp, now: Timestamp) -> Result<(), String> {
     if at < Timestamp::UNIX_EPOCH {
         return Err(format!(

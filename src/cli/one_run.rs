@@ -146,7 +146,7 @@ async fn decide_about(
                 print(global, run_id, &run, decision);
                 robots.insert(run.robot);
             }
-            // decisions about earlier runs are kept, and conclusions are drawn from them
+            // decisions about earlier runs are kept, and conclusions use them
             Err(why) => {
                 refused = Some(refusal(store, run_id, why).await?);
                 break;

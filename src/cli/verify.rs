@@ -13,7 +13,7 @@ use crate::pipeline::stored::chosen_cycles::{
 use armwatch_model::analysis::{Estimator, TorqueRmsd};
 use armwatch_store::{RunRow, Store};
 
-/// Relative RMSD above which the thesis marks a value: the parameters do not fit the recording.
+/// Smallest relative RMSD that the thesis marks: the parameters do not fit the recording.
 pub(super) const MARKED_ABOVE: f64 = 0.10;
 
 #[derive(Debug, Args)]

@@ -24,7 +24,7 @@ use armwatch_model::run::FileId;
 /// Counting the waiting files may take at most this fraction (1/n) of the daemon's time.
 const COUNTING_SHARE: u32 = 100;
 
-/// Interval at which the daemon checks during a stop that file systems answer.
+/// Time between two checks during a stop that file systems answer.
 const ANSWERS_LOOKED_AT: Duration = Duration::from_millis(500);
 
 /// A file whose task has ended.
@@ -151,7 +151,7 @@ impl ExportTasks {
         Happened::Progressed
     }
 
-    /// Time at which a place becomes free without an event.
+    /// Time when a place becomes free without an event.
     pub(super) fn next_look(&self, schedule: &FileSchedule, now: Instant) -> Option<Instant> {
         let settled = self.settled.values().filter_map(|of| Some(of.access.asks_since()? + HANGING));
         let places = self.places.next_look(schedule.growing_waiting() > 0, now);
@@ -333,7 +333,7 @@ pub(super) fn on_own_thread<T: Send + 'static>(
     tokio::task::spawn_blocking(move || access.during(|| runtime.block_on(task)))
 }
 
-/// The result for a file of which `read` bytes were read while it grew.
+/// The result for a file after `read` of its bytes were read while it grew.
 pub(super) fn closing(followed: &Followed, way: &ReadMode, read: u64) -> Closing {
     match (followed, way) {
         (Followed::GaveWay, _) => Closing::GaveWay(read),

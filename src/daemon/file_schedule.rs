@@ -114,12 +114,12 @@ struct Entry {
     refusals: u32,
     /// Its queue after it has settled, which is that of its robot.
     lane: String,
-    /// Turn count at which it was queued; `None` if it is not queued.
+    /// Turn count when it was queued; `None` if it is not queued.
     queued: Option<u64>,
 }
 
-/// The order in which files of different lanes are read: since when the file or its lane waits, since when the file
-/// waits, its modification time, its path.
+/// The order of files from different lanes: since when the file or its lane waits, since when the file waits, its
+/// modification time, its path.
 type TurnOrder<'e> = (u64, u64, SystemTime, Option<&'e OsStr>, &'e Path);
 
 /// The files of the latest scan.
@@ -139,7 +139,7 @@ pub struct FileSchedule {
     open: HashSet<FileId>,
     /// Number of scans and of opened files so far.
     count: u64,
-    /// Counts at which a file of each lane was last opened, so that robots take turns.
+    /// Counts when a file of each lane was last opened, so that robots take turns.
     turns: HashMap<String, u64>,
     /// Files that may have crashed the program.
     suspects: Suspects,
@@ -168,7 +168,7 @@ impl FileSchedule {
         self.suspects = suspects;
     }
 
-    /// Sets the time in which files settle; those with slow writers keep their longer time.
+    /// Sets the settle time of files; those with slow writers keep their longer time.
     pub fn settle_in(&mut self, settle: Duration) {
         let before = std::mem::replace(&mut self.settle, settle);
         let waiting = self.entries.values_mut().map(|entry| &mut entry.patience);

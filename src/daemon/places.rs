@@ -20,16 +20,16 @@ use armwatch_model::text;
 /// read one after the other, the first is finished before the last, and a daemon that is often killed makes progress.
 const CATCHING_UP: usize = 2;
 
-/// Time before which a file is not asked for its place. With shorter turns, files would be opened more often than they
-/// are read.
+/// Shortest turn of a file before it must give its place. If turns were shorter, files would be opened more often than
+/// they are read.
 const SHORTEST_TURN: Duration = Duration::from_secs(1);
 
 /// A file keeps its place at least this many times as long as reading its backlog took: the repeated reading at the
 /// start of a turn (the hash of the stored cycles, the rows of the open one) then takes a tenth of the time at most.
 const TURN_PER_CATCHING_UP: u32 = 10;
 
-/// A file that is never read up to its end, because its writer is faster, is asked for its place after this time; it
-/// gives it up after its next cycle.
+/// Longest turn of a file that is never read up to its end, because its writer is faster; it gives its place after its
+/// next cycle.
 const LONGEST_TURN: Duration = Duration::from_secs(60);
 
 /// A call to the file system that lasts longer hangs, for example a call to an unreachable file server. The file then
@@ -208,7 +208,7 @@ pub(super) fn say_hanging(path: &Path) {
 }
 
 impl Holder {
-    /// Time from which the file may be asked for its place.
+    /// Time when the file may have to give its place.
     fn turn_ends(&self) -> Instant {
         let turn = match self.caught_up_after {
             Some(took) => SHORTEST_TURN.max(TURN_PER_CATCHING_UP * took),

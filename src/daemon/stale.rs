@@ -18,8 +18,8 @@ const FIRST_REST: Duration = Duration::from_secs(10);
 /// Longest pause after conclusions that failed.
 const LONGEST_REST: Duration = Duration::from_secs(3600);
 
-/// If another program has changed a robot's history, such as `armwatch ingest`, its conclusions are left to that
-/// program while the history keeps changing, and for this time afterwards.
+/// If another program has changed a robot's history, such as `armwatch ingest`, that program draws the conclusions
+/// while the history keeps changing, and for this time afterwards.
 const LEFT_BY_OTHERS: Duration = Duration::from_secs(30);
 
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +111,7 @@ impl Stale {
         self.waiting.entry(robot).or_insert(Waiting { since: now, runs: 0, rests_until });
     }
 
-    /// Notes that no conclusions can be drawn for a robot: it pauses.
+    /// Notes that conclusions for a robot failed: it pauses.
     pub fn failed(&mut self, robot: String, now: Instant) {
         let failures = self.failures.entry(robot.clone()).or_insert(0);
         let rest = FIRST_REST.saturating_mul(1 << (*failures).min(16)).min(LONGEST_REST);

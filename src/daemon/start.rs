@@ -41,7 +41,7 @@ pub(super) async fn patiently<T>(
     }
 }
 
-/// Files whose runs are incomplete, with the way in which they continue.
+/// Files whose runs are incomplete, and how they continue.
 pub(super) fn begun_before(unfinished: &[UnfinishedSource]) -> HashMap<PathBuf, KnownFile> {
     let begun = |source: &UnfinishedSource| {
         if source.growing {

@@ -20,7 +20,7 @@ use armwatch_model::run::Cycle;
 /// An export that has read nothing for this time keeps its rows, and the others no longer wait for it.
 const IDLE: Duration = Duration::from_secs(10);
 
-/// Interval at which waiting exports check if they can continue.
+/// Time between two checks of waiting exports that they can continue.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Interval of the log message that exports wait.

@@ -23,7 +23,7 @@ const CYCLES_AT_ONCE: usize = 200;
 /// Pause after a transaction: a waiting program tries again within this time.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// The earliest time from which factors are kept, at the time `now`.
+/// The earliest time of kept factors, at the time `now`.
 #[must_use]
 pub fn kept_since(settings: &RetentionSettings, now: Timestamp) -> KeptSince {
     const DAY_S: f64 = 86_400.0;

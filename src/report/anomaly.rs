@@ -6,7 +6,7 @@ use super::figure::{
 use armwatch_method::statistics::distributions::normal_quantile;
 use armwatch_model::robot::JointIndex;
 
-/// Tint of the period in which the anomaly was seen.
+/// Tint of the period with the anomaly.
 const SEEN: usize = 2;
 
 /// Values of one joint in one test.

@@ -188,7 +188,7 @@ pub enum Mark {
     Thin,
     /// A pale thin line, for the background.
     Pale,
-    /// A broad pale line, on which a thin one remains visible.
+    /// A broad pale line; a thin line on top of it remains visible.
     Broad,
     /// A small dot at each point.
     Dots,

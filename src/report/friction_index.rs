@@ -7,7 +7,7 @@ use super::figure::{
 };
 use super::rmsd::event_keys;
 
-/// Tint of the period in which an alarm was seen.
+/// Tint of the period with an alarm.
 const SEEN: usize = 2;
 
 /// Friction of one run relative to the baseline.
@@ -38,7 +38,7 @@ pub struct IndexPanel {
     pub alarms: Vec<[f64; 2]>,
 }
 
-/// Change of friction at which a joint needs attention, as fractions.
+/// Change of friction that needs attention, as fractions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IndexLimits {
     /// An inspection should be planned.

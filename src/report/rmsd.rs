@@ -10,7 +10,7 @@ use armwatch_model::analysis::{Rmsd, RmsdScope, TorqueRmsd, WarmingContrast};
 use armwatch_model::robot::JointIndex;
 use armwatch_model::run::Stage;
 
-/// Relative RMSD at which a joint needs attention, as fractions.
+/// Relative RMSD that needs attention, as fractions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RmsdLimits {
     /// An inspection should be planned.

@@ -109,7 +109,7 @@ fn joint_lines(
         torques.push(line("estimated, joint slow", ESTIMATED, Mark::Pale, estimated.slow));
         difference.push(line("residual, joint slow", RESIDUAL, Mark::Pale, residual.slow));
     }
-    // a thin line on a broad pale one: both are visible where they agree and where they differ
+    // a thin line on a broad pale one: both are visible, whether they agree or not
     torques.push(line("estimated", ESTIMATED, Mark::Line, estimated.moving));
     difference.push(line("residual", RESIDUAL, Mark::Thin, residual.moving));
     (torques, difference)
@@ -118,7 +118,7 @@ fn joint_lines(
 /// A break in a line.
 const BREAK: [f64; 2] = [f64::NAN; 2];
 
-/// A line with different styles for motion and rest; both styles meet where the joint starts or stops.
+/// A line with different styles for motion and rest; both styles meet when the joint starts or stops.
 #[derive(Debug, Default)]
 struct SplitLine {
     moving: Vec<[f64; 2]>,

@@ -1,4 +1,4 @@
-//! Expressions of a motion: sums and products in which equal parts are one node, and zero parts are omitted.
+//! Expressions of a motion: sums and products. Equal parts are one node, and zero parts are omitted.
 
 use std::collections::HashMap;
 
@@ -92,7 +92,7 @@ impl Function {
     }
 }
 
-/// A node with a sign, or zero. No node is a negation: signs move outwards, where they need no operation.
+/// A node with a sign, or zero. No node is a negation: signs move outwards and then need no operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Expression {
     /// Zero; nothing is computed.

@@ -154,7 +154,7 @@ impl Writer<'_> {
     }
 
     /// Expression of the node. Sums and products are written in the order of computation. The order of two operands
-    /// does not matter, so that the operand that would need parentheses on the right is put on the left.
+    /// does not matter: the operand that would need parentheses on the right comes first.
     fn spelled(&self, id: NodeId) -> (String, Binding) {
         let is_sum = |id: NodeId| {
             self.names[id.0].is_none()

@@ -10,6 +10,6 @@ pub struct CodeOrigin {
     pub program: String,
     /// Kind of the parameters, and the recordings that they come from: one line each.
     pub parameters: Vec<String>,
-    /// Temperature of the joints for which the friction holds: one line each.
+    /// Temperature of the joints that the friction belongs to: one line each.
     pub friction: Vec<String>,
 }

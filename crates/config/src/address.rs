@@ -1,4 +1,4 @@
-//! A database that is given as the address of a server instead of a file.
+//! A database with the address of a server instead of a file name.
 
 use std::path::Path;
 

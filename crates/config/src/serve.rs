@@ -102,7 +102,7 @@ pub struct UploadSettings {
     pub max_bytes: u64,
     /// Most uploads at once.
     pub at_once: usize,
-    /// Longest time in which a client may send almost nothing.
+    /// Longest time that a client may send almost nothing.
     pub idle_timeout: Duration,
     /// Longest total time of one request.
     pub total_timeout: Duration,

@@ -148,7 +148,7 @@ pub struct WatchSettings {
     pub live_files: usize,
     /// Treatment of a run whose file is overwritten with another content.
     pub on_rewrite: RewritePolicy,
-    /// Folder to which stored exports are moved; `None` if they stay.
+    /// Folder that receives stored exports; `None` if they stay.
     pub archive: Option<PathBuf>,
 }
 
@@ -203,7 +203,7 @@ pub struct Recognition {
 pub struct FleetEntry {
     /// Pattern over the whole robot name; `*` matches any characters.
     pub robots: String,
-    /// Patterns over the file name of an export, with its endings, of which one must match; `None` for all files.
+    /// Patterns over the file name of an export, with its endings; one must match. `None` for all files.
     pub files: Option<FilePatterns>,
     /// The arm.
     pub description: Arc<Robot>,

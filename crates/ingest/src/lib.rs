@@ -4,8 +4,8 @@
 //! [`find`] finds files and decides when a writer has finished. [`bytes`] identifies an export by its content, opens
 //! plain, compressed and growing ones, converts Parquet files and MCAP bags to text, and cuts UTF-8 at line ends.
 //! [`table`] finds header and columns, reads valid blocks of rows in one pass and others cell by cell, and converts
-//! columns to SI units. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place where an
-//! export was not understood.
+//! columns to SI units. [`infer`] proposes a layout for exports that have none. [`excerpt`] shows the place of a fault
+//! in an export.
 //!
 //! Three rules hold in this crate. A file is understood as a whole or not at all: any deviation becomes a rejection
 //! with line, column, value and remedy. Foreign units, signs and number formats are converted here. Only this crate

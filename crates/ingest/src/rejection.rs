@@ -58,7 +58,7 @@ impl Rejection {
         self
     }
 
-    /// Adds the byte at which the line begins, from 0.
+    /// Adds the offset of the line's first byte, from 0.
     #[must_use]
     pub fn at_byte(mut self, byte: u64) -> Self {
         self.byte = Some(byte);

@@ -67,7 +67,7 @@ pub struct SimulationSettings {
     pub ambient_std_k: f64,
     /// Variation of the ambient temperature over year and day.
     pub hall: HallSettings,
-    /// Hours in which the arm works in addition to its tests, which warm it; replaces `initial_warm_s`.
+    /// Working hours in addition to tests, which warm the arm; replaces `initial_warm_s`.
     pub work: Option<WorkingHours>,
     /// Spread of this individual arm around its model.
     pub unit_spread: UnitSpread,
@@ -81,7 +81,7 @@ pub struct SimulationSettings {
     pub heating: Heating,
     /// Ripples of the torque with the motor's angle, instead of those of the shape; four at most.
     pub ripples: Option<Vec<RippleOrder>>,
-    /// Fraction by which friction is larger in a joint's positive direction and smaller in its negative one.
+    /// Excess of friction in a joint's positive direction, as a fraction; the negative direction has as much less.
     pub friction_direction: f64,
     /// Friction per Nm (N) that a gear carries.
     pub friction_load: f64,

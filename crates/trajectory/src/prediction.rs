@@ -23,7 +23,7 @@ use armwatch_model::robot::{
 pub struct Conditioning {
     /// In SI units.
     pub condition_number: f64,
-    /// With columns scaled to unit norm.
+    /// The same with columns scaled to unit norm.
     pub scaled_condition_number: f64,
 }
 
@@ -205,9 +205,9 @@ mod tests {
         (0..instants).map(weight).collect()
     }
 
-    /// The scatter of weighted least squares over tests with white noise, by the dense matrix: rows in which the joint
-    /// is slow are excluded, noise and columns with jumps are low-passed around the period. It uses no part of the
-    /// recording's analysis.
+    /// The scatter of weighted least squares over tests with white noise, by the dense matrix: rows of a slow joint are
+    /// excluded, noise and columns with jumps are low-passed around the period. It uses no part of the recording's
+    /// analysis.
     fn scatter_of_tests(
         robot: &Robot,
         base: &BaseParameters,

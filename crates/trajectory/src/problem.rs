@@ -28,7 +28,7 @@ pub const INSTANTS_PER_HARMONIC: usize = 50;
 /// Additional distance from a limit in the final series, so that rounding does not break it.
 const CLEARANCE: f64 = 1e-9;
 
-/// Power at which the smooth condition number equals the condition number, to a millionth.
+/// Power that makes the smooth condition number equal to the condition number, to a millionth.
 const SHARP: f64 = 1e6;
 
 /// Weight of missed limits in a resulting series: missing a limit by 1 % counts as 10 % worse.

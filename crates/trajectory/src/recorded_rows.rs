@@ -1,8 +1,8 @@
-//! The rows that the analysis makes of a recording of a trajectory: all except those in which a joint is slow, with
-//! jumping columns smoothed by its low-pass.
+//! The rows that the analysis makes of a recording of a trajectory: all except those of a slow joint, with jumping
+//! columns smoothed by its low-pass.
 //!
-//! Both reduce the information about Coulomb friction, which differs from viscous friction where a joint is slow: the
-//! first parameter of the law has a standard deviation up to a quarter larger than that of all unfiltered rows.
+//! Both reduce the information about Coulomb friction, which differs from viscous friction at low speed: the first
+//! parameter of the law has a standard deviation up to a quarter larger than that of all unfiltered rows.
 
 use super::series::state_at;
 use armwatch_method::NumericsError;
@@ -16,7 +16,7 @@ use armwatch_method::signal::filter::{carried_cutoff, filter_signals, row_step};
 use armwatch_model::robot::{FourierExcitation, Robot};
 use armwatch_model::run::{Samples, Stage};
 
-/// Periods of the cut-off before and after the motion, in which the low-pass settles.
+/// Settling time of the low-pass before and after the motion, in periods of the cut-off.
 const LEAD_PERIODS: f64 = 6.0;
 
 /// Settings of a test's recording.

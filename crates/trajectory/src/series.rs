@@ -156,9 +156,9 @@ pub fn state_at(series: &FourierExcitation, t: f64) -> Vec<[f64; 3]> {
     series.a.iter().zip(&series.b).zip(&series.centre).map(of_joint).collect()
 }
 
-/// The factor by which a series of `harmonics` harmonics may exceed its largest magnitude at `instants` evenly spaced
-/// instants of its period: `1 / cos(pi N / M)` for `M > 2 N` (Ehlich & Zeller 1964, Schwankung von Polynomen zwischen
-/// Gitterpunkten). Infinite if there are too few instants.
+/// Upper bound of the largest magnitude of a series of `harmonics` harmonics, relative to that at `instants` evenly
+/// spaced instants of its period: `1 / cos(pi N / M)` for `M > 2 N` (Ehlich & Zeller 1964, Schwankung von Polynomen
+/// zwischen Gitterpunkten). Infinite if there are too few instants.
 #[must_use]
 pub fn between_instants(harmonics: usize, instants: usize) -> f64 {
     if instants <= 2 * harmonics {

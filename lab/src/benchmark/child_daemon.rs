@@ -18,9 +18,9 @@ const TO_END: Duration = Duration::from_secs(60);
 /// Interval of checks that it has ended.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Settings of glibc's allocator, like those of the service unit and the container. With the default of eight arenas
-/// per processor, memory freed by threads is in more places than are reused; without fixed thresholds, the allocator
-/// keeps ever larger blocks.
+/// Settings of glibc's allocator, like those of the service unit and the container. By default, eight arenas per
+/// processor keep memory that threads have freed and that is not reused; without fixed thresholds, the allocator keeps
+/// ever larger blocks.
 const ALLOCATOR: [(&str, &str); 3] =
     [("MALLOC_ARENA_MAX", "2"), ("MALLOC_MMAP_THRESHOLD_", "262144"), ("MALLOC_TRIM_THRESHOLD_", "1000000")];
 

@@ -148,7 +148,7 @@ pub(crate) fn daemons(global: &LabOptions, args: &DaemonsArgs) -> Result<u8, Cli
     Ok(EXIT_DONE)
 }
 
-/// Exports of one turn, next to the folder in which they appear.
+/// Exports of one turn, next to their later folder.
 struct Exports {
     paths: Vec<PathBuf>,
 }

@@ -15,11 +15,11 @@ use armwatch_method::statistics::descriptive::median;
 use armwatch_method::statistics::slope::{MedianSlope, median_slope};
 use armwatch_store::{Store, StoreError};
 
-/// Interval at which robots write.
+/// Time between two writes of the robots.
 const TICK: Duration = Duration::from_millis(20);
 /// Interval of database queries, which is the resolution of latencies.
 const ASKED: Duration = TICK;
-/// Interval at which memory and open files are measured.
+/// Time between two measurements of memory and open files.
 const LOOK: Duration = Duration::from_secs(1);
 /// Longest time for the last tests.
 const LAST_TESTS: Duration = Duration::from_secs(60);

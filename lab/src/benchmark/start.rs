@@ -15,7 +15,7 @@ use armwatch::cli::shared::output;
 use armwatch_ingest::bytes::fingerprint::changed_at;
 use armwatch_store::{SYNTHETIC_FILE_BYTES, Store, SyntheticSize};
 
-/// Interval at which the daemon's messages are read.
+/// Time between two reads of the daemon's messages.
 const LOOK: Duration = Duration::from_millis(5);
 /// A start that takes longer has failed.
 const LONGEST: Duration = Duration::from_secs(600);

@@ -18,7 +18,7 @@ use armwatch::cli::shared::output;
 use armwatch::cli::shared::shipped_robot::shipped_robot;
 use armwatch_simulate::{SimulationSettings, simulate_run};
 
-/// Interval at which a running child's memory is measured.
+/// Time between two measurements of a running child's memory.
 const LOOK: Duration = Duration::from_millis(5);
 /// Small exports that are simulated; the others are copies with shifted times.
 const DISTINCT_SMALL: u32 = 8;

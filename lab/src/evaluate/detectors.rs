@@ -44,7 +44,7 @@ pub struct LabAlarm {
     pub severity: Severity,
     /// Odds of its cause; 0 if causes were not compared.
     pub odds: f64,
-    /// Index of the run in which the change began according to the alarm, and the cycle, from 1.
+    /// Start of the change according to the alarm: index of the run, and cycle, from 1.
     pub onset: (usize, Option<u32>),
     /// Its value; NaN for the simple detectors.
     pub value: f64,

@@ -1,4 +1,4 @@
-//! The history of one robot: summaries of its tests, in the form in which the store passes them to the detectors.
+//! The history of one robot: summaries of its tests, like those from the store for the detectors.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ const POSITION_STEP: f64 = 1e-4;
 const RESPONSE_ERROR: f64 = 0.05;
 /// Wear by the test ends at this rise of friction.
 const MOST_WEAR: f64 = 0.6;
-/// Share of friction in a joint's torque, by which varying friction changes the RMSD.
+/// Share of friction in a joint's torque, for the effect of varying friction on the RMSD.
 const SWING_SHARE: f64 = 0.02;
 
 /// One robot's history and its event.

@@ -3,7 +3,7 @@
 //! A series is an autoregression of order one of normal noise, or of Student's with four degrees of freedom. The chart
 //! learns from its first values, with a prior whose scale is wrong by a factor of two, and then runs for a year. A
 //! shift moves the noise, so that its size is in standard deviations of whitened values. Before a shift, the statistic
-//! is at zero: that is the worst case, to which Lorden's bound applies.
+//! is at zero: Lorden's bound applies to this worst case.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -32,7 +32,7 @@ pub const LEARNT: [usize; 3] = [OWN_FROM, 320, 1000];
 pub const LEARNT_BEFORE_SHIFTS: [usize; 2] = [320, 1000];
 /// Shifts, in standard deviations of a whitened value.
 pub const SHIFTS: [f64; 3] = [1.0, 2.0, 3.0];
-/// Values per year at which delays are measured: daily tests of eight cycles, and sixty values per day.
+/// Values per year for the measurement of delays: daily tests of eight cycles, and sixty values per day.
 pub const VALUES_OF_DELAYS: [f64; 2] = [VALUES_PER_YEAR as f64, 365.0 * 60.0];
 /// Joints of the robot whose channels share one false alarm per year.
 pub const JOINTS: usize = 6;

@@ -159,14 +159,14 @@ pub struct ScenarioScore {
     pub robots: usize,
     /// Robot-years.
     pub years: f64,
-    /// False alarms: all of robots without an event; otherwise those before the event, for which [`Self::years`] is too
-    /// long.
+    /// False alarms: all of robots without an event; otherwise those before the event. [`Self::years`] is too long for
+    /// the latter.
     pub false_alarms: usize,
     /// Kinds of these.
     pub false_kinds: BTreeMap<&'static str, usize>,
     /// Robots with an alarm since the event.
     pub detected: usize,
-    /// Of these, robots with the right joint. Similarly: the right kind in the end, the right kind when first reported.
+    /// Number of these with the right joint. Similarly: the right kind in the end, the right kind when first reported.
     pub right_joint: usize,
     /// See [`Self::right_joint`].
     pub right_kind: usize,

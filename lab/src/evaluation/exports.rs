@@ -31,7 +31,7 @@ use armwatch_store::{AnomalyRow, Store};
 const CONTACT_SHARE: f64 = 0.05;
 /// Largest wear, as a fraction of healthy friction.
 const WEAR_CAP: f64 = 0.6;
-/// Rows per second of the torques from which an arm's sizes are derived, Hz.
+/// Rows per second of the torques that determine an arm's sizes, Hz.
 const LOOK_RATE_HZ: f64 = 20.0;
 /// Forms of friction, by their number.
 const FORMS: [FrictionShape; FRICTION_FORMS] =
@@ -72,7 +72,7 @@ pub(super) fn evaluate_exports(
                     }
                     let outcome = robot(settings, number);
                     if outcome.is_err() {
-                        // robots in progress are finished, no other is started
+                        // robots in progress are finished, further ones are not started
                         next.store(total, Ordering::Relaxed);
                     }
                     done.lock().unwrap_or_else(PoisonError::into_inner).push((number, outcome));

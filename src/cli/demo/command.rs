@@ -516,7 +516,7 @@ fn bytes_below(folder: &Path) -> u64 {
         .sum()
 }
 
-/// The absolute path by which this program was started; `None` if its name was enough.
+/// The absolute path of this program, if it was started by a path; `None` if its name was enough.
 fn program_by_path() -> Option<String> {
     let typed = std::env::args_os().next()?;
     let path = Path::new(&typed);

@@ -24,7 +24,7 @@ use armwatch_simulate::{SimulationSettings, simulate_run};
 pub(super) const CYCLES: u32 = 8;
 /// Days of the tests.
 const DAYS: i64 = 8;
-/// Time at which all tests of a day have ended, UTC.
+/// Time when all tests of a day have ended, UTC.
 const END_OF_TESTS: SignedDuration = SignedDuration::from_hours(11);
 /// Rows per second, Hz: a short test programme at a low rate, so that the demo is soon over.
 const SAMPLE_RATE_HZ: f64 = 20.0;
@@ -97,7 +97,7 @@ impl DemoArm {
         (1..=self.tests()).find(|test| self.start(*test) == Some(at))
     }
 
-    /// The arm's settings, with a first start that puts run `test` on its own day.
+    /// The arm's settings, with a first start that puts run `test` on its day.
     fn settings(&self, test: u32, seed: u64) -> Option<SimulationSettings> {
         let usual = SimulationSettings::default();
         let since_first = usual.interval.checked_mul(test.checked_sub(1)?)?;
@@ -143,7 +143,7 @@ pub(super) fn fleet(first_day: Date) -> Result<Vec<DemoArm>, jiff::Error> {
     ])
 }
 
-/// The first day for which the last tests are today, or yesterday if today's would not have ended.
+/// The first day that puts the last tests on today, or on yesterday if today's would not have ended.
 pub(super) fn latest_first_day(now: Timestamp) -> Result<Date, jiff::Error> {
     let last_day = (now - END_OF_TESTS).to_zoned(TimeZone::UTC).date();
     last_day.checked_sub(jiff::Span::new().days(DAYS - 1))

@@ -150,7 +150,7 @@ impl PlantedOutcome {
         self.alarm.as_ref().is_some_and(|alarm| alarm.kind == self.planted.kind)
     }
 
-    /// The test in which the alarm began.
+    /// The test that started the alarm.
     fn found_in(&self) -> Option<u32> {
         self.arm.test_at(self.alarm.as_ref()?.first_seen_at)
     }

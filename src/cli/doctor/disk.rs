@@ -11,8 +11,8 @@ const CHECK: &str = "disk";
 /// A share of free space below this is small.
 const LITTLE: f64 = 0.10;
 
-/// With less space than this the daemon stops within days, bytes: a write-ahead log after a burst takes some hundred
-/// megabytes.
+/// Free space that the daemon needs, bytes; with less, it stops within days: a write-ahead log after a burst takes some
+/// hundred megabytes.
 const NEEDED_BYTES: u64 = 1 << 30;
 
 pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {

@@ -30,7 +30,7 @@ pub(super) fn check(config: &Config, _machine: &Machine) -> Vec<DoctorFinding> {
     found
 }
 
-/// The unit and its drop-ins, in the order in which systemd reads them.
+/// The unit and its drop-ins, in systemd's order of reading.
 fn with_drop_ins(unit: &Path) -> String {
     let mut text = std::fs::read_to_string(unit).unwrap_or_default();
     let mut added: Vec<PathBuf> = PLACES

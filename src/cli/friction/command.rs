@@ -105,7 +105,7 @@ enum OverArg {
     Runs,
 }
 
-/// Speed at which runs are compared, like in figure 5.23 of the thesis, as a fraction of the largest.
+/// Speed for comparing runs, like in figure 5.23 of the thesis, as a fraction of the largest.
 const COMPARED_SPEED: f64 = 0.6;
 
 /// A friction point with its source.

@@ -68,7 +68,7 @@ pub(super) struct IngestArgs {
     accept: Vec<FindingKind>,
 }
 
-/// Attempts at an export that another program was reading, before it is left to that program.
+/// Most attempts at an export that another program is reading.
 const LOOKS: usize = 3;
 
 /// Reads the name of a finding; clap proposes the nearest one.

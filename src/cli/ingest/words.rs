@@ -21,7 +21,7 @@ pub(super) fn lasting(time: Duration) -> String {
     }
 }
 
-/// Text about an export that is left to another program that reads it at the same time.
+/// Text about an export that another program reads at the same time.
 pub(super) fn elsewhere(path: &Path) -> String {
     format!(
         "{}: another program takes it at the same time; it is looked at again at the end",

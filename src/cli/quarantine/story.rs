@@ -218,8 +218,8 @@ fn window_start(cell_end: usize, cell_start: usize) -> usize {
     if cell_end <= SHOWN_CHARACTERS { 0 } else { cell_start.saturating_sub(LEAD_CHARACTERS) }
 }
 
-/// Part of a line, with dots where it is cut; a control character is shown as a sign, so that the mark stays below its
-/// cell and the terminal does not interpret it.
+/// Part of a line, with dots at a cut; a control character is shown as a sign, so that the mark stays below its cell
+/// and the terminal does not interpret it.
 fn window(line: &str, from: usize) -> String {
     let dots = |cut: bool| if cut { ".." } else { "" };
     let shown: String = line

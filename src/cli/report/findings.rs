@@ -166,7 +166,7 @@ fn of_severity(severity: Severity) -> StatusWord {
     StatusWord::new(severity.name(), level)
 }
 
-/// The time at which friction reaches its limits, if there is a trend.
+/// The time when friction reaches its limits, if there is a trend.
 fn forecast(of: &Forecast) -> Option<String> {
     let trend = match of.trend {
         Trend::Rising => "rising",

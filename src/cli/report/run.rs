@@ -100,7 +100,7 @@ pub(super) async fn page(
     })
 }
 
-/// Returns true if this is the robot's latest complete test, to which its health refers.
+/// Returns true if this is the robot's latest complete test, which its health describes.
 fn is_latest(run: &RunRow, runs: &[RunRow]) -> bool {
     let tests = runs.iter().filter(|of| of.robot == run.robot);
     let complete = tests.filter(|of| of.status == RunStatus::Complete && of.kind == RunKind::Test);

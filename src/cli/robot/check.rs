@@ -93,7 +93,7 @@ fn excitation_states(excitation: &FourierExcitation) -> Vec<JointState> {
 }
 
 /// Reports if the described excitation identifies friction under load: one line per joint whose friction depends on it,
-/// or one line about where it would be identified.
+/// or one line about a suitable motion.
 fn load_friction_lines(robot: &Robot, shown: Option<&[LoadVisibility]>) -> Vec<String> {
     let Some(shown) = shown else {
         return match robot.has_load_friction() {

@@ -12,9 +12,9 @@ use armwatch_simulate::files::format::{
 };
 use armwatch_simulate::run::temperatures::TemperatureColumns;
 
-/// The columns with which `layout` reads exports of `robot`: columns by number at their places, all others in the order
-/// time, position, velocity, torque, stage, cycle, friction joint and level. Of the temperatures in the layout, it
-/// contains those that are recorded.
+/// The columns that `layout` reads in exports of `robot`: columns by number at their places, all others in the order
+/// time, position, velocity, torque, stage, cycle, friction joint and level. Temperatures in the layout are included if
+/// they are recorded.
 pub(in crate::cli) fn export_format(
     layout: &Layout,
     robot: &Robot,

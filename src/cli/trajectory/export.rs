@@ -126,8 +126,8 @@ pub(super) fn header(robot: &Robot, waypoints: bool) -> String {
     std::iter::once("time_s".to_owned()).chain(joints).collect::<Vec<_>>().join(",")
 }
 
-/// Largest deviation of cubic polynomials between waypoints from the motion, evaluated at the middles between them,
-/// where the error of such a polynomial is largest.
+/// Largest deviation of cubic polynomials between waypoints from the motion. It is evaluated at the middles between
+/// them, because the error of such a polynomial is largest there.
 fn interpolation_error(series: &FourierExcitation, step: f64) -> f64 {
     let period = 1.0 / series.base_frequency;
     let intervals = (period / step).ceil() as u64;

@@ -28,7 +28,7 @@ use armwatch_trajectory::limits::SampledMotion;
 
 /// Cycles of the source's test.
 const WHOLE_TEST: f64 = 24.0;
-/// Instants per second at which the motion is compared with limits, Hz.
+/// Instants per second for the comparison of the motion with limits, Hz.
 const CHECK_RATE_HZ: f64 = 1000.0;
 /// Points of a curve in the picture.
 const POINTS: u32 = 1200;
@@ -253,7 +253,7 @@ fn friction(plan: &CyclePlan, robot: &Robot) -> Vec<JointFrictionTest> {
     robot.joint_indices().filter_map(of).collect()
 }
 
-/// Tilt above which gravity is not constant, rad.
+/// Largest tilt with constant gravity torque, rad.
 const STILL: f64 = 1e-6;
 
 fn print_friction(tests: &[JointFrictionTest]) {

@@ -1,4 +1,4 @@
-//! The order in which files are read.
+//! The order of reading files.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

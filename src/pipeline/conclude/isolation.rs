@@ -14,7 +14,7 @@ pub enum Conclusion {
     Drawn(Concluded),
     /// The stored conclusions are as new as the history.
     UpToDate,
-    /// They cannot be drawn from this history; the robot's row gives the reason.
+    /// They fail for this history; the robot's row gives the reason.
     Faulty(String),
     /// Another daemon draws them.
     Elsewhere,

@@ -59,7 +59,7 @@ pub struct Replay {
 }
 
 /// The export of a run: at `named`, or else at the first known place of the run, or in the first of the configuration's
-/// watched folders, that has the run's content. The inner error lists what was found instead.
+/// watched folders, that has the run's content. The inner error lists the other files at these places.
 ///
 /// # Errors
 /// The end of the task that reads.
@@ -142,7 +142,7 @@ impl Replay {
     /// configuration's watched folders, that has the run's content.
     ///
     /// # Errors
-    /// [`ReplayError::Source`] if there is none, with what was found instead.
+    /// [`ReplayError::Source`] if there is none, with the other files at these places.
     pub async fn export(&self, config: &Config, named: Option<&Path>) -> Result<PathBuf, ReplayError> {
         let found = export_of(&self.run, config, named).await?;
         found.map_err(|missing| ReplayError::Source(format!("{missing}: give its place with --source FILE")))

@@ -26,7 +26,7 @@ pub struct AdmittedExport {
     pub named_start: bool,
     /// Cycles stored by an earlier attempt.
     pub cycles_stored: u32,
-    /// The point from which reading continues after stored cycles, if not from the start.
+    /// The point after stored cycles that reading continues from, if not from the start.
     pub resume: Option<ResumePoint>,
     /// Hash of everything besides its bytes that determines its cycles.
     pub made_with: ContentHash,

@@ -26,7 +26,7 @@ const LONGEST_HEADER: usize = 64 << 10;
 pub struct CutCycle {
     /// The cycle.
     pub cycle: Cycle,
-    /// At least all bytes of its rows, and the point after them from which reading continues.
+    /// At least all bytes of its rows, and the point after them that reading continues from.
     pub read: ReadSoFar,
     /// Work of reading and cutting since the cycle before it, without waiting.
     pub took: Duration,

@@ -24,11 +24,11 @@ use armwatch_model::run::stage_rule::StageRule;
 use armwatch_model::run::{ContentHash, Cycle, RawSamples, Samples};
 
 /// First rows of an export that give its sample rate. The number is fixed, so that the rate does not depend on the
-/// blocks in which a growing file is read.
+/// blocks of a growing file.
 pub(in crate::pipeline) const SAMPLE_RATE_ROWS: usize = 1000;
 
 /// First rows of an export that identify its recording: noise makes the first rows of two recordings differ. They are
-/// few, so that an export in which a later row was corrected still counts as the same recording.
+/// few, so that an export with a correction in a later row still counts as the same recording.
 const FIRST_ROWS: usize = 16;
 
 /// Fewest rows of a cycle: a shorter one cannot be filtered, so it gives no result.
@@ -234,7 +234,7 @@ impl RowCutter {
         self.cutter.state()
     }
 
-    /// Rows whose stage is known; later rows are held back.
+    /// Rows whose stage is known; later rows wait.
     #[must_use]
     pub fn rows_settled(&self) -> u64 {
         self.rows_settled
@@ -297,7 +297,7 @@ impl RowCutter {
     }
 
     /// The next cycle that the pushed rows end; `None` when all of them are processed. Nothing may be pushed after a
-    /// fault. A short cycle is held back until a longer one follows.
+    /// fault. A short cycle waits until a longer one follows.
     ///
     /// # Errors
     /// A rejection of rows that form no cycle, after the cycles before them, and of an export without stages.

@@ -343,8 +343,8 @@ mod tests {
         let stored = Facts { read_elsewhere: Some(5), ..of(Complete, vec![]) };
         assert_eq!(decide(&stored), stands(known(7, Complete), None));
 
-        // a run superseded by a file at another path stays superseded; one superseded at the path to which it returned
-        // does not
+        // a run superseded by a file at another path stays superseded, unless its content has returned to the path of
+        // the run that superseded it
         let elsewhere = vec![earlier(8, Complete, "recording"), earlier(7, Superseded, "recording")];
         assert_eq!(decide(&of(Superseded, elsewhere)), stands(known(7, Superseded), None));
         let here = vec![earlier(8, Complete, "path file recording"), earlier(7, Superseded, "recording")];

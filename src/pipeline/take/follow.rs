@@ -145,7 +145,7 @@ impl Pipeline {
         }
         let recognised = match intake::recognise(self.config(), path, intake::file_time(path)) {
             Ok(recognised) => recognised,
-            // the row with the start may not be written yet
+            // the row with the start is possibly not written yet
             Err(rejection) if rejection.is_passing => return Ok(Followed::NotYet),
             Err(rejection) => return Ok(Followed::Blocked(rejection)),
         };
@@ -216,7 +216,7 @@ impl Pipeline {
                 }
             }
         };
-        // cycles stored before the program ended may not be evaluated yet
+        // cycles stored before the program ended are possibly not evaluated yet
         if intake.cycles_stored > 0 {
             grown(Progress::Cycle(intake.cycles_stored));
         }
@@ -429,8 +429,8 @@ fn shortened_to(growth: &Growth) -> Option<u64> {
 }
 
 /// Ends the attempt at a growing file once all written rows are read and stored, so that a file that is written for
-/// days is not a suspect all the time. If rows written later crash the program, they are counted from the next start
-/// on.
+/// days is not a suspect all the time. If rows written later crash the program, counting starts again with the next
+/// start.
 struct Survived {
     pipeline: Pipeline,
     name: String,

@@ -325,7 +325,7 @@ pub(in crate::pipeline) async fn forget_unreadable(
     path: &Path,
 ) -> Result<(), PipelineError> {
     let known = pipeline.store().lookup(&path_identity(pipeline.store(), path)).await?;
-    // a run with cycles is known by the bytes that they were read from
+    // the bytes of its cycles identify a run with cycles
     if let Some(run) = known.filter(|run| run.status == RunStatus::Quarantined && run.cycles_stored == 0) {
         pipeline.store().discard_run(run.run_id).await?;
     }

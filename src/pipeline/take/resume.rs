@@ -2,9 +2,9 @@
 //! and cutter, as bytes that the database stores with the cycles.
 //!
 //! A point is taken when the cutter has just cut. Reading continues at the start of the block of rows that contains the
-//! cut, where the reader's state is a few numbers; rows that are in cycles already are dropped once their stage is
-//! known. A point is used only if its version, its layout, its description and all its bytes are right; otherwise the
-//! export is read from its start.
+//! cut, because the reader's state is a few numbers there; rows that are in cycles already are dropped once their stage
+//! is known. A point is used only if its version, its layout, its description and all its bytes are right; otherwise
+//! the export is read from its start.
 
 use std::collections::VecDeque;
 
@@ -43,7 +43,7 @@ impl ReadPositions {
         self.0.push_back((position, cutter.stages()));
     }
 
-    /// The point at the last cut of `cutter`. `None` within the first rows, where a point saves nothing.
+    /// The point at the last cut of `cutter`. `None` within the first rows, because a point saves nothing there.
     #[must_use]
     pub fn at_cut(&self, cutter: &RowCutter) -> Option<ResumePoint> {
         let state = cutter.cutter();

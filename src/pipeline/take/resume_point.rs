@@ -1,4 +1,4 @@
-//! The point from which reading continues after stored cycles.
+//! The point after stored cycles that reading continues from.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use armwatch_method::segment::cycles::CutterState;
 use armwatch_method::segment::stages::FinderState;
 use armwatch_model::run::ContentHash;
 
-/// The point from which reading continues.
+/// The point that reading continues from.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ResumePoint {
     /// State of the reader before a block of rows.

@@ -20,7 +20,7 @@ pub struct AlertSettings {
     pub sites: Vec<Site>,
     /// Time after which an open alarm without an answer is sent again; `None` for never.
     pub remind_after: Option<Duration>,
-    /// Time after which a failing delivery is given up.
+    /// Time until a failing delivery ends.
     pub give_up_after: Duration,
     /// Shortest and longest pause before another attempt.
     pub retry: (Duration, Duration),
@@ -67,9 +67,9 @@ pub struct Route {
     pub language: Option<Language>,
     /// Time zone of `quiet` and `digest_at`.
     pub zone: TimeZone,
-    /// Hours in which messages that are not critical wait.
+    /// Hours during which messages that are not critical wait.
     pub quiet: Option<QuietHours>,
-    /// Time of day at which all alarms of the last day are sent as one message; `None` to send each at once.
+    /// Time of day for one message with all alarms of the last day; `None` to send each at once.
     pub digest_at: Option<Time>,
     /// Most messages within an hour; the others wait and are combined.
     pub most_per_h: u32,
@@ -78,7 +78,7 @@ pub struct Route {
 }
 
 impl Route {
-    /// The route of a configuration without one: everything goes to the log.
+    /// The route of a configuration without one: the log receives everything.
     #[must_use]
     pub fn log() -> Self {
         Self {
@@ -108,7 +108,7 @@ impl Route {
     }
 }
 
-/// Hours of the day in which messages that are not critical wait.
+/// Hours of the day during which messages that are not critical wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct QuietHours {
     /// Start.

@@ -532,7 +532,7 @@ fn read_detect(table: &Table<'_>) -> Option<DetectSettings> {
     })
 }
 
-/// The fractions above which a quantity is a warning and critical.
+/// The fractions that make a quantity a warning and critical.
 fn read_levels(table: &Table<'_>, stem: &str, default: (f64, f64)) -> Option<(f64, f64)> {
     let fraction = Limits::above(0.0, 10.0, "");
     let warning = table.number_or(&format!("{stem}_warning_fraction"), &fraction, default.0);

@@ -85,7 +85,7 @@ impl Recognition {
     /// Robot and start time from the file name `file_name`, given without folder.
     ///
     /// The pattern is tried on the name without the endings `.csv`, `.parquet`, `.mcap`, `.gz` and `.zst`, then without
-    /// `.gz` and `.zst` alone, then on the whole name, so that the pattern need not include endings. Names are composed
+    /// `.gz` and `.zst` alone, then on the whole name, so that the pattern works without endings. Names are composed
     /// (NFC). A name that does not match and contains nothing like a date is the robot's name as a whole.
     ///
     /// # Errors

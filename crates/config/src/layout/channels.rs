@@ -233,8 +233,8 @@ impl JointDelays {
     }
 }
 
-/// Quantity in the torque columns. Each is converted to a torque on the side on which it was recorded
-/// ([`MotorSide::torque`]); the transmission then converts from motors to joints.
+/// Quantity in the torque columns. Each is converted to a torque on the recorded side ([`MotorSide::torque`]); the
+/// transmission then converts from motors to joints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum TorqueQuantity {
     /// Torque, Nm (N).
@@ -249,7 +249,7 @@ pub enum TorqueQuantity {
 }
 
 /// Factors from the columns of each joint to SI `[n]`, including signs and drives: rad (m), rad/s (m/s), Nm (N), each
-/// on the side on which it was recorded.
+/// on the recorded side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointFactors {
     /// Factors of positions.

@@ -32,7 +32,7 @@ pub struct ScaledColumn {
 /// The columns of a channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum JointColumns {
-    /// By a name in which `{joint}` is the joint's number from 1, `{joint+6}` that number plus 6.
+    /// By a name with a placeholder: `{joint}` is the joint's number from 1, `{joint+6}` that number plus 6.
     Pattern(String),
     /// Individually, from the base outwards.
     Each(Vec<Column>),

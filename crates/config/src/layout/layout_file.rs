@@ -48,7 +48,7 @@ pub struct LayoutUnits {
     pub torque: &'static str,
 }
 
-/// The units in which `layout` reads its columns. A prismatic joint's units have the names of a revolute one's if both
+/// The units of the columns that `layout` reads. A prismatic joint's units have the names of a revolute one's if both
 /// are SI.
 #[must_use]
 pub fn layout_units(layout: &Layout) -> LayoutUnits {

@@ -97,7 +97,7 @@ fn read_format(value: &Value<'_>, wanted: &str, gives: fn(&MomentFormat) -> bool
     None
 }
 
-/// The name of the unit in which a layout reads time; `None` if rows are counted.
+/// The name of a layout's time unit; `None` if rows are counted.
 pub(crate) fn unit_of(time: &TimeSource) -> Option<&'static str> {
     match time {
         TimeSource::Column(column) | TimeSource::Restarting(column) | TimeSource::Counter { column, .. } => {

@@ -15,14 +15,14 @@ enum Piece<'c> {
 const DATE_ORDERS: [&[&str]; 5] =
     [&["%d", "%m", "%Y"], &["%m", "%d", "%Y"], &["%Y", "%m", "%d"], &["%d", "%m", "%y"], &["%m", "%d", "%y"]];
 
-/// With a two-digit year and points between numbers, the day is first or last.
+/// If the year has two digits and points separate the numbers, the day is first or last.
 const SHORT_DATE_ORDERS: [&[&str]; 2] = [&["%d", "%m", "%y"], &["%y", "%m", "%d"]];
 
 /// Orders with the name of a month.
 const NAMED_ORDERS: [&[&str]; 3] = [&["%d", "%Y"], &["%d", "%y"], &["%Y", "%d"]];
 
-/// The formats that give a time for a cell with a time of day. With several, the cell does not show which of its
-/// numbers is the day.
+/// The formats that give a time for a cell with a time of day. If there are several, the cell does not show the
+/// position of the day.
 #[must_use]
 pub fn forms_of(cell: &str) -> Vec<MomentFormat> {
     let cell = cell.trim_matches(is_blank);
@@ -157,7 +157,7 @@ impl TimeOfDay {
         pieces.iter().enumerate().filter(of_date).count()
     }
 
-    /// The cell as a format in which the numbers of the date have these conversions.
+    /// The cell as a format; the numbers of the date have these conversions.
     fn format(&self, pieces: &[Piece<'_>], date: &[&str]) -> Option<MomentFormat> {
         let mut text = String::new();
         let mut date = date.iter();

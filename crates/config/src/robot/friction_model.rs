@@ -97,7 +97,7 @@ fn read<'d>(table: &Table<'d>, kind: JointKind) -> Option<GivenFriction<'d>> {
         JointKind::Revolute => RAD_S,
         JointKind::Prismatic => M_S,
     };
-    // all parts are read before any fails, so that all problems are found at once
+    // all parts are read before any fails, so that one pass reports all problems
     let law = table.optional(MODEL).map(|value| read_law(&value));
     let speeds: Vec<_> = LAWS
         .iter()

@@ -112,7 +112,7 @@ pub(crate) fn read_drive(table: &Table<'_>, kind: JointKind, arm: FrictionModel)
     })
 }
 
-/// A gain, whose sign gives the direction in which the current drives.
+/// A gain, whose sign gives the direction of the drive for a positive current.
 fn not_zero(value: &Value<'_>, limits: &Limits) -> Option<f64> {
     let gain = value.number(limits)?;
     if gain == 0.0 {

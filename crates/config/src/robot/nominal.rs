@@ -11,7 +11,7 @@ use armwatch_model::robot::{FRICTION_COUNT, JointKind, NominalJoint, StandardPar
 /// round to about four digits, and a thin rod is exactly on the limit.
 const ROUNDING: f64 = 1e-4;
 
-/// Speeds at which the friction curve is checked, evenly up to the largest speed.
+/// Number of speeds for checking the friction curve, evenly up to the largest speed.
 const FRICTION_SPEEDS: usize = 50;
 
 /// Seconds per minute, for values of a file.
@@ -180,7 +180,7 @@ fn read_friction(value: &Value<'_>, kind: JointKind, velocity: Option<f64>) -> O
     Some(friction)
 }
 
-/// The first speed at which friction [3.10] is negative.
+/// The first speed with negative friction [3.10].
 fn driving_speed([f1, f2, f3, f4]: [f64; FRICTION_COUNT], velocity: f64) -> Option<f64> {
     (0..=FRICTION_SPEEDS)
         .map(|i| velocity * i as f64 / FRICTION_SPEEDS as f64)

@@ -13,7 +13,7 @@ pub struct ConfigProblem {
     pub line: Option<usize>,
     /// Column in characters, from 1.
     pub column: Option<usize>,
-    /// Dotted key; entries of lists are counted from 1, as in `joint[2].alpha_deg`. Empty for mistakes of syntax.
+    /// Dotted key; entries of lists have numbers from 1, as in `joint[2].alpha_deg`. Empty for mistakes of syntax.
     pub key: String,
     /// The value in the file, shortened; `None` if there is none.
     pub value: Option<String>,

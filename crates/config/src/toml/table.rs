@@ -115,7 +115,7 @@ impl Document<'_> {
         problems.sort_by_key(|p| (p.line, p.column));
         problems.extend(self.adopted.into_inner());
         if problems.is_empty() {
-            // Only a reader that fails without noting a problem leads here; report what is known.
+            // Only a reader that fails without noting a problem leads here; report the known facts.
             return ConfigErrors::of_file(self.file, "could not be understood".into(), None);
         }
         ConfigErrors(problems)

@@ -87,7 +87,7 @@ pub struct Blocks<R> {
     at_end: bool,
     /// True if the reader had no more bytes at the last read, but was not at its end.
     paused: bool,
-    /// Number of NUL bytes after `pending`, which may or may not be followed by other bytes.
+    /// Number of NUL bytes after `pending`; other bytes may follow.
     nuls: u64,
 }
 
@@ -109,7 +109,8 @@ impl<R: Read> Blocks<R> {
         }
     }
 
-    /// At the end: number of NUL bytes after the last line, and the line in which they begin; `None` if there are none.
+    /// At the end: number of NUL bytes after the last line, and the line with the first of them; `None` if there are
+    /// none.
     #[must_use]
     pub fn trailing_nuls(&self) -> Option<(u64, u64)> {
         (self.nuls > 0).then_some((self.nuls, self.line))
@@ -378,7 +379,7 @@ pub(crate) fn narrow(path: &Path, text: &[u8]) -> Rejection {
     )
 }
 
-/// End of the last line that is not blank. Blank lines are kept back until it is known if the file continues.
+/// End of the last line that is not blank. Blank lines wait until it is clear that the file continues.
 fn last_line_end(bytes: &[u8]) -> Option<usize> {
     let last = bytes.iter().rposition(|byte| *byte == b'\n')?;
     let content = bytes[..last].iter().rposition(|byte| !is_blank(*byte) && *byte != b'\n')?;

@@ -1,7 +1,7 @@
 //! Converts bytes to UTF-8 text, for any encoding of an export, during reading.
 //!
-//! The result does not depend on the pieces in which bytes arrive: a unit or character that the end of a growing file
-//! cuts waits for its rest. UTF-8 text passes through unchanged.
+//! The result does not depend on how the bytes are divided: a unit or character that the end of a growing file cuts
+//! waits for its rest. UTF-8 text passes through unchanged.
 
 use std::io::{self, Read};
 
@@ -154,7 +154,7 @@ impl<R: Read> TextReader<R> {
         Ok(count > 0)
     }
 
-    /// Returns bytes that were kept back, or reads on, until the next bytes are known to be UTF-8 or not.
+    /// Returns waiting bytes, or reads on, until it is clear that the next bytes are UTF-8 or not.
     fn read_eight_bit(&mut self, buffer: &mut [u8], several: bool) -> io::Result<usize> {
         if self.input.is_empty() {
             let count = self.inner.read(buffer)?;
@@ -272,7 +272,7 @@ enum Told {
 /// Encoding by the first bytes of a file and its layout, and length of the byte order mark.
 fn told(head: &[u8], declared: TextEncoding) -> io::Result<(Told, usize)> {
     let marked = match head {
-        // UTF-32 begins like UTF-16; it is reported where the header is read.
+        // UTF-32 begins like UTF-16; the reader of the header reports it.
         [0xFF, 0xFE, 0, 0] | [0, 0, 0xFE, 0xFF] => Some((Told::Raw, 0)),
         [0xEF, 0xBB, 0xBF, ..] => Some((Told::Raw, 3)),
         [0xFF, 0xFE, ..] => Some((Told::Other(Found::Utf16Le), 2)),
@@ -301,7 +301,7 @@ fn told(head: &[u8], declared: TextEncoding) -> io::Result<(Told, usize)> {
     Ok((told, 0))
 }
 
-/// An encoding with more than one byte per unit.
+/// An encoding with several bytes per unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Wide {
     Utf16Le,

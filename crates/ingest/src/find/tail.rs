@@ -20,7 +20,7 @@ use crate::bytes::source::{MAGIC_BYTES, is_plain};
 use crate::rejection::Rejection;
 use armwatch_model::run::{ContentPrefix, FileId};
 
-/// Suffix by which a writer marks an export as complete.
+/// Suffix of the file that marks an export as complete.
 pub const DONE_MARK: &str = ".done";
 
 /// Bytes per read when a content is read again for its hash.

@@ -54,7 +54,7 @@ pub struct Scan {
     pub unreadable: Vec<UnreadablePlace>,
     /// Skipped places, which may contain exports.
     pub skipped: Vec<Skipped>,
-    /// Folders that were read: each with the path by which it was reached, and its path without links.
+    /// Folders that were read: each with its path from the given folder, and its path without links.
     pub folders: Vec<(PathBuf, PathBuf)>,
 }
 
@@ -244,7 +244,7 @@ impl Scan {
             Err(error) => return self.unreadable.push(UnreadablePlace { path, error }),
         };
         let is_inside = walk.root.as_ref().is_some_and(|root| target.starts_with(root));
-        // a folder inside is found by its own path
+        // the scan finds a folder inside by its own path
         if metadata.is_dir() && (is_inside || is_hidden(&path)) || !metadata.is_dir() && !is_named {
             return;
         }

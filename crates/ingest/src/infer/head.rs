@@ -50,7 +50,7 @@ const MOST_LINES: usize = 200;
 /// Most bytes of one record that is joined from lines.
 const LONGEST_RECORD: usize = 1 << 20;
 
-/// Numbers that are kept of a column in which some cells are not numbers: enough for their range.
+/// Numbers that a column with other cells keeps: enough for their range.
 const KEPT_NUMBERS: usize = 4096;
 
 /// The first rows, and their format.
@@ -87,7 +87,7 @@ pub(super) struct HeadColumn {
     pub(super) numbers: Vec<f64>,
     /// Cells among them that are not numbers; each has the number before it as its value.
     bad: usize,
-    /// The forms in which all cells are times, for a column of text.
+    /// The forms that read all cells as times, for a column of text.
     pub(super) time_forms: TimeForms,
     /// The first of its cells.
     pub(super) cells: Vec<String>,
@@ -414,7 +414,7 @@ fn assembled<'t>(lines: impl Iterator<Item = &'t str>, format: HeadFormat, encod
         columns.iter_mut().enumerate().for_each(|(at, column)| column.name = (at + 1).to_string());
     }
     let first = at.filter(|_| by_number.is_none()).unwrap_or(above.records.len());
-    // Readers skip comments automatically; other lines are counted from the start of the file.
+    // Readers skip comments automatically; they count other lines from the start of the file.
     let is_counted = above.is_dropped_counted || above.records.range(..first).any(Record::is_counted);
     let is_skipped = is_counted || (by_number.is_some() && !above.records.is_empty());
     let below = if first < above.records.len() { first + 1 } else { first };

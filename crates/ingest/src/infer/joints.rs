@@ -217,7 +217,7 @@ pub(super) fn rises(values: Option<&[f64]>) -> bool {
     values.is_some_and(|values| values.len() > 1 && values.windows(2).all(|pair| pair[0] < pair[1]))
 }
 
-/// Returns true if a column rises except at a few places where a counter may restart.
+/// Returns true if a column rises except at a few places, such as restarts of a counter.
 fn nearly_rises(values: &[f64]) -> bool {
     let falls = values.windows(2).filter(|pair| pair[0] >= pair[1]).count();
     values.len() > 1 && falls * 1000 <= values.len()

@@ -99,7 +99,7 @@ impl Maker {
     }
 }
 
-/// The quantities for which a layout names columns of joints.
+/// The quantities of joint columns in layouts.
 fn quantity(kind: Option<Kind>) -> Option<Kind> {
     kind.filter(|kind| matches!(kind, Kind::Position | Kind::Velocity | Kind::Torque | Kind::Current))
 }

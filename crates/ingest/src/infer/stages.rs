@@ -8,10 +8,10 @@ const MOST_VALUES: usize = 32;
 /// Share of its largest speed below which a joint is at rest.
 const AT_REST: f64 = 0.01;
 
-/// Largest mean number of moving joints, over rows with motion, of a stage in which they move one by one.
+/// Largest mean number of moving joints, over rows with motion, of a stage with joints moving one by one.
 const ONE_BY_ONE: f64 = 1.3;
 
-/// Least mean number of moving joints of a stage in which they move together.
+/// Least mean number of moving joints of a stage with joints moving together.
 const TOGETHER: f64 = 1.8;
 
 /// A whole number and the rows with it.

@@ -22,7 +22,7 @@ pub(super) struct FoundTemperatures {
     pub(super) columns: Vec<usize>,
 }
 
-/// Temperatures of an export of an arm with `count` joints; columns for which `taken` is true have another meaning.
+/// Temperatures of an export of an arm with `count` joints; `taken` excludes columns with another meaning.
 pub(super) fn temperatures(
     head: &Head,
     sets: &[Set],

@@ -7,7 +7,7 @@ use armwatch_config::{MomentFormat, TextTime, forms_of};
 /// Most examined cells of a column.
 pub(super) const MOST_CELLS: usize = 4096;
 
-/// Forms that give a time for every cell of a column. With several, the cells do not distinguish day and month.
+/// Forms that give a time for every cell of a column. If there are several, the cells do not distinguish day and month.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub(super) struct TimeForms(Vec<TextTime>);
 

@@ -31,8 +31,7 @@ const SLOPE_TOLERANCE: f64 = 0.05;
 /// The same for minutes, hours and days: degrees per radian are 60 except for 5 per cent.
 const LONG_TIME_TOLERANCE: f64 = 0.02;
 
-/// Windows in which a joint moves less than this fraction of its large moves are excluded, because noise dominates
-/// them.
+/// Least move of a joint in a window, as a fraction of its large moves; noise dominates smaller moves.
 const LEAST_MOVE: f64 = 0.1;
 
 /// Largest relative deviation of a window's factor from the median of all, for agreement.
@@ -136,7 +135,7 @@ pub(super) struct Choice {
 }
 
 impl Choice {
-    /// Rows per second, Hz, at which velocities match the change of position from row to row.
+    /// Rows per second, Hz, that make velocities match the change of position from row to row.
     pub(super) fn rate(self, slope: Slope) -> Option<f64> {
         let rate = slope.ratio.abs() * self.velocity.1 / self.position.1;
         SAMPLE_RATES.contains(&rate).then_some(rate)

@@ -49,7 +49,7 @@ pub struct ReadRows {
     pub row: Option<ContentHash>,
 }
 
-/// Reads a block whose last line is known to be whole.
+/// Reads a block whose last line is certainly whole.
 ///
 /// # Errors
 /// A rejection of the first cell, in line and then column order, that is not understood.
@@ -176,8 +176,8 @@ pub enum LastLine {
 /// Checks the last line of a file that does not end with a line end.
 ///
 /// A line with too few fields, or with a last cell that is empty or not a number, is cut: omitting it is harmless,
-/// since nothing follows it. With all fields it is whole if its last cell allows no longer number, as in a column of
-/// stages 0 to 3, or if that column is not needed. Otherwise it is doubtful, since `-12.34` may be the beginning of
+/// since nothing follows it. A line with all fields is whole if its last cell allows no longer number, as in a column
+/// of stages 0 to 3, or if that column is not needed. Otherwise it is doubtful, since `-12.34` may be the beginning of
 /// `-12.345`: omitting one row of a recording is harmless, a wrong torque is not.
 ///
 /// # Errors

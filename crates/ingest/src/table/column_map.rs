@@ -341,7 +341,7 @@ impl Search<'_> {
         }
     }
 
-    /// Joints are counted by their position columns; an arm with another number is another arm.
+    /// Refuses another number of position columns than the robot has joints: the export is from another arm.
     fn refuse_joint_count(&self) -> Result<(), Rejection> {
         let JointColumns::Pattern(pattern) = &self.layout.position.columns else { return Ok(()) };
         let Some((before, after)) = pattern.split_once("{joint}") else { return Ok(()) };
@@ -350,7 +350,7 @@ impl Search<'_> {
         });
         let found = numbers.max().unwrap_or(0);
         let joints = self.robot.joint_count();
-        // With fewer positions than joints, a column is missing if the torques are complete.
+        // If there are fewer positions than joints and the torques are complete, a column is missing.
         let torque_of = |joint: usize| {
             self.layout.torque.columns.of_joint(joint).is_some_and(|c| self.find(&c).is_some())
         };

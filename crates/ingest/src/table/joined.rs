@@ -164,8 +164,8 @@ fn head(header: &str, line: u64, layout: &Layout) -> Vec<u8> {
     text
 }
 
-/// Parts one after another. The header of later parts is omitted; without a header, a part continues exactly where the
-/// one before ends, even within a line.
+/// Parts one after another. The header of later parts is omitted; without a header, a part continues exactly at the end
+/// of the one before, even within a line.
 struct Following {
     header: String,
     current: Option<Part>,

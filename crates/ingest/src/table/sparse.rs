@@ -9,7 +9,7 @@ use crate::rejection::Rejection;
 /// Fewest rows that determine the rate of a channel.
 const LEAST_ROWS: u64 = 8;
 
-/// Share of rows with a value above which cells are missing individually.
+/// Share of rows with a value; from this share on, cells are missing individually.
 const DENSE: f64 = 0.8;
 
 /// Adds the rates of the channel and of the rows, and a remedy, to the rejection of an empty cell in `block`. Returns

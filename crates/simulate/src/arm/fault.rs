@@ -45,7 +45,7 @@ pub enum FaultKind {
         /// First cycle of the first run that shows it.
         cycle: u32,
     },
-    /// All friction of each cycle changes by a fraction that is drawn for the cycle.
+    /// All friction changes by a random fraction in each cycle.
     Jitter {
         /// Standard deviation of the fraction.
         size: f64,

@@ -13,7 +13,7 @@ use armwatch_model::robot::{FRICTION_COUNT, Joint, NominalJoint, WarmUpShape};
 pub const COULOMB_EXCESS: f64 = 0.3;
 /// Height of the bump at low speed, as a fraction of f1.
 const STRIBECK_FRACTION: f64 = 0.15;
-/// Speed at which the bump has decayed to 1/e, as a fraction of the largest speed.
+/// Speed of decay of the bump to 1/e, as a fraction of the largest speed.
 const STRIBECK_SPEED: f64 = 0.02;
 /// Speed scale of the smooth sign, as a fraction of the largest speed: some mrad/s.
 const SIGN_SPEED: f64 = 0.001;
@@ -21,7 +21,7 @@ const SIGN_SPEED: f64 = 0.001;
 const RIPPLE_FRACTION: f64 = 0.04;
 /// Ripples per turn of the motor: a wave generator is an ellipse and passes twice.
 const RIPPLES_A_TURN: f64 = 2.0;
-/// Frequency above which inertia and the current loop smooth the ripple, Hz.
+/// Corner frequency of the ripple, Hz; inertia and the current loop smooth it above.
 const RIPPLE_CORNER_HZ: f64 = 10.0;
 /// Change of the thermal excess and of warm friction per kelvin below the usual ambient.
 const EXCESS_PER_KELVIN: f64 = 0.03;
@@ -34,7 +34,7 @@ const LATE_SPEED: f64 = 0.025;
 /// Height of the bump of [`FrictionShape::Stiction`], as a fraction of f1 (Armstrong-Helouvry, 1994: breakaway
 /// torques of 1.2 to 1.6 times the Coulomb torque).
 const STICTION_FRACTION: f64 = 0.5;
-/// Travel over which the torque of [`FrictionShape::Presliding`] reverses, rad (m).
+/// Travel of a reversal of the torque of [`FrictionShape::Presliding`], rad (m).
 const PRESLIDING_TRAVEL: f64 = 2e-3;
 
 /// Form of a gearbox's friction.
@@ -85,9 +85,9 @@ pub struct JointFriction {
     pub ripple_wave_number: f64,
     /// More ripples, of other orders of the gear.
     pub more_ripples: [Ripple; MORE_RIPPLES],
-    /// Travel over which the Coulomb part reverses, rad; 0 if it follows the speed alone.
+    /// Travel of a reversal of the Coulomb part, rad; 0 if it follows the speed alone.
     pub presliding_travel: f64,
-    /// Fraction by which friction is larger in the joint's positive direction and smaller in its negative one.
+    /// Excess of friction in the joint's positive direction, as a fraction; the negative direction has as much less.
     pub direction: f64,
     /// Friction per Nm (N) of torque that the gear carries.
     pub load: f64,
@@ -161,7 +161,7 @@ impl JointFriction {
         friction_torque(self, &self.warm, qd)
     }
 
-    /// The same gearbox with these ripples instead of its own; those beyond 1 + [`MORE_RIPPLES`] are dropped.
+    /// The same gearbox with these ripples instead of the existing ones; those beyond 1 + [`MORE_RIPPLES`] are dropped.
     #[must_use]
     pub fn with_ripples(self, orders: &[RippleOrder], gear_ratio: f64) -> Self {
         let of = |of: &RippleOrder| Ripple {

@@ -32,7 +32,7 @@ impl HallSettings {
     }
 }
 
-/// Hours in which an arm works in addition to its tests: it is warm after work, and cold after rest.
+/// Working hours of an arm in addition to its tests: it is warm after work, and cold after rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WorkingHours {
     /// Shifts: start and end, hours of the day in UTC, 0 to 24.

@@ -24,7 +24,7 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// The load in the frame of the last link, in which the tool frame has the pose `tool`.
+    /// The load in the frame of the last link; `tool` is the pose of the tool frame there.
     pub fn of_load(load: &Load, tool: &Transform) -> Self {
         Self {
             mass: load.mass,

@@ -85,7 +85,7 @@ pub struct Stroke {
     pub plateau_s: f64,
 }
 
-/// Fraction of a ramp over which its acceleration increases, and likewise decreases.
+/// Fraction of a ramp for the increase of its acceleration, and likewise for the decrease.
 pub const RAMP_EDGE: f64 = 0.1;
 
 impl Stroke {

@@ -7,7 +7,7 @@ use super::motion::PerJoint;
 use crate::error::SimulateError;
 use armwatch_model::robot::{JointKind, MAX_JOINTS, Robot};
 
-/// Share of each range, about its middle, in which points are drawn.
+/// Share of each range, about its middle, for random points.
 const RANGE_PART: f64 = 0.9;
 /// Stream of the points: far from those of other random values.
 const STREAM: u64 = 1 << 42;

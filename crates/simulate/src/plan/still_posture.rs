@@ -1,4 +1,4 @@
-//! Postures in which a joint's gravity torque is constant while the joint turns: its axis is vertical.
+//! Postures with a vertical axis of a joint, so that its gravity torque is constant while it turns.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -23,9 +23,9 @@ const DAMPING: f64 = 1e-6;
 /// Bases of the sequence that spreads starts evenly, one prime per joint (Halton 1960).
 const PRIMES: [u32; MAX_JOINTS] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
 
-/// The posture of the joints before `joint` nearest to `home` in which the axis of `joint` is vertical; the other
-/// joints are as in `home`. `None` if no posture within nine tenths of the ranges achieves it. A prismatic joint
-/// carries the same weight everywhere, so that the result is `home`, like for any joint without gravity.
+/// The posture of the joints before `joint` nearest to `home` that makes the axis of `joint` vertical; the other joints
+/// are as in `home`. `None` if no posture within nine tenths of the ranges achieves it. A prismatic joint carries the
+/// same weight everywhere, so that the result is `home`, like for any joint without gravity.
 #[must_use]
 pub fn still_posture(robot: &Robot, joint: JointIndex, home: &PerJoint) -> Option<PerJoint> {
     let Some(down) = robot.gravity.try_normalize(f64::MIN_POSITIVE) else { return Some(*home) };
@@ -77,8 +77,8 @@ fn room(robot: &Robot, joint: usize) -> [f64; 2] {
     [middle - half, middle + half]
 }
 
-/// Searches from `start` for a posture in which the axis points along `wanted`. Motion that does not turn the axis
-/// approaches `home` (Liégeois 1977, gradient projection).
+/// Searches from `start` for a posture whose axis points along `wanted`. Motion that does not turn the axis approaches
+/// `home` (Liégeois 1977, gradient projection).
 fn aligned(
     robot: &Robot,
     joint: JointIndex,

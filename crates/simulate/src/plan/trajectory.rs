@@ -71,8 +71,8 @@ pub enum FrictionPosture {
     /// The posture at the start of a cycle.
     #[default]
     Home,
-    /// A posture in which the axis of the moving joint is vertical, so that its gravity torque is constant; home if the
-    /// arm has none.
+    /// A posture with a vertical axis of the moving joint, so that its gravity torque is constant; home if the arm has
+    /// none.
     Still,
 }
 
@@ -141,7 +141,7 @@ impl CyclePlan {
     }
 }
 
-/// The posture in which friction of `joint` is tested; the joint itself is at the lower end of its travel.
+/// The posture for the friction test of `joint`; the joint itself is at the lower end of its travel.
 #[must_use]
 pub fn friction_posture(robot: &Robot, joint: JointIndex, posture: FrictionPosture) -> PerJoint {
     let home = home(robot).position;
@@ -319,8 +319,8 @@ mod tests {
     use crate::test_arms::er3a;
     use crate::test_arms::{er3a_with_excitation, nine_joints, one_joint};
 
-    /// Step of central differences, s; their error is of the order of the step squared times the third derivative,
-    /// except at the kinks of the acceleration, where it is of first order.
+    /// Step of central differences, s; their error is of the order of the step squared times the third derivative, and
+    /// of first order at the kinks of the acceleration.
     const STEP_S: f64 = 1e-6;
     /// Positions of up to 10 rad divided by two steps leave 1e-9 rad/s of rounding; kinks of a
     /// jerk of 1000 rad/s³ leave 1e-9 rad/s, and 1e-3 rad/s² in the acceleration.

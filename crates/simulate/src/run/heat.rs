@@ -21,7 +21,7 @@ const MOTOR_RISE: f64 = 12.0;
 const HOUSING_RISE: f64 = 18.0;
 /// Time constant of a housing whose gear is described without a warm-up, s.
 const USUAL_HOUSING_S: f64 = 3000.0;
-/// Interval at which drives update a temperature, s; they repeat it in between.
+/// Time between two updates of a temperature by a drive, s; it repeats the value in between.
 const READING_S: f64 = 1.0;
 /// Time step of the calculation of the plan's usual losses, s.
 const PLAN_STEP_S: f64 = 0.2;
@@ -47,7 +47,7 @@ impl Masses {
     /// Steps by `dt`, s, with copper and friction losses relative to the usual.
     fn step(&mut self, [copper, friction]: [f64; 2], dt: f64) {
         let [motor, housing] = self.above;
-        // conductances for which the usual losses give the usual rises
+        // conductances that give the usual rises at the usual losses
         let (inner, outer) = (1.0 / MOTOR_RISE, 2.0 / HOUSING_RISE);
         let between = inner * (motor - housing);
         self.above[0] += dt / (inner * self.time[0]) * (copper - between);

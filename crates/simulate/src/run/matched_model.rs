@@ -1,5 +1,5 @@
-//! An excitation stage in which everything except the noise matches the identifier's model: friction is the polynomial
-//! [3.10], warm and steady, and the true parameters are those of the description.
+//! An excitation stage that matches the identifier's model except for noise: friction is the polynomial [3.10], warm
+//! and steady, and the true parameters are those of the description.
 //!
 //! For checks of estimators and their errors; exports come from [`crate::simulate_run`].
 

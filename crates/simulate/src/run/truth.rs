@@ -80,14 +80,15 @@ pub struct JointTruth {
     pub wear: f64,
     /// Height of the bump at low speed once warm, Nm.
     pub stribeck_nm: f64,
-    /// Speed at which the bump has decayed to 1/e, rad/s.
+    /// Speed of decay of the bump to 1/e, rad/s.
     pub stribeck_rad_s: f64,
     /// Amplitude of the torque ripple at low speed, Nm.
     pub ripple_nm: f64,
     /// All ripples, if they replace that of the friction shape; otherwise absent.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ripples: Vec<RippleTruth>,
-    /// Fraction by which friction is larger in the positive direction and smaller in the negative one; absent if zero.
+    /// Excess of friction in the positive direction, as a fraction; the negative direction has as much less. Absent if
+    /// zero.
     #[serde(skip_serializing_if = "is_zero")]
     pub friction_direction: f64,
     /// Friction per Nm that the gear carries; absent if it does not depend on the load.

@@ -46,7 +46,7 @@ impl Warmth {
         found
     }
 
-    /// Advances by `dt`, s, in which friction took `power`, W.
+    /// Advances by `dt`, s, at a friction power of `power`, W.
     pub fn step(&mut self, recording: &Recording, dt: f64, power: &PerJoint) {
         let Some(joints) = &mut self.worked else { return };
         for ((usual, cold), (friction, power)) in joints.iter_mut().zip(recording.friction.iter().zip(power))

@@ -8,7 +8,7 @@ use armwatch_method::lanes::{LANES, Lanes};
 use armwatch_method::model::regressor_lanes::{LaneStates, RegressorLanes};
 use armwatch_model::robot::FourierExcitation;
 
-/// Unit in which missing distances are penalised, m.
+/// Unit of the penalty for missing distances, m.
 const CLEARANCE_SCALE_M: f64 = 0.05;
 
 /// Additional distance that a search keeps, m, because it checks fewer instants than the final check.

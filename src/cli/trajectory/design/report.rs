@@ -28,7 +28,7 @@ pub(super) struct DesignReport<'a> {
     pub judged: &'a MotionCheck<'a>,
     /// Predicted results of a recording, if the noise is known.
     pub prediction: Option<PredictedRecording<'a>>,
-    /// Growth of a joint's friction, a fraction, and a load, kg, for which the probability of detection is reported.
+    /// Growth of a joint's friction, a fraction, and a load, kg; their probability of detection is reported.
     pub wear: f64,
     pub load_kg: f64,
     pub beside: Option<(&'a ProductionPrecision, &'a Precision)>,

@@ -46,7 +46,7 @@ async fn arrival(store: &Database, run: i64, second: i64) {
         .await;
 }
 
-/// The tests, of which the first `runs` have arrived.
+/// The tests; the first `runs` of them have arrived.
 async fn arrived(store: &Database, runs: i64) {
     let still_away = format!(
         "UPDATE run SET status = CASE WHEN run_id <= {runs} THEN 'complete' ELSE 'streaming' END

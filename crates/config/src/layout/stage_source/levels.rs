@@ -11,10 +11,10 @@ use armwatch_model::run::{Stage, StageReading};
 /// Levels of an analogue signal, in whatever unit it is recorded.
 const LEVEL: Limits = Limits::within(1e9, "");
 
-/// Distance by which a level may leave its range.
+/// Margin for leaving the range of a level.
 const HYSTERESIS: Limits = Limits::between(0.0, 1e9, "");
 
-/// Time for which rows are held back.
+/// Delay of rows that a changed level must last.
 const DEBOUNCE: Limits = Limits::between(0.0, 10.0, "s");
 
 /// Default debounce time, s: longer than relays chatter, far shorter than a stage.
