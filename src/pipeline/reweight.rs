@@ -1,7 +1,7 @@
 //! Identifies stored cycles of another estimator again from their factors, with the configured one.
 //!
-//! An estimator that does not need single rows is a choice of weights on stored factors, so that a changed `[analysis]
-//! estimator`, or a program whose default has changed, needs no export: parameters, errors, residuals,
+//! An estimator that does not need single rows is a choice of weights on stored factors. So a changed
+//! `[analysis] estimator`, or a program whose default has changed, needs no export: parameters, errors, residuals,
 //! self-verification, statistics and summaries are computed again, run by run, each in a transaction. Results that
 //! cannot be computed again stay and are marked ([`Store::keep_estimates`]). Conclusions on a robot's history are drawn
 //! after all of its cycles are done, so that two estimators are never compared.

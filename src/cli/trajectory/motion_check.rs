@@ -11,7 +11,7 @@ use armwatch_trajectory::clearance::{ClearanceLimit, Nearest, nearest_of_posture
 use armwatch_trajectory::limits::{Limited, SampleCheck, SampledMotion, broken_by_samples, broken_by_series};
 use armwatch_trajectory::series::state_at;
 
-/// Computed torques per second.
+/// Instants per second for computing torques.
 const TORQUE_RATE_HZ: f64 = 1000.0;
 
 /// Result of the check.

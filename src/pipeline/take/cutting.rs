@@ -190,8 +190,8 @@ impl<'i> Cutting<'i> {
         cycle
     }
 
-    /// Ends the export after `rows` rows, of which `rows_skipped` bad ones were skipped in addition, and sends its last
-    /// cycles. They have no resume point, since the end of the file has cut them.
+    /// Ends the export after `rows` rows and `rows_skipped` skipped bad ones, and sends its last cycles. They have no
+    /// resume point, since the end of the file has cut them.
     ///
     /// # Errors
     /// A rejection of an export without stages.

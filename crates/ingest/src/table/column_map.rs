@@ -341,7 +341,7 @@ impl Search<'_> {
         }
     }
 
-    /// Refuses another number of position columns than the robot has joints: the export is from another arm.
+    /// Refuses an export of an arm with another number of joints, which are counted by their position columns.
     fn refuse_joint_count(&self) -> Result<(), Rejection> {
         let JointColumns::Pattern(pattern) = &self.layout.position.columns else { return Ok(()) };
         let Some((before, after)) = pattern.split_once("{joint}") else { return Ok(()) };

@@ -2,8 +2,8 @@
 //!
 //! Catalogues give the efficiency of such a gear over load and speed. It decreases towards small loads, since the
 //! gear's loss without load ([`super::friction`]) is constant. The efficiency of the teeth alone decreases towards low
-//! speed, because the grease no longer separates the tooth flanks. The loss of the teeth at the motor is `|L| (1/e -
-//! 1)` while it drives the load `L` and `|L| (1 - e)` while the load drives it.
+//! speed, because the grease no longer separates the tooth flanks. At the motor, the loss of the teeth is
+//! `|L| (1/e - 1)` while it drives the load `L` and `|L| (1 - e)` while the load drives it.
 
 /// Loss of the teeth at rest as a multiple of that at speed.
 const BOUNDARY_FACTOR: f64 = 1.3;

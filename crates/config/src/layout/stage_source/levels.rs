@@ -14,7 +14,7 @@ const LEVEL: Limits = Limits::within(1e9, "");
 /// Margin for leaving the range of a level.
 const HYSTERESIS: Limits = Limits::between(0.0, 1e9, "");
 
-/// Delay of rows that a changed level must last.
+/// Debounce time: a changed level must last this long, so that rows wait.
 const DEBOUNCE: Limits = Limits::between(0.0, 10.0, "s");
 
 /// Default debounce time, s: longer than relays chatter, far shorter than a stage.
