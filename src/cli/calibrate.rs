@@ -159,7 +159,7 @@ fn row(of: &LevelCalibration, config: &Config) -> Vec<String> {
 /// Column of the limit in per cent.
 const LIMIT_COLUMN: usize = 6;
 
-/// Tests until an alarm; more than a thousand are not shown exactly.
+/// Tests until an alarm; `-` for a thousand and more.
 fn delay(tests: f64) -> String {
     if tests < 1000.0 { format!("{tests:.1}") } else { "-".into() }
 }

@@ -405,7 +405,8 @@ fn figure(value: f64) -> String {
     known(value).map_or_else(|| "-".to_owned(), |value| format!("{value:.6}"))
 }
 
-/// A condition number is the number of lost digits; more than four digits of it are meaningless.
+/// The logarithm of a condition number is the number of lost digits; more than four digits of the condition number are
+/// meaningless.
 fn four_digits(value: f64) -> String {
     let text = |value: f64| match value.abs() {
         size if size >= 1e6 => format!("{value:.3e}"),

@@ -34,7 +34,7 @@ enum Which {
 pub struct FileState {
     /// Bytes.
     pub bytes: u64,
-    /// Time of the last change, see [`changed_at`].
+    /// Latest change of content or metadata, see [`changed_at`](super::fingerprint::changed_at).
     pub changed: SystemTime,
     /// Latest modification.
     pub modified: SystemTime,

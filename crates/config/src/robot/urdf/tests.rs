@@ -367,7 +367,7 @@ fn a_description_adds_to_the_joints_of_a_urdf_file_by_name() {
     let flange = forward_kinematics(&robot, &[0.0, 0.0]);
     assert!((flange.translation - Vector3::new(0.7, 0.0, 0.3)).norm() < ROUNDING);
     assert!((flange.rotation - Matrix3::identity()).norm() < ROUNDING);
-    // A positive turn about y lowers a link along x.
+    // A positive turn about y lowers a point on the x axis.
     let lowered = forward_kinematics(&robot, &[FRAC_PI_2, 0.0]).translation;
     assert!((lowered - Vector3::new(0.0, 0.0, 0.3 - 0.7)).norm() < ROUNDING, "{lowered}");
 }
